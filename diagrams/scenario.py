@@ -37,7 +37,13 @@ TRAINING = "training"
 
 SCENARIO_DIRECTORY = Path(__file__).resolve().parent / "scenarios"
 
-GROUND_DIRECTORY = SCENARIO_DIRECTORY / "ground"
+SCENARIO_GROUPS = {
+    "all": SCENARIO_DIRECTORY,
+    "grounds": SCENARIO_DIRECTORY / "ground",
+    "harsh": SCENARIO_DIRECTORY / "harsh",
+}
+"""Folders of the scenarios that ship: `all` for those that differ in one thing on level ground,
+other grounds, and lives harder than those."""
 
 LONGEST_NAME = 80
 """Greatest length of a scenario's name (bytes), which stands in the names of files."""
@@ -224,15 +230,10 @@ class Scenario(Settings):
         return hashlib.sha256(json.dumps(self.to_plain()).encode()).hexdigest()[:16]
 
 
-def scenario_names() -> tuple[str, ...]:
-    """Lists the scenarios that ship, the training world first, less those of other grounds."""
-    names = (path.stem for path in SCENARIO_DIRECTORY.glob("*.yaml"))
+def scenario_names(group: str = "all") -> tuple[str, ...]:
+    """Lists the scenarios of a group that ship, the training world first."""
+    names = (path.stem for path in SCENARIO_GROUPS[group].glob("*.yaml"))
     return tuple(sorted(names, key=lambda name: (name != TRAINING, name)))
-
-
-def ground_names() -> tuple[str, ...]:
-    """Lists the scenarios of other grounds that ship."""
-    return tuple(sorted(path.stem for path in GROUND_DIRECTORY.glob("*.yaml")))
 
 
 def scenario_name(scenario: str | Path) -> str:
@@ -262,7 +263,7 @@ def load_scenario(scenario: str | Path) -> Scenario:
     path = _path(scenario)
     loaded = _parse(read_yaml(path), path)
     shipped = _shipped(path.stem)
-    if shipped.exists() and path.resolve() != shipped and loaded != load_scenario(path.stem):
+    if shipped and path.resolve() != shipped and loaded != load_scenario(path.stem):
         raise InputError(
             f"{path}: is called like the scenario {path.stem!r} that ships, and differs from it; "
             "give the file another name"
@@ -274,16 +275,15 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
     """Loads scenarios by their names.
 
     Args:
-        scenarios: Names or paths, as `load_scenario` takes them; `all` for those that ship, and
-            `grounds` for those of other grounds.
+        scenarios: Names or paths, as `load_scenario` takes them, or names of groups that ship:
+            `all`, `grounds`, `harsh`.
 
     Raises:
         InputError: as `load_scenario` does, or if two that differ have one name, or one title.
     """
     found: dict[str, Scenario] = {}
-    several = {"all": scenario_names(), "grounds": ground_names()}
     for one in scenarios:
-        for each in several.get(one, (one,)):
+        for each in scenario_names(one) if one in SCENARIO_GROUPS else (one,):
             name, scenario = scenario_name(each), load_scenario(each)
             if found.setdefault(name, scenario) != scenario:
                 raise InputError(
@@ -331,18 +331,21 @@ def _path(scenario: str | Path) -> Path:
                 f"rename it to printable characters, {LONGEST_NAME} bytes at most"
             )
         return path
-    names = (*scenario_names(), *ground_names())
-    if str(scenario) not in names:
+    shipped = _shipped(str(scenario))
+    if not shipped:
+        names = ", ".join(name for group in SCENARIO_GROUPS for name in scenario_names(group))
         raise InputError(
-            f"unknown scenario {shown(str(scenario))}; the scenarios are {', '.join(names)}, or "
-            "give the path of a scenario file ending in .yaml"
+            f"unknown scenario {shown(str(scenario))}; the scenarios are {names}, or give the path "
+            "of a scenario file ending in .yaml"
         )
-    return _shipped(str(scenario))
+    return shipped
 
 
-def _shipped(name: str) -> Path:
-    folder = GROUND_DIRECTORY if name in ground_names() else SCENARIO_DIRECTORY
-    return folder / f"{name}.yaml"
+def _shipped(name: str) -> Path | None:
+    for group, folder in SCENARIO_GROUPS.items():
+        if name in scenario_names(group):
+            return folder / f"{name}.yaml"
+    return None
 
 
 def _check_title(title: str) -> None:

@@ -26,6 +26,7 @@ class TaskState:
         machine: The reward machines' states.
         touching: Whether each foot touches (n, 4).
         air_time: Time each foot has been in the air (n, 4; s).
+        fall_speed: How fast each foot came down when it last was in the air (n, 4; m/s).
         tracked: Speeds that were compared with the command (n, 2; m/s, rad/s).
         action: Actions of the last step (n, 12).
         action_before: Actions of the step before that (n, 12).
@@ -46,6 +47,7 @@ class TaskState:
     machine: MachineState
     touching: BoolArray
     air_time: Array
+    fall_speed: Array
     tracked: Array
     action: Array
     action_before: Array
@@ -70,6 +72,7 @@ class TaskState:
             "machine_age": self.machine.age,
             "touching": self.touching,
             "air_time": self.air_time,
+            "fall_speed": self.fall_speed,
             "tracked": self.tracked,
             "action": self.action,
             "action_before": self.action_before,
@@ -95,6 +98,7 @@ class TaskState:
             ),
             touching=arrays["touching"],
             air_time=arrays["air_time"],
+            fall_speed=arrays["fall_speed"],
             tracked=arrays["tracked"],
             action=arrays["action"],
             action_before=arrays["action_before"],

@@ -42,9 +42,9 @@ class RewardSystem(LeafSystem):
     Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (13),
     weighted, in the order of `REWARD_TERMS`.
     They mean something from the end of the first control step on.
-    State: joint velocities, the feet's air times, and the speeds that were compared with the
-    command, at the previous control step, latched every 20 ms (unrestricted update). Feedthrough:
-    all inputs; reward_multiplier to reward alone.
+    State: joint velocities, the feet's air times and speeds of fall, and the speeds that were
+    compared with the command, at the previous control step, latched every 20 ms (unrestricted
+    update). Feedthrough: all inputs; reward_multiplier to reward alone.
     """
 
     def __init__(
@@ -67,6 +67,7 @@ class RewardSystem(LeafSystem):
         self._joint_velocity = self.DeclareDiscreteState(quadruped.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         self._air_time = self.DeclareDiscreteState(np.full(quadruped.N_LEGS, -CONTROL_PERIOD))
+        self._fall_speed = self.DeclareDiscreteState(quadruped.N_LEGS)
         self._tracked = self.DeclareDiscreteState(2)
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
@@ -169,6 +170,7 @@ class RewardSystem(LeafSystem):
             foot_contact=self._foot_contact_port.Eval(context) > 0.5,
             foot_height=self._foot_height_port.Eval(context),
             air_time=context.get_discrete_state(self._air_time).value(),
+            fall_speed=context.get_discrete_state(self._fall_speed).value(),
             tracked=context.get_discrete_state(self._tracked).value(),
             weights=self._weights,
             limit_targets=self._limit_targets,
@@ -189,4 +191,5 @@ class RewardSystem(LeafSystem):
         reward = self._evaluation.Eval(context)
         state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._air_time).SetFromVector(reward.air_time)
+        state.get_mutable_discrete_state(self._fall_speed).SetFromVector(reward.fall_speed)
         state.get_mutable_discrete_state(self._tracked).SetFromVector(reward.tracked)

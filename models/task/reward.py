@@ -23,9 +23,6 @@ AIR_TIME_TARGET = 0.5
 HIGH_SWING = 0.1
 """Height of a foot above the ground that costs nothing (m)."""
 
-LANDING_HEIGHT = 0.05
-"""Height of a foot below which it is to come down slowly (m)."""
-
 STANDING_HEIGHT = 0.005
 """Height of a foot below which it is to stand still (m)."""
 
@@ -50,7 +47,8 @@ class RewardWeights(Settings):
         high_swing: Weight of the feet's heights above what costs nothing (1/m).
         tilt: Weight of the squared lean of the trunk over the ground, the sine of its angle.
         slip: Weight of the squared speeds of the feet that are on the ground (s²/m²).
-        landing: Weight of the squared downward speeds of the feet that are near the ground (s²/m²).
+        landing: Weight of the squared speeds at which the feet that touch came down (s²/m²). They
+            count as long as a foot stands, so that the factor of a transition meets them.
         tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
             one distinguishes small errors.
         tracking_time: Time over which speeds are averaged, older ones counting less, before they
@@ -93,12 +91,14 @@ class Reward(NamedTuple):
         terms: Weighted terms (..., 13), in the order of `REWARD_TERMS`.
         plain: Their sum times 0.02 s, never below 0 (...).
         air_time: Time each foot has now been in the air (..., 4; s).
+        fall_speed: How fast each foot came down when it last was in the air (..., 4; m/s).
         tracked: Forward speed and yaw rate that were compared (..., 2; m/s, rad/s).
     """
 
     terms: Array
     plain: Array
     air_time: Array
+    fall_speed: Array
     tracked: Array
 
 
@@ -135,6 +135,7 @@ def step_reward(
     foot_contact: NDArray[np.bool_],
     foot_height: Array,
     air_time: Array,
+    fall_speed: Array,
     tracked: Array,
     weights: RewardWeights,
     limit_targets: bool = False,
@@ -151,6 +152,7 @@ def step_reward(
         foot_contact: Whether each foot touches, now or at the previous step (..., 4).
         foot_height: Heights of the feet above the ground (..., 4; m).
         air_time: Time each foot had been in the air before the step (..., 4; s).
+        fall_speed: `Reward.fall_speed` of the step before (..., 4; m/s).
         tracked: `Reward.tracked` of the step before (..., 2; m/s, rad/s).
         weights: Weights of the terms.
         limit_targets: Whether the joints follow targets within their ranges alone.
@@ -172,15 +174,15 @@ def step_reward(
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
 
     slip = landing = tilt = np.zeros_like(flight)
+    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
     if weights.slip or weights.landing:
         feet, swept = kinematics.foot_motion(robot, joint_position, joint_velocity)
         swept = swept + linear[..., None, :] + cross(angular[..., None, :], feet)
         slip = _total(np.where(foot_height < STANDING_HEIGHT, _total(np.square(swept)), 0.0))
-        down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         falling = np.maximum(_total(swept * down[..., None, :]), 0.0)
-        landing = _total(np.where(foot_height < LANDING_HEIGHT, np.square(falling), 0.0))
+        fall_speed = np.where(foot_contact, fall_speed, falling)
+        landing = _total(np.where(foot_contact, np.square(fall_speed), 0.0))
     if weights.tilt:
-        down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
 
     tracked = _tracked(linear, angular, tracked, weights)
@@ -203,7 +205,9 @@ def step_reward(
     terms = kinematics.stacked(*values) * weights.of_terms
     plain = np.maximum(_total(terms) * CONTROL_PERIOD, 0.0)
     air_time = np.where(foot_contact, 0.0, air_time)
-    return Reward(terms=terms, plain=plain, air_time=air_time, tracked=tracked)
+    return Reward(
+        terms=terms, plain=plain, air_time=air_time, fall_speed=fall_speed, tracked=tracked
+    )
 
 
 def _total(values: Array) -> Array:

@@ -23,7 +23,6 @@ from glassgait.studies.common.episode import Event, episode
 from glassgait.studies.common.observers import Log, RolloutLog
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts import (
-    SELECTION_SEEDS,
     RolloutConfig,
     refuse_to_report,
     roll_out,
@@ -242,21 +241,6 @@ def refuse_commands(gait: Gait, scenario: Scenario, config: RolloutConfig) -> No
     """
     config.refuse_speeds_beyond(gait)
     config.commanding(scenario).command.check(gait)
-
-
-def for_selection(cases: Sequence[Case]) -> list[Case]:
-    """Returns the cases once each, of whatever seeds they were, with a seed that selects."""
-    seed = SELECTION_SEEDS[0]
-    return [
-        replace(
-            case,
-            labels={**case.labels, "seed": seed},
-            seed=seed,
-            config=replace(case.config, seed=seed),
-        )
-        for case in cases
-        if case.seed == cases[0].seed
-    ]
 
 
 def score(case: Case) -> pd.DataFrame:

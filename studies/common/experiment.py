@@ -214,8 +214,12 @@ class Experiment(Settings):
             name: What the folder calls it.
             make: Makes it, of what JSON can hold.
         """
-        folder, identity = vars(self)["_place"]
-        return record_or_made(folder / f"{name}.json", make, of=identity)
+        return record_or_made(self.folder / f"{name}.json", make, of=vars(self)["_place"][1])
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the run, while it runs."""
+        return vars(self)["_place"][0]
 
     def cases(self) -> list[Case]:
         """Lists every policy in every scenario with every value of the axes and every seed."""

@@ -23,6 +23,7 @@ SCORES = (
     "rhythm",
     "going_speed_error",
     "yaw_rate_error",
+    "way",
     "cost_of_transport",
 )
 
@@ -43,7 +44,8 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
     seconds of the absolute difference between a second's average and the command. The first second
     after a new command is left out; of the speed, all seconds in which it is commanded to stand
     are, since standing is easy and drawn commands below `DEAD_BAND` ask for it: NaN for a robot
-    that is never commanded to go. `expert_share`, the share of steps at which the expert acted.
+    that is never commanded to go. `way`, the share of the commanded way that it goes, of the steps
+    that are commanded to go. `expert_share`, the share of steps at which the expert acted.
     `cost_of_transport`, the joints' absolute work per weight and distance,
     of the steps that are commanded to go forward or back.
 
@@ -75,6 +77,7 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
                 "expert_share": log.expert_acts[alive, i].mean(),
                 "going_speed_error": errors[0],
                 "yaw_rate_error": errors[1],
+                "way": _share_of_way(velocity[:, 0], command[:, 0]),
                 "cost_of_transport": _cost_of_transport(
                     log.power[alive, i], velocity[:, 0], command[:, 0], mass
                 ),
@@ -97,6 +100,13 @@ def _tracking_errors(velocity: Array, command: Array) -> tuple[float, float]:
 
 def _mean(values: Array) -> float:
     return float(values.mean()) if len(values) else float("nan")
+
+
+def _share_of_way(speed: Array, command: Array) -> float:
+    going = command != 0.0
+    if not going.any():
+        return float("nan")
+    return float((speed * np.sign(command))[going].sum() / np.abs(command[going]).sum())
 
 
 def _cost_of_transport(power: Array, speed: Array, command: Array, mass: float) -> float:

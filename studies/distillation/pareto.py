@@ -1,7 +1,8 @@
 """`glassgait distill --sweep terms`: closed-loop return of formulas against their size."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -12,20 +13,21 @@ from matplotlib.figure import Figure
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import Vocabulary, known_definitions
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
-from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.common.cases import alternation_cases, for_selection, run_rollouts
-from glassgait.studies.common.console import console, say
-from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
-from glassgait.studies.common.policies import find_expert
-from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig
-from glassgait.studies.common.run_folder import default_folder, digest_of_files, open_run
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural
+from glassgait.studies.common.cases import Case, not_finite_lines, score
+from glassgait.studies.common.console import say
+from glassgait.studies.common.experiment import PolicyNames, Report, RolloutExperiment
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.common.policies import EXPERT
+from glassgait.studies.common.rollouts import SELECTION_SEEDS
+from glassgait.studies.common.run_folder import default_folder, digest_of_files
 from glassgait.studies.common.scores import summarize_against
-from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.common.sweep import gaits_named
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.dataset import (
     Dataset,
@@ -138,119 +140,149 @@ MIN_RHYTHM = 0.9
 
 
 @dataclass(frozen=True)
-class Pareto(Settings):
+class Pareto(RolloutExperiment):
     """Fit formulas of growing size, let each walk alone, and name the smallest that walk.
 
+    As many robots of a seed of its own choose the smallest formulas, and are not reported.
+
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         samples: Folder of the rounds that a student collected, whose samples the formulas are
             fitted to; runs/distill/<gait>/sparse_formula by default.
         terms: Numbers of terms of all formulas together, of mirror images those of one.
         refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
             default, since 100 take some 5 minutes of a core.
-        rollouts: How robots are rolled out. As many robots of a seed of its own choose the smallest
-            formulas, and are not reported.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
-        source: Folder of a run of train, whose expert is taken; by default the one that ships, or
-            what was trained here.
-        resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/distill/sweep/terms/<gait> by default.
     """
 
     title: ClassVar[str] = "distill --sweep terms"
+    one: ClassVar[tuple[str, ...]] = ("scenario",)
+    axes: ClassVar[Mapping[str, str]] = {"formulas": "acting", "purpose": "purposes"}
+    purposes: ClassVar[tuple[str, ...]] = ("choosing", "reported")
+    prepared: ClassVar[tuple[str, ...]] = ("formulas",)
+    inputs: ClassVar[Mapping[str, str]] = {"samples": "digest_of_rounds"}
 
-    gait: str = "trot"
+    policy: Annotated[PolicyNames, tyro.conf.Fixed] = (EXPERT,)
     samples: Path | None = None
     terms: Annotated[tuple[Count, ...], MinLen(1), FEW, DISTINCT] = TERMS
     refined_updates: Natural = 0
-    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: RolloutConfig(n_seeds=1)
-    )
-    robot: str | None = None
-    source: Path | None = None
-    resume: bool = False
-    output: Path | None = None
 
-    def run(self) -> None:
-        """Runs the study."""
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.source, self.robot)
-        samples = self.samples or samples_folder(
-            default_folder("distill", expert.robot.name) / gait.name, SPARSE_FORMULA.name
-        )
-        data = load_rounds(samples)
-        folder = self.output or default_folder(self.title, expert.robot.name) / gait.name
-        inputs = {
-            "gait": gait.digest(),
-            "expert": expert.digest(),
-            "samples": digest_of_files(round_paths(samples)),
-        }
-        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
-            choosing, front = self._measure(gait, expert, data, folder)
-            smallest = smallest_that_walk(choosing, front)
-            write_table(choosing, folder / "selection")
-            write_table(front, folder / "pareto")
-            write_table(smallest, folder / "smallest")
-            write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
-            save_figure(pareto_figure(front, gait.name.capitalize()), folder / "pareto")
-        print_table(f"{gait.name}: formulas alone", front)
-        if len(smallest):
-            print_table(
-                f"{gait.name}: the smallest with which every robot of seed {SELECTION_SEEDS[0]} "
-                "walks, and what others do",
-                smallest,
-            )
-        else:
-            console.print(f"{gait.name}: with none of these sizes does every robot walk")
-        console.print(f"written to {folder}")
+    def __post_init__(self) -> None:
+        """Checks the settings.
 
-    def _measure(
-        self, gait: Gait, expert: NeuralPolicy, data: Dataset, folder: Path
-    ) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Makes the formulas that the folder lacks, and rolls all of them out.
-
-        Returns:
-            The front of the robots that choose, and that of those that are reported.
+        Raises:
+            InputError: if the samples of one gait are named for several.
         """
-        samples = data.subset(~data.held_out).training_set(gait, expert)
-        held_out = data.subset(data.held_out)
-        students, rows = {}, []
+        super().__post_init__()
+        if self.samples is not None and len(gaits_named(self.gait)) > 1:
+            raise InputError("--samples: are those of one gait; name one with --gait")
+
+    @property
+    def expert(self) -> NeuralPolicy:
+        """The expert that formulas imitate."""
+        return self.policies[self.gaits[0].name].expert
+
+    @property
+    def rounds(self) -> Path:
+        """The folder of the samples."""
+        distilled = default_folder("distill", self.expert.robot.name) / self.gaits[0].name
+        return self.samples or samples_folder(distilled, SPARSE_FORMULA.name)
+
+    @property
+    def digest_of_rounds(self) -> str:
+        """A digest of the samples."""
+        return digest_of_files(round_paths(self.rounds))
+
+    @cached_property
+    def data(self) -> Dataset:
+        """The samples, those that are held out with them."""
+        return load_rounds(self.rounds)
+
+    @cached_property
+    def formulas(self) -> dict[str, FormulaPolicy]:
+        """Formulas of every size, by family and terms; those that the folder lacks are made.
+
+        Raises:
+            InputError: if no family has as few terms as are asked for.
+        """
+        samples = self.data.subset(~self.data.held_out).training_set(self.gaits[0], self.expert)
+        found = {}
         for name, family in families_of(samples, refined=self.refined_updates > 0).items():
             say(f"making formulas: {family.title}")
             for n_terms in sizes_of(family, samples, self.terms):
-                path = folder / "formulas" / f"{name}_{n_terms}{FormulaPolicy.suffix}"
+                path = self.folder / "formulas" / f"{name}_{n_terms}{FormulaPolicy.suffix}"
                 if not path.exists():
                     start = family.fit(samples, n_terms)
-                    made = self._refined(gait, expert, start, path) if family.refined else start
-                    made.with_estimator_of(expert).save(path)
+                    made = self._refined(start, path) if family.refined else start
+                    made.with_estimator_of(self.expert).save(path)
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
-                label = f"{name} {n_terms}"
-                students[label] = student
-                r2 = float(r2_scores(student, held_out).mean())
-                terms = student.n_terms()
-                rows.append({"policy": label, "family": name, "terms": terms, "r2": r2})
-        if not students:
+                found[f"{name} {n_terms}"] = student
+        if not found:
             raise InputError(
-                f"{self.title}: terms is {self.terms}; the {gait.name} has more formulas than "
-                "that, with a term each at least, so ask for more"
+                f"{self.title}: terms is {self.terms}; the {self.gaits[0].name} has more formulas "
+                "than that, with a term each at least, so ask for more"
             )
-        jobs = alternation_cases(gait, expert, students, self.rollouts, periods=(1, 0))
-        scores = run_rollouts([*for_selection(jobs), *jobs], folder / "rollouts")
-        chooses = scores["seed"].isin(SELECTION_SEEDS)
-        fits = pd.DataFrame(rows)
-        return pareto_table(fits, scores[chooses]), pareto_table(fits, scores[~chooses])
+        return found
 
-    def _refined(
-        self, gait: Gait, expert: NeuralPolicy, start: FormulaPolicy, path: Path
-    ) -> Policy:
+    @property
+    def acting(self) -> dict[str, Policy]:
+        """What walks alone: the expert, whose return is the measure, and all formulas."""
+        return {EXPERT: self.expert, **self.formulas}
+
+    def measure(self, case: Case) -> pd.DataFrame:
+        """Rolls robots out that choose, or robots of one seed that are reported."""
+        seed = case.seed
+        if case.labels["purpose"] == "choosing":
+            if seed != self.seed:
+                return pd.DataFrame()
+            seed = SELECTION_SEEDS[0]
+        controller = alone(case.values["formulas"], case.alone.expert)
+        own = replace(case, controller=controller, seed=seed)
+        return score(own.with_config(self.rollouts(own)))
+
+    def report(self, table: pd.DataFrame) -> Report:
+        """Reports share of the return, falls and R² by size, and the smallest that walk."""
+        gait, held_out = self.gaits[0].name, self.data.subset(self.data.held_out)
+        fits = [
+            {
+                "policy": label,
+                "family": label.split()[0],
+                "terms": own.n_terms(),
+                "r2": float(r2_scores(own, held_out).mean()),
+            }
+            for label, own in self.formulas.items()
+        ]
+        scores = table.drop(columns="policy").rename(columns={"formulas": "policy"})
+        choosing, front = (
+            pareto_table(pd.DataFrame(fits), scores[scores["purpose"] == purpose])
+            for purpose in self.purposes
+        )
+        smallest = smallest_that_walk(choosing, front)
+        shown, lines = {f"{gait}: formulas alone": front}, not_finite_lines(table)
+        if len(smallest):
+            shown[
+                f"{gait}: the smallest with which every robot of seed {SELECTION_SEEDS[0]} walks, "
+                "and what others do"
+            ] = smallest
+        else:
+            lines.append(f"{gait}: with none of these sizes does every robot walk")
+        return Report(
+            tables={"selection": choosing, "pareto": front, "smallest": smallest},
+            metrics=front.to_dict(orient="records"),
+            figures={"pareto": pareto_figure(front, gait.capitalize())},
+            shown=shown,
+            lines=lines,
+        )
+
+    def _refined(self, start: FormulaPolicy, path: Path) -> Policy:
         """Lets formulas learn on, from their checkpoint if there is one."""
         say(f"refining {start.n_terms()} terms")
         config = RefinementConfig(updates=self.refined_updates)
-        own = path.parents[1] / "refined" / path.stem
+        own = self.folder / "refined" / path.stem
         own.mkdir(parents=True, exist_ok=True)
         begun = (own / CHECKPOINT_NAME).exists()
-        run = RefinementRun(config, gait, expert, start, own, name=path.stem, resume=begun)
+        run = RefinementRun(
+            config, self.gaits[0], self.expert, start, own, name=path.stem, resume=begun
+        )
         show_learning(run)
         return load_policy(own / path.name)
 

@@ -41,6 +41,7 @@ TITLES = {
     "return_ci": "return ±",
     "going_speed_error": SPEED_ERROR_TITLE,
     "yaw_rate_error": "yaw-rate error (rad/s)",
+    "way": "share of the commanded way",
     "rhythm": "rhythm",
 }
 """What people call the columns of `fall_table`."""
@@ -59,6 +60,7 @@ def scorecard_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataF
             "falls": falls_of(means),
             SPEED_ERROR_TITLE: with_interval(means, "going_speed_error", 3),
             "yaw-rate error (rad/s)": with_interval(means, "yaw_rate_error", 3),
+            "share of way": with_interval(means, "way", 2),
             "rhythm": with_interval(means, "rhythm", 3),
             "plain return": with_interval(means, "plain_return", 1),
             "return": with_interval(means, "return", 0),

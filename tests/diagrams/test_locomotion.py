@@ -169,7 +169,12 @@ WORLDS = {
     "slippery": replace(CALM, station=StationConfig(friction=0.4)),
     "limited targets": replace(CALM, limit_targets=True),
     "limited targets, 10 ms late": replace(CALM, limit_targets=True, latency=0.01),
-    "speeds averaged": replace(CALM, weights=RewardWeights(tracking_time=0.3)),
+    "every term of the reward": replace(
+        CALM,
+        weights=RewardWeights(
+            tracking_time=0.3, high_swing=-2.0, tilt=-2.0, slip=-0.1, landing=-0.1
+        ),
+    ),
 }
 
 

@@ -9,9 +9,9 @@ import yaml
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.scenario import (
     SCENARIO_DIRECTORY,
+    SCENARIO_GROUPS,
     Pushes,
     Scenario,
-    ground_names,
     load_scenario,
     load_scenarios,
     scenario_names,
@@ -57,26 +57,54 @@ SHIPPED = {
 
 
 GROUNDS = {
-    "slope_15": Terrain(slope=15.0),
-    "slope_20": Terrain(slope=20.0),
-    "slope_25": Terrain(slope=25.0),
-    "blocks_4cm": Terrain("blocks", amplitude=0.04),
-    "blocks_6cm": Terrain("blocks", amplitude=0.06),
-    "steps_5cm": Terrain("steps", height=0.05),
-    "uneven_4cm": Terrain("uneven", amplitude=0.04),
     "patches": Terrain(patches=0.33, patch_friction=0.4),
+    "steps_5cm": Terrain("steps", height=0.05),
+    **{f"slope_{angle}": Terrain(slope=float(angle)) for angle in (10, 15, 20, 25)},
+    "slope_10_mujoco": Terrain(slope=10.0),
+    **{
+        f"{kind}_{cm}cm{engine}": Terrain(kind, amplitude=cm / 100)
+        for kind in ("blocks", "uneven")
+        for cm in (4, 6)
+        for engine in ("", "_mujoco")
+    },
+    **{
+        f"{way}_{cm}cm": Terrain("steps", height=sign * cm / 100, endless=True)
+        for way, sign in (("up", 1), ("down", -1))
+        for cm in (5, 8, 10)
+    },
+}
+MUJOCO = {"engine": "mujoco", "time_step": 0.002, "contact_time": 0.01}
+CLIMB = FixedCommand(0.4, 0.0, 8)
+HARSH = {
+    "payload_4kg": Scenario("trunk + 4 kg", StationConfig(payload=4.0)),
+    "latency_30ms": Scenario("each action 30 ms late", latency=0.03),
+    "slippery_late_loaded": Scenario(
+        "friction 0.4, 20 ms late, + 2 kg", StationConfig(friction=0.4, payload=2.0), latency=0.02
+    ),
+    "push_2.0": Scenario("pushes of 2 m/s every 5 s", pushes=Pushes(2.0, 5.0)),
+    "front_stuck_open": Scenario("contact sensor of FL stuck open", stuck_open=("FL",)),
+    "front_stuck_closed": Scenario("contact sensor of FL stuck closed", stuck_closed=("FL",)),
+    "rear_stuck_open": Scenario("contact sensor of RL stuck open", stuck_open=("RL",)),
+    "rear_stuck_closed": Scenario("contact sensor of RL stuck closed", stuck_closed=("RL",)),
 }
 
 
 def test_shipped_scenarios_are_what_their_names_say():
     assert {name: load_scenario(name) for name in scenario_names()} == SHIPPED
     assert scenario_names()[0] == "training"
+    assert load_scenarios(["harsh"]) == HARSH
+
+
+def test_shipped_grounds_are_what_their_names_say():
     grounds = load_scenarios(["grounds"])
     assert {name: world.station.terrain for name, world in grounds.items()} == GROUNDS
     for name, world in grounds.items():
-        heading = 180.0 if name.startswith("slope") else 0.0
-        station = StationConfig(terrain=world.station.terrain)
-        assert world == Scenario(world.title, station, heading=heading)
+        own = Scenario(
+            world.title,
+            StationConfig(terrain=GROUNDS[name], **(MUJOCO if name.endswith("mujoco") else {})),
+            heading=180.0 if name.startswith("slope") else 0.0,
+        )
+        assert world == (replace(own, command=CLIMB) if GROUNDS[name].endless else own)
 
 
 def test_the_training_file_shows_every_setting_at_its_default():
@@ -298,7 +326,9 @@ def test_settings_out_of_range_are_refused_in_python(settings):
 def test_the_page_shows_what_ships_and_a_file_that_is_read(written):
     page = (SCENARIO_DIRECTORY / "README.md").read_text()
     table = page.partition("## What ships")[2].partition("##")[0]
-    assert set(re.findall(r"`(\w[^`]*)`", table)) >= {*scenario_names(), *ground_names()}
+    assert set(re.findall(r"`(\w[^`]*)`", table)) >= {
+        name for group in SCENARIO_GROUPS for name in scenario_names(group)
+    }
     own = written(page.partition("```yaml\n")[2].partition("```")[0])
     assert load_scenario(own) == Scenario("sheer ice", StationConfig(friction=0.3))
 

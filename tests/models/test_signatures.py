@@ -24,7 +24,7 @@ A1 = load_robot()
         (proprioception, ("joint_position", "joint_velocity", "previous_action")),
         (proprioception, ("rm_iterations", "commanded_dwell")),
         (step_reward, ("previous_joint_velocity", "action", "previous_action")),
-        (step_reward, ("foot_contact", "air_time")),
+        (step_reward, ("foot_contact", "air_time", "fall_speed")),
         (failures, ("action", "previous_action")),
         (RewardMachine.step, ("foot_contact", "foot_height")),
         (GaitSwitch.step, ("requested", "foot_contact", "foot_height", "commanded_dwell")),

@@ -57,6 +57,7 @@ def test_shares_are_of_the_expert_alone():
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",
+        "way",
         "cost_of_transport",
     ):
         scores[name] = 1.0

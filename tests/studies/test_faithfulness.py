@@ -67,6 +67,7 @@ def test_losses_are_shares_of_the_whole_students_reward():
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",
+        "way",
         "cost_of_transport",
     ):
         scores[name] = 1.0

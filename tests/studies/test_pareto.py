@@ -73,6 +73,7 @@ def test_the_smallest_that_walk_are_named():
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",
+        "way",
         "cost_of_transport",
     ):
         scores[name] = 1.0
@@ -106,11 +107,10 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
     }  # fmt: skip
     assert (output / "smallest.csv").exists()
     # As many robots choose as are reported, and they are others.
-    rolled_out = [path.name.split(".")[0] for path in (output / "rollouts").iterdir()]
-    assert sorted(name for name in rolled_out if name.startswith("mirrored 20")) == [
-        "mirrored 20_0_1000", "mirrored 20_0_500",
-    ]  # fmt: skip
-    assert (output / "selection.csv").exists()
+    chosen, reported = (pd.read_csv(output / f"{name}.csv") for name in ("selection", "pareto"))
+    assert chosen["policy"].tolist() == reported["policy"].tolist()
+    assert chosen["robots"].tolist() == reported["robots"].tolist() == [2] * 5
+    assert np.all(chosen["return"] != reported["return"])
     assert {path.stem for path in (output / "formulas").iterdir()} == {
         "mirrored_20", "mirrored_30", "unmirrored_30", "refined_20", "refined_30",
     }  # fmt: skip
@@ -127,3 +127,8 @@ def test_fewer_terms_than_formulas_are_refused(samples, tmp_path, refused):
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     few = ["--terms", "5", "--samples", str(tmp_path / "rounds"), "--output", str(tmp_path / "out")]
     assert "terms is (5,)" in refused(["distill", "--sweep", "terms", *few])
+
+
+def test_samples_are_of_one_gait(tmp_path, refused):
+    named = ["--gait", "trot", "pace", "--samples", str(tmp_path)]
+    assert "--samples: are those of one gait" in refused(["distill", "--sweep", "terms", *named])
