@@ -28,7 +28,7 @@ from glassgait.models.task.observation import (
     proprioception,
 )
 from glassgait.models.task.odometry import Odometry
-from glassgait.models.task.reward import step_reward, tracked_speeds
+from glassgait.models.task.reward import fall_speeds, step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import MachineStep, RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
 
@@ -328,7 +328,7 @@ class BatchSimulator:
         feet = sense_feet(self.task.robot, plant, untouched, ground=ground)
         wrong = randomization.wrong_contacts(count, self.generator)
         stuck = randomization.stuck_contacts(count, self.generator)
-        nothing = np.zeros((count, N_ESTIMATED))
+        nothing, no_speed = np.zeros((count, N_ESTIMATED)), np.zeros((count, quadruped.N_LEGS))
         start = self.machine.step(
             self.machine.initial((count,)),
             foot_contact=read_contacts(feet.contact, wrong, stuck),
@@ -345,7 +345,7 @@ class BatchSimulator:
             machine=start.machine,
             touching=feet.touching,
             air_time=np.zeros((count, quadruped.N_LEGS)),
-            fall_speed=np.zeros((count, quadruped.N_LEGS)),
+            fall_speed=fall_speeds(self.task.robot, plant, feet.contact, no_speed, self._weights),
             tracked=tracked_speeds(plant, np.zeros((count, 2)), self._weights),
             action=np.zeros((count, quadruped.N_JOINTS)),
             action_before=np.zeros((count, quadruped.N_JOINTS)),

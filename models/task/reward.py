@@ -116,6 +116,32 @@ def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array
     return _tracked(*kinematics.base_velocity(state), before, weights)
 
 
+def fall_speeds(
+    robot: Robot,
+    state: Array,
+    foot_contact: NDArray[np.bool_],
+    before: Array,
+    weights: RewardWeights,
+) -> Array:
+    """Measures how fast each foot came down when it last was in the air.
+
+    Args:
+        robot: What robots they are.
+        state: The plant's state x (..., 37).
+        foot_contact: Whether each foot touches, now or at the previous step (..., 4).
+        before: What this returned a control step before (..., 4; m/s).
+        weights: Where landings cost nothing, nothing is measured.
+
+    Returns:
+        Speeds downward (..., 4; m/s), 0 of feet that rose.
+    """
+    if weights.landing == 0.0:
+        return before
+    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
+    falling = _total(_foot_velocity(robot, state) * down[..., None, :])
+    return np.where(foot_contact, before, np.maximum(falling, 0.0))
+
+
 def _tracked(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
     now = kinematics.stacked(linear[..., 0], angular[..., 2])
     if weights.tracking_time == 0.0:
@@ -174,15 +200,14 @@ def step_reward(
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
 
     slip = landing = tilt = np.zeros_like(flight)
-    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
-    if weights.slip or weights.landing:
-        feet, swept = kinematics.foot_motion(robot, joint_position, joint_velocity)
-        swept = swept + linear[..., None, :] + cross(angular[..., None, :], feet)
-        slip = _total(np.where(foot_height < STANDING_HEIGHT, _total(np.square(swept)), 0.0))
-        falling = np.maximum(_total(swept * down[..., None, :]), 0.0)
-        fall_speed = np.where(foot_contact, fall_speed, falling)
+    if weights.slip:
+        speed = _total(np.square(_foot_velocity(robot, state)))
+        slip = _total(np.where(foot_height < STANDING_HEIGHT, speed, 0.0))
+    if weights.landing:
+        fall_speed = fall_speeds(robot, state, foot_contact, fall_speed, weights)
         landing = _total(np.where(foot_contact, np.square(fall_speed), 0.0))
     if weights.tilt:
+        down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
 
     tracked = _tracked(linear, angular, tracked, weights)
@@ -208,6 +233,14 @@ def step_reward(
     return Reward(
         terms=terms, plain=plain, air_time=air_time, fall_speed=fall_speed, tracked=tracked
     )
+
+
+def _foot_velocity(robot: Robot, state: Array) -> Array:
+    """Returns the feet's velocities (..., 4, 3; m/s, along the trunk's axes)."""
+    linear, angular = kinematics.base_velocity(state)
+    position = state[..., quadruped.JOINT_POSITION]
+    feet, swept = kinematics.foot_motion(robot, position, state[..., quadruped.JOINT_VELOCITY])
+    return swept + linear[..., None, :] + cross(angular[..., None, :], feet)
 
 
 def _total(values: Array) -> Array:
