@@ -3,14 +3,20 @@
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, TriggerType
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    TriggerType,
+)
 from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from glassgait.diagrams.commands import AddCommand
 from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
+from glassgait.diagrams.sensors import AddSensorErrors, AddSensors, Sensors
 from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.errors import InputError
@@ -84,40 +90,18 @@ def MakeLinkedRobot(  # noqa: N802
     )
     state = AddWorldState(builder, plant, scenario.station)
 
-    time_step = scenario.station.time_step
-    guard = LinkWatchdog(robot, watchdog, session=session, time_step=time_step)
+    guard = LinkWatchdog(robot, watchdog, session=session, time_step=scenario.station.time_step)
     builder.AddNamedSystem(WATCHDOG, guard)
     builder.ExportInput(guard.get_message_input_port(), "answer")
     builder.Connect(state, guard.get_state_input_port())
-    # The plant's joints stand in its own order, and are to come to rest at their targets.
-    order = [quadruped.JOINTS.index(name) for name in actuated_joints(plant)]
-    at_rest = np.concatenate(
-        [np.eye(quadruped.N_JOINTS)[order], np.zeros(2 * (quadruped.N_JOINTS,))]
-    )
-    desired_state = builder.AddNamedSystem("desired_state", MatrixGain(at_rest))
-    builder.Connect(guard.get_targets_output_port(), desired_state.get_input_port())
-    builder.Connect(desired_state.get_output_port(), plant.get_desired_state_input_port(instance))
-
+    desired_state = plant.get_desired_state_input_port(instance)
+    _add_desired_state(builder, guard, actuated_joints(plant), desired_state)
     commander = builder.AddNamedSystem("command_sender", CommandSender(session))
     builder.Connect(command, commander.get_command_input_port())
     builder.Connect(commanded_dwell, commander.get_commanded_dwell_input_port())
     sensors = AddSensors(builder, robot, scenario, state, errors, imu=True)
-    sender = builder.AddNamedSystem("sensors_sender", SensorsSender(session))
-    builder.Connect(sensors.joints, sender.get_joints_input_port())
-    builder.Connect(sensors.touching, sender.get_touching_input_port())
-    assert sensors.imu is not None
-    builder.Connect(sensors.imu, sender.get_imu_input_port())
-    builder.Connect(guard.get_followed_output_port(), sender.get_followed_input_port())
-    sent = (
-        (commander.get_message_output_port(), channels.command, command_t),
-        (sender.get_message_output_port(), channels.sensors, sensors_t),
-    )
-    for name, (message, channel, kind) in zip(PUBLISHERS, sent, strict=True):
-        forced = {TriggerType.kForced}
-        publisher = LcmPublisherSystem.Make(channel, kind, lcm, publish_triggers=forced)
-        builder.AddNamedSystem(name, publisher)
-        builder.Connect(message, publisher.get_input_port())
-
+    sender = _add_sensors_sender(builder, sensors, guard, session)
+    _add_publishers(builder, commander, sender, lcm, channels)
     if meshcat is not None:
         # The machine's state is known to the controller alone.
         unknown = builder.AddSystem(ConstantVectorSource(np.zeros(gait.n_states)))
@@ -144,6 +128,49 @@ def MakeLinkedRobot(  # noqa: N802
     diagram = builder.Build()
     diagram.set_name("LinkedRobot")
     return diagram
+
+
+def _add_desired_state(
+    builder: DiagramBuilder, guard: LinkWatchdog, joints: list[str], desired_state: InputPort
+) -> None:
+    """Lets the plant's joints, in an order of its own, come to rest at the watchdog's targets."""
+    order = [quadruped.JOINTS.index(name) for name in joints]
+    at_rest = np.concatenate(
+        [np.eye(quadruped.N_JOINTS)[order], np.zeros(2 * (quadruped.N_JOINTS,))]
+    )
+    gain = builder.AddNamedSystem("desired_state", MatrixGain(at_rest))
+    builder.Connect(guard.get_targets_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), desired_state)
+
+
+def _add_sensors_sender(
+    builder: DiagramBuilder, sensors: Sensors, guard: LinkWatchdog, session: int
+) -> SensorsSender:
+    sender = builder.AddNamedSystem("sensors_sender", SensorsSender(session))
+    builder.Connect(sensors.joints, sender.get_joints_input_port())
+    builder.Connect(sensors.touching, sender.get_touching_input_port())
+    assert sensors.imu is not None
+    builder.Connect(sensors.imu, sender.get_imu_input_port())
+    builder.Connect(guard.get_followed_output_port(), sender.get_followed_input_port())
+    return sender
+
+
+def _add_publishers(
+    builder: DiagramBuilder,
+    commander: CommandSender,
+    sender: SensorsSender,
+    lcm: DrakeLcmInterface,
+    channels: Channels,
+) -> None:
+    sent = (
+        (commander.get_message_output_port(), channels.command, command_t),
+        (sender.get_message_output_port(), channels.sensors, sensors_t),
+    )
+    for name, (message, channel, kind) in zip(PUBLISHERS, sent, strict=True):
+        forced = {TriggerType.kForced}
+        publisher = LcmPublisherSystem.Make(channel, kind, lcm, publish_triggers=forced)
+        builder.AddNamedSystem(name, publisher)
+        builder.Connect(message, publisher.get_input_port())
 
 
 def _check(scenario: Scenario) -> None:

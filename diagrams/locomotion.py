@@ -1,14 +1,14 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 
 from glassgait.diagrams.commands import AddCommand, AddGivenCommand
-from glassgait.diagrams.controller import AddController, Sensed, Senses
+from glassgait.diagrams.controller import AddController, ControllerPorts, Sensed, Senses
 from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
+from glassgait.diagrams.sensors import AddSensorErrors, AddSensors, Sensors
 from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.question import Intervention
@@ -98,14 +98,14 @@ def MakeLocomotion(  # noqa: N802
             command.
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
-    scenario, gaits = scenario or Scenario(), gait
-    robot = scenario.robot_of(policy)
-    gait = gaits.gait if isinstance(gaits, GaitSwitch) else gaits
+    scenario = scenario or Scenario()
+    robot, limited = scenario.robot_of(policy), scenario.limits_targets(policy)
+    first = gait.gait if isinstance(gait, GaitSwitch) else gait
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise
     # and without, and the same noise whatever the robot's pose is drawn from.
-    drawn = AddCommand(builder, gait, scenario.command, meshcat)
-    command, commanded_dwell = AddGivenCommand(builder, gait, drawn)
+    drawn = AddCommand(builder, first, scenario.command, meshcat)
+    commanded = AddGivenCommand(builder, first, drawn)
     if policy is not None:
         senses = Senses.of(policy, true_body_state=scenario.true_body_state)
     senses = senses or Senses()
@@ -116,25 +116,13 @@ def MakeLocomotion(  # noqa: N802
         builder, robot, scenario.station, reach=laid(scenario.station.terrain)
     )
     state = AddWorldState(builder, plant, scenario.station)
-
     sensors = AddSensors(builder, robot, scenario, state, errors, imu=senses.need_imu)
-    foot_sensor = sensors.feet
-    sensed = Sensed(
-        joints=sensors.joints,
-        foot_contact=sensors.foot_contact,
-        command=command,
-        commanded_dwell=commanded_dwell,
-        touching=sensors.touching,
-        imu=sensors.imu,
-        state=state,
-        foot_height=foot_sensor.get_foot_height_output_port(),
-        ground=scenario.station.ground,
-    )
-    machine = AddGaitMachine(builder, gaits, scenario.command, meshcat)
+    sensed = _sensed(sensors, commanded, state, scenario)
+    machine = AddGaitMachine(builder, gait, scenario.command, meshcat)
     controller = AddController(
         builder,
         robot,
-        gait,
+        first,
         sensed,
         machine=machine,
         policy=policy,
@@ -144,47 +132,66 @@ def MakeLocomotion(  # noqa: N802
     hold = controller.hold
     if policy is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
-    for name, port in controller.acting.items():
-        builder.ExportOutput(port, name)
-    limited = scenario.limits_targets(policy)
-    targets = JointTargets(robot, actuated_joints(plant), limited=limited)
-    builder.AddNamedSystem("joint_targets", targets)
     desired_state = plant.get_desired_state_input_port(instance)
-    builder.Connect(_acting_action(builder, scenario, hold), targets.get_action_input_port())
-    builder.Connect(targets.get_desired_state_output_port(), desired_state)
+    joints = actuated_joints(plant)
+    _add_joint_targets(builder, robot, scenario, hold, joints, desired_state, limited)
     judged = _add_judges(
-        builder, robot, scenario, state, command, foot_sensor, machine, hold, limited
+        builder, robot, scenario, state, commanded[0], sensors.feet, machine, hold, limited
     )
     if meshcat is not None:
         AddLocomotionDisplay(
             builder,
             scene_graph,
             robot,
-            gait,
+            first,
             terrain=scenario.station.terrain,
             state=plant.get_state_output_port(),
             rm_state=machine.get_rm_state_output_port(),
-            foot_contact=foot_sensor.get_foot_contact_output_port(),
+            foot_contact=sensors.feet.get_foot_contact_output_port(),
             meshcat=meshcat,
         )
-
-    exported = {
-        "observations": controller.observation,
-        **judged,
-        "rm_state": machine.get_rm_state_output_port(),
-        "rm_iterations": machine.get_rm_iterations_output_port(),
-        "served_dwell": machine.get_served_dwell_output_port(),
-        "foot_contact": foot_sensor.get_foot_contact_output_port(),
-        "foot_height": foot_sensor.get_foot_height_output_port(),
-        "command": command,
-        "commanded_dwell": commanded_dwell,
-        "state": state,
-    } | ({} if sensors.imu is None else {"imu": sensors.imu})
-    for name, port in exported.items():
-        builder.ExportOutput(port, name)
+    _export_outputs(builder, sensed, sensors.feet, machine, controller, judged)
     diagram = builder.Build()
     diagram.set_name("Locomotion")
     return diagram
+
+
+def _sensed(
+    sensors: Sensors,
+    commanded: tuple[OutputPort, OutputPort],
+    state: OutputPort,
+    scenario: Scenario,
+) -> Sensed:
+    """Returns what the controller and the reward machine read."""
+    command, commanded_dwell = commanded
+    return Sensed(
+        joints=sensors.joints,
+        foot_contact=sensors.foot_contact,
+        command=command,
+        commanded_dwell=commanded_dwell,
+        touching=sensors.touching,
+        imu=sensors.imu,
+        state=state,
+        foot_height=sensors.feet.get_foot_height_output_port(),
+        ground=scenario.station.ground,
+    )
+
+
+def _add_joint_targets(
+    builder: DiagramBuilder,
+    robot: Robot,
+    scenario: Scenario,
+    hold: ActionHold,
+    joints: list[str],
+    desired_state: InputPort,
+    limited: bool,
+) -> None:
+    """Lets the plant's joints follow the action that is held, as late as it comes."""
+    targets = JointTargets(robot, joints, limited=limited)
+    builder.AddNamedSystem("joint_targets", targets)
+    action = _acting_action(builder, scenario, hold)
+    builder.Connect(action, targets.get_action_input_port())
+    builder.Connect(targets.get_desired_state_output_port(), desired_state)
 
 
 def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold) -> OutputPort:
@@ -229,3 +236,30 @@ def _add_judges(
         "reward_terms": reward.get_reward_terms_output_port(),
         "failures": monitor.get_failures_output_port(),
     }
+
+
+def _export_outputs(
+    builder: DiagramBuilder,
+    sensed: Sensed,
+    feet: FootSensor,
+    machine: RewardMachineSystem,
+    controller: ControllerPorts,
+    judged: dict[str, OutputPort],
+) -> None:
+    exported = {
+        **controller.acting,
+        "observations": controller.observation,
+        **judged,
+        "rm_state": machine.get_rm_state_output_port(),
+        "rm_iterations": machine.get_rm_iterations_output_port(),
+        "served_dwell": machine.get_served_dwell_output_port(),
+        "foot_contact": feet.get_foot_contact_output_port(),
+        "foot_height": feet.get_foot_height_output_port(),
+        "command": sensed.command,
+        "commanded_dwell": sensed.commanded_dwell,
+        "state": sensed.state,
+        "imu": sensed.imu,
+    }
+    for name, port in exported.items():
+        if port is not None:
+            builder.ExportOutput(port, name)
