@@ -57,10 +57,9 @@ def test_the_same_seed_gives_the_same_robots(expert, by_expert):
 
 def test_what_ends_by_a_high_foot_alone_is_no_physical_fall(expert):
     grid = PushGrid(np.linspace(0.0, 2 * np.pi, 6, endpoint=False), np.array([2.0, 8.0]), 2)
+    low = replace(WORLD.limits, foot_height=0.15)
     task, physical = (
-        pushed(
-            alone(expert), world=replace(WORLD, limits=limits_of(falls, WORLD.limits)), grid=grid
-        )
+        pushed(alone(expert), world=replace(WORLD, limits=limits_of(falls, low)), grid=grid)
         for falls in ("task", "physical")
     )
     assert (physical.survived >= task.survived).all()
