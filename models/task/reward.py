@@ -137,8 +137,15 @@ def fall_speeds(
     """
     if weights.landing == 0.0:
         return before
+    velocity = _foot_velocity(robot, state, *kinematics.base_velocity(state))
+    return _fall_speeds(velocity, state, foot_contact, before)
+
+
+def _fall_speeds(
+    velocity: Array, state: Array, foot_contact: NDArray[np.bool_], before: Array
+) -> Array:
     down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
-    falling = _total(_foot_velocity(robot, state) * down[..., None, :])
+    falling = _total(velocity * down[..., None, :])
     return np.where(foot_contact, before, np.maximum(falling, 0.0))
 
 
@@ -200,12 +207,13 @@ def step_reward(
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
 
     slip = landing = tilt = np.zeros_like(flight)
-    if weights.slip:
-        speed = _total(np.square(_foot_velocity(robot, state)))
+    if weights.slip or weights.landing:
+        velocity = _foot_velocity(robot, state, linear, angular)
+        speed = _total(np.square(velocity))
         slip = _total(np.where(foot_height < STANDING_HEIGHT, speed, 0.0))
-    if weights.landing:
-        fall_speed = fall_speeds(robot, state, foot_contact, fall_speed, weights)
-        landing = _total(np.where(foot_contact, np.square(fall_speed), 0.0))
+        if weights.landing:
+            fall_speed = _fall_speeds(velocity, state, foot_contact, fall_speed)
+            landing = _total(np.where(foot_contact, np.square(fall_speed), 0.0))
     if weights.tilt:
         down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
@@ -235,9 +243,8 @@ def step_reward(
     )
 
 
-def _foot_velocity(robot: Robot, state: Array) -> Array:
-    """Returns the feet's velocities (..., 4, 3; m/s, along the trunk's axes)."""
-    linear, angular = kinematics.base_velocity(state)
+def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) -> Array:
+    """Returns the feet's velocities (..., 4, 3; m/s, along the trunk's axes), given the trunk's."""
     position = state[..., quadruped.JOINT_POSITION]
     feet, swept = kinematics.foot_motion(robot, position, state[..., quadruped.JOINT_VELOCITY])
     return swept + linear[..., None, :] + cross(angular[..., None, :], feet)
