@@ -28,7 +28,7 @@ from glassgait.models.task.observation import (
     proprioception,
 )
 from glassgait.models.task.odometry import Odometry
-from glassgait.models.task.reward import fall_speeds, step_reward, tracked_speeds
+from glassgait.models.task.reward import Reward, fall_speeds, step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import MachineStep, RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
 
@@ -214,21 +214,7 @@ class BatchSimulator:
         wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
         contact = read_contacts(feet.contact, wrong, s.stuck)
         machine = self._step_machine(s, feet, contact, command)
-        reward = step_reward(
-            robot,
-            state=plant,
-            previous_joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
-            action=action,
-            previous_action=s.action,
-            command=command.velocity,
-            foot_contact=feet.contact,
-            foot_height=feet.height,
-            air_time=s.air_time,
-            fall_speed=s.fall_speed,
-            tracked=s.tracked,
-            weights=self._weights,
-            limit_targets=task.limit_targets,
-        )
+        reward = self._rewarded(s, plant, action, command, feet)
         plain = np.where(lost, 0.0, reward.plain)
         after = TaskState(
             plant=plant,
@@ -263,6 +249,26 @@ class BatchSimulator:
             failures=shown,
             terminated=shown.any(axis=1),
             truncated=steps >= task.episode_steps,
+        )
+
+    def _rewarded(
+        self, s: TaskState, plant: Array, action: Array, command: Command, feet: FootSense
+    ) -> Reward:
+        """Rewards the step from `s` to plant states (n, 37) by sound actions (n, 12)."""
+        return step_reward(
+            self.task.robot,
+            state=plant,
+            previous_joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
+            action=action,
+            previous_action=s.action,
+            command=command.velocity,
+            foot_contact=feet.contact,
+            foot_height=feet.height,
+            air_time=s.air_time,
+            fall_speed=s.fall_speed,
+            tracked=s.tracked,
+            weights=self._weights,
+            limit_targets=self.task.limit_targets,
         )
 
     def _moved(self, s: TaskState, action: Array) -> PhysicsStep:

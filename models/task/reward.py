@@ -191,15 +191,8 @@ def step_reward(
         limit_targets: Whether the joints follow targets within their ranges alone.
     """
     linear, angular = kinematics.base_velocity(state)
-    joint_position = state[..., quadruped.JOINT_POSITION]
-    joint_velocity = state[..., quadruped.JOINT_VELOCITY]
-    torque = robot.joint_torque(
-        target=robot.joint_targets(action, limited=limit_targets),
-        position=joint_position,
-        velocity=joint_velocity,
-    )
-    acceleration = (joint_velocity - previous_joint_velocity) / CONTROL_PERIOD
-    excursion = np.abs(joint_position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
+    tracked = _tracked(linear, angular, tracked, weights)
+    exactness = np.exp(-np.square(command - tracked) / weights.tracking_width)
 
     air_time = air_time + CONTROL_PERIOD
     landed = foot_contact & (air_time > CONTROL_PERIOD)
@@ -218,17 +211,18 @@ def step_reward(
         down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
 
-    tracked = _tracked(linear, angular, tracked, weights)
-    exactness = np.exp(-np.square(command - tracked) / weights.tracking_width)
     values = (
         exactness[..., 0],
         exactness[..., 1],
         np.square(linear[..., 2]),
         _total(np.square(angular[..., :2])),
-        _total(np.square(torque)),
-        _total(np.square(acceleration)),
-        _total(np.square(action - previous_action)),
-        _total(np.maximum(excursion, 0.0)),
+        *_joint_terms(
+            robot,
+            state,
+            previous_joint_velocity=previous_joint_velocity,
+            targets=robot.joint_targets(action, limited=limit_targets),
+            change=action - previous_action,
+        ),
         flight,
         _total(np.maximum(foot_height - HIGH_SWING, 0.0)),
         tilt,
@@ -240,6 +234,22 @@ def step_reward(
     air_time = np.where(foot_contact, 0.0, air_time)
     return Reward(
         terms=terms, plain=plain, air_time=air_time, fall_speed=fall_speed, tracked=tracked
+    )
+
+
+def _joint_terms(
+    robot: Robot, state: Array, *, previous_joint_velocity: Array, targets: Array, change: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Returns what torques, accelerations, changes of the action and stretched joints come to."""
+    position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
+    torque = robot.joint_torque(target=targets, position=position, velocity=velocity)
+    acceleration = (velocity - previous_joint_velocity) / CONTROL_PERIOD
+    excursion = np.abs(position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
+    return (
+        _total(np.square(torque)),
+        _total(np.square(acceleration)),
+        _total(np.square(change)),
+        _total(np.maximum(excursion, 0.0)),
     )
 
 
