@@ -269,6 +269,7 @@ class BatchSimulator:
             tracked=s.tracked,
             weights=self._weights,
             limit_targets=self.task.limit_targets,
+            gains=self.task.gains,
         )
 
     def _moved(self, s: TaskState, action: Array) -> PhysicsStep:

@@ -216,7 +216,8 @@ def _add_judges(
     hold: ActionHold,
     limited: bool,
 ) -> dict[str, OutputPort]:
-    reward = RewardSystem(robot, scenario.weights, limit_targets=limited)
+    gains = scenario.station.gains(robot)
+    reward = RewardSystem(robot, scenario.weights, limit_targets=limited, gains=gains)
     builder.AddNamedSystem("reward", reward)
     monitor = builder.AddNamedSystem(
         "fall_monitor", FallMonitor(robot, scenario.limits, scenario.station.ground)

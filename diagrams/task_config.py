@@ -11,7 +11,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, expert_of
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot, load_robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import NotNegative, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization
@@ -38,6 +38,8 @@ class TaskConfig(Settings):
         limit_targets: Whether joints follow targets within their ranges alone.
         robot: What robots they are.
         observes_imu: Whether gravity's direction and the angular velocity are observed.
+        gains: Stiffness and damping of the joints, by which their torques are charged (N·m/rad,
+            N·m·s/rad); the robot's by default.
     """
 
     title: ClassVar[str] = "task"
@@ -51,6 +53,7 @@ class TaskConfig(Settings):
     limit_targets: bool = False
     robot: Robot = field(default_factory=load_robot)
     observes_imu: bool = False
+    gains: tuple[NotNegative, NotNegative] | None = None
 
     @classmethod
     def of_scenario(
@@ -77,6 +80,7 @@ class TaskConfig(Settings):
         if isinstance(command, SliderCommand):
             raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
         command.check(gait)
+        robot = scenario.robot_of(policy)
         return cls(
             gait,
             scenario.randomization(),
@@ -85,6 +89,7 @@ class TaskConfig(Settings):
             episode_steps=episode_steps,
             command=command,
             limit_targets=scenario.limits_targets(policy),
-            robot=scenario.robot_of(policy),
+            robot=robot,
             observes_imu=policy is not None and expert_of(policy).layout.imu,
+            gains=scenario.station.gains(robot),
         )

@@ -53,17 +53,20 @@ class RewardSystem(LeafSystem):
         weights: RewardWeights | None = None,
         *,
         limit_targets: bool = False,
+        gains: tuple[float, float] | None = None,
     ) -> None:
         """
         Args:
             robot: The robot.
             weights: Weights of the terms.
             limit_targets: Whether the joints follow targets within their ranges alone.
+            gains: Stiffness and damping of the joints (N·m/rad, N·m·s/rad); the robot's by default.
         """
         super().__init__()
         self._robot = robot
         self._weights = weights or RewardWeights()
         self._limit_targets = limit_targets
+        self._gains = gains
         self._joint_velocity = self.DeclareDiscreteState(quadruped.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         self._air_time = self.DeclareDiscreteState(np.full(quadruped.N_LEGS, -CONTROL_PERIOD))
@@ -174,6 +177,7 @@ class RewardSystem(LeafSystem):
             tracked=context.get_discrete_state(self._tracked).value(),
             weights=self._weights,
             limit_targets=self._limit_targets,
+            gains=self._gains,
         )
 
     def _calc_reward(self, context: Context, output: BasicVector) -> None:

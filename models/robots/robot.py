@@ -223,7 +223,14 @@ class Robot(Settings):
         # As `np.clip` does, which takes some times longer for one robot.
         return np.minimum(np.maximum(targets, self.lower_limits), self.upper_limits)
 
-    def joint_torque(self, *, target: Array, position: Array, velocity: Array) -> Array:
+    def joint_torque(
+        self,
+        *,
+        target: Array,
+        position: Array,
+        velocity: Array,
+        gains: tuple[float, float] | None = None,
+    ) -> Array:
         """Evaluates the joints' PD law, limited to the motors' effort.
 
         The plant integrates the same law implicitly; this is its value at one instant.
@@ -232,11 +239,13 @@ class Robot(Settings):
             target: Joint position targets (..., 12; rad).
             position: Joint positions (..., 12; rad).
             velocity: Joint velocities (..., 12; rad/s).
+            gains: Stiffness and damping (N·m/rad, N·m·s/rad); the robot's own by default.
 
         Returns:
             Torques (..., 12; N·m).
         """
-        torque = self.stiffness * (target - position) - self.damping * velocity
+        stiffness, damping = gains or (self.stiffness, self.damping)
+        torque = stiffness * (target - position) - damping * velocity
         return np.minimum(np.maximum(torque, -self.effort), self.effort)
 
     def _of_joints(self, key: str) -> list[Any]:

@@ -172,6 +172,7 @@ def step_reward(
     tracked: Array,
     weights: RewardWeights,
     limit_targets: bool = False,
+    gains: tuple[float, float] | None = None,
 ) -> Reward:
     """Rewards the step that led to `state`.
 
@@ -189,6 +190,7 @@ def step_reward(
         tracked: `Reward.tracked` of the step before (..., 2; m/s, rad/s).
         weights: Weights of the terms.
         limit_targets: Whether the joints follow targets within their ranges alone.
+        gains: Stiffness and damping of the joints (N·m/rad, N·m·s/rad); the robot's by default.
     """
     linear, angular = kinematics.base_velocity(state)
     tracked = _tracked(linear, angular, tracked, weights)
@@ -222,6 +224,7 @@ def step_reward(
             previous_joint_velocity=previous_joint_velocity,
             targets=robot.joint_targets(action, limited=limit_targets),
             change=action - previous_action,
+            gains=gains,
         ),
         flight,
         _total(np.maximum(foot_height - HIGH_SWING, 0.0)),
@@ -238,11 +241,17 @@ def step_reward(
 
 
 def _joint_terms(
-    robot: Robot, state: Array, *, previous_joint_velocity: Array, targets: Array, change: Array
+    robot: Robot,
+    state: Array,
+    *,
+    previous_joint_velocity: Array,
+    targets: Array,
+    change: Array,
+    gains: tuple[float, float] | None,
 ) -> tuple[Array, Array, Array, Array]:
     """Returns what torques, accelerations, changes of the action and stretched joints come to."""
     position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
-    torque = robot.joint_torque(target=targets, position=position, velocity=velocity)
+    torque = robot.joint_torque(target=targets, position=position, velocity=velocity, gains=gains)
     acceleration = (velocity - previous_joint_velocity) / CONTROL_PERIOD
     excursion = np.abs(position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
     return (

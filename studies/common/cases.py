@@ -68,8 +68,7 @@ class Case:
 
     def roll_out(self, n_robots: int, n_steps: int, *, events: Sequence[Event] = ()) -> RolloutLog:
         """Rolls robots out in an episode of discrete time, and returns what they did."""
-        limited = self.scenario.limits_targets(self.controller)
-        log = Log(self.controller.robot, limited=limited)
+        log = Log(self.controller, self.scenario)
         episode(
             self.gait,
             self.controller,

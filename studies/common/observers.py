@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.studies.common.episode import BoolArray, ControlStep, IntArray, Observer
 
 
@@ -53,12 +54,11 @@ class RolloutLog:
 class Log(Observer):
     """Records all that is scored, until every robot has fallen.
 
-    Attributes:
-        limited: Whether joints follow targets within their ranges alone.
+    It works out the joints' power in a scenario, by its gains.
     """
 
-    def __init__(self, robot: Robot, *, limited: bool) -> None:
-        self._robot, self._limited = robot, limited
+    def __init__(self, controller: Controller, scenario: Scenario) -> None:
+        self._controller, self._scenario = controller, scenario
         self._values: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
 
     def observe(self, step: ControlStep) -> None:
@@ -66,7 +66,7 @@ class Log(Observer):
         plant, outcome, values = step.after.plant, step.outcome, self._values
         values["velocity"].append(forward_and_yaw(plant))
         values["command"].append(step.before.command.velocity)
-        power = joint_power(self._robot, plant, step.after.action, limited=self._limited)
+        power = joint_power(self._controller, self._scenario, plant, step.after.action)
         values["power"].append(power)
         values["action"].append(step.action)
         values["expert_acts"].append(step.output.expert_acts)
@@ -134,16 +134,20 @@ def forward_and_yaw(plant: Array) -> Array:
     return np.stack([linear[..., 0], angular[..., 2]], axis=-1)
 
 
-def joint_power(robot: Robot, plant: Array, action: Array, *, limited: bool) -> Array:
+def joint_power(controller: Controller, scenario: Scenario, plant: Array, action: Array) -> Array:
     """Returns the absolute mechanical power of all joints (...; W).
 
     Args:
+        controller: What acts; of its robot are the joints.
+        scenario: The world, with the joints' gains.
         plant: Plant states x (..., 37).
         action: Actions that the joints follow (..., 12).
-        limited: Whether they follow targets within their ranges alone.
     """
-    velocity = plant[..., quadruped.JOINT_VELOCITY]
-    targets = robot.joint_targets(action, limited=limited)
-    position = plant[..., quadruped.JOINT_POSITION]
-    torque = robot.joint_torque(target=targets, position=position, velocity=velocity)
+    robot, velocity = controller.robot, plant[..., quadruped.JOINT_VELOCITY]
+    torque = robot.joint_torque(
+        target=robot.joint_targets(action, limited=scenario.limits_targets(controller)),
+        position=plant[..., quadruped.JOINT_POSITION],
+        velocity=velocity,
+        gains=scenario.station.gains(robot),
+    )
     return np.abs(torque * velocity).sum(axis=-1)

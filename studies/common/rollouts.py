@@ -137,7 +137,7 @@ def roll_out(
     scenario = config.commanding(scenario)
     if scenario.accuracy is not None:
         return _roll_out_diagrams(gait, controller, scenario, config)
-    log = Log(controller.robot, limited=scenario.limits_targets(controller))
+    log = Log(controller, scenario)
     episode(
         gait,
         controller,
@@ -166,14 +166,8 @@ def _roll_out_diagrams(
         simulator = make_simulator(
             diagram, state=state, seed=config.seed * n + index, accuracy=scenario.accuracy
         )
-        logs.append(
-            _to_log(
-                record(simulator, config.n_steps),
-                config.n_steps,
-                controller,
-                limited=scenario.limits_targets(controller),
-            )
-        )
+        rollout = record(simulator, config.n_steps)
+        logs.append(_to_log(rollout, config.n_steps, controller, scenario))
     return RolloutLog(
         **{
             name: np.stack([getattr(log, name) for log in logs], axis=1)
@@ -182,13 +176,13 @@ def _roll_out_diagrams(
     )
 
 
-def _to_log(rollout: Rollout, n_steps: int, controller: Controller, *, limited: bool) -> RolloutLog:
+def _to_log(
+    rollout: Rollout, n_steps: int, controller: Controller, scenario: Scenario
+) -> RolloutLog:
     log = RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
-        power=joint_power(
-            controller.robot, rollout["state"][1:], rollout["actions"][:-1], limited=limited
-        ),
+        power=joint_power(controller, scenario, rollout["state"][1:], rollout["actions"][:-1]),
         action=rollout["actions"][:-1],
         expert_acts=_expert_acts(rollout, controller),
         reward=rollout["reward"][1:, 0],

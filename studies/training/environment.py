@@ -80,12 +80,13 @@ class TrainingEnvironment:
         self.simulator = BatchSimulator(
             TaskConfig(
                 gait,
-                config.worlds.randomization,
+                worlds.randomization,
                 weights=config.weights,
                 limits=config.limits,
                 limit_targets=config.limit_targets,
                 robot=robot,
                 observes_imu=observes_imu,
+                gains=worlds.station.gains(robot),
             ),
             make_physics(robot, *at_hardship(stations, self._ground_hardship)),
             n_robots=config.n_robots,

@@ -169,8 +169,9 @@ WORLDS = {
     "slippery": replace(CALM, station=StationConfig(friction=0.4)),
     "limited targets": replace(CALM, limit_targets=True),
     "limited targets, 10 ms late": replace(CALM, limit_targets=True, latency=0.01),
-    "every term of the reward": replace(
+    "every term of the reward, firm joints": replace(
         CALM,
+        station=StationConfig(stiffness=30.0, damping=0.8),
         weights=RewardWeights(
             tracking_time=0.3, high_swing=-2.0, tilt=-2.0, slip=-0.1, landing=-0.1
         ),

@@ -185,3 +185,13 @@ def test_torque_is_that_of_the_targets_that_joints_follow(standing):
     torque = np.minimum(A1.stiffness * within, A1.effort[0])
     assert limited["torque"] == pytest.approx(-2e-4 * np.sum(torque**2))
     assert free["torque"] < limited["torque"]
+
+
+def test_torques_are_charged_by_the_gains_that_act(standing):
+    action = np.full(12, 0.1)
+    _, own = reward(standing, action=action, previous_action=action)
+    _, firm = reward(
+        standing, action=action, previous_action=action, gains=(2.0 * A1.stiffness, A1.damping)
+    )
+    assert firm["torque"] == pytest.approx(4.0 * own["torque"]) != 0.0
+    assert {name for name in own if own[name] != firm[name]} == {"torque"}

@@ -109,7 +109,7 @@ def _walked(
         events = [*senses, asking(requested)]
     else:
         events = [_one_command(gait, n_robots, seed), *senses]
-    log = Log(controller.robot, limited=scenario.limits_targets(controller))
+    log = Log(controller, scenario)
     snapshots = Snapshots()
     episode(
         gait,
