@@ -102,14 +102,21 @@ def foot_positions(robot: Robot, joint_position: Array) -> Array:
 
 
 class FootMotion(NamedTuple):
-    """Positions and velocities of the feet in the trunk's frame (..., 4, 3; m, m/s)."""
+    """How the feet move in the trunk's frame, each (..., 4, 3).
+
+    Attributes:
+        position: Of their centres (m).
+        velocity: Of their centres (m/s).
+        turning: Of the shanks, which the feet are fixed to (rad/s).
+    """
 
     position: Array
     velocity: Array
+    turning: Array
 
 
 def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> FootMotion:
-    """Returns where the foot centres are in the trunk's frame, and how fast the joints move them.
+    """Returns where the feet are in the trunk's frame, and how fast the joints move and turn them.
 
     Args:
         robot: What robots they are.
@@ -130,7 +137,8 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
         -swung[..., 2] * v_hip - legs.sin_hip * v_z,
         swung[..., 1] * v_hip + legs.cos_hip * v_z,
     )
-    return FootMotion(robot.hip_origin + swung, velocity)
+    turning = stacked(v_hip, legs.cos_hip * v_shank, legs.sin_hip * v_shank)
+    return FootMotion(robot.hip_origin + swung, velocity, turning)
 
 
 class _LegAngles(NamedTuple):

@@ -1,7 +1,7 @@
 """Leg odometry: the body state from an IMU, the joints and the feet that stand.
 
-A foot that stands still in the world moves backward under the trunk as fast as the trunk goes
-forward. Velocity is predicted by the accelerometer and corrected by the standing feet, a linear
+A foot that stands moves backward under the trunk as fast as the trunk goes forward, less what it
+rolls on its sphere: its lowest point, not its centre, is at rest. Velocity is predicted by the accelerometer and corrected by the standing feet, a linear
 filter with one gain; the places where the feet stood last, carried along, are the ground. Its
 anchors are the legged odometry of Bloesch et al. (*State Estimation for Legged Robots*, 2012) and
 the linear Kalman filter of the Mini Cheetah (Bledt et al., 2018), whose gains settle at constants.
@@ -86,11 +86,13 @@ class Odometry(Settings):
             touching: Which feet seem to press on the ground (..., 4).
         """
         turning, change, gravity = ImuReading.of(imu)
-        feet, swept = kinematics.foot_motion(robot, joint_position, joint_velocity)
+        feet, swept, rolling = kinematics.foot_motion(robot, joint_position, joint_velocity)
         # What turning does to all of them at once: a call takes longer than its numbers.
         vectors = [feet, before.footholds, before.velocity[..., None, :]]
         turned = cross(turning[..., None, :], np.concatenate(vectors, axis=-2))
-        swept = swept + turned[..., : quadruped.N_LEGS, :]
+        down = robot.foot_radius * gravity[..., None, :]
+        rolled = cross(turning[..., None, :] + rolling, down)
+        swept = swept + turned[..., : quadruped.N_LEGS, :] + rolled
 
         free = change + CONTROL_PERIOD * GRAVITY * gravity
         predicted = before.velocity - CONTROL_PERIOD * turned[..., -1, :] + free

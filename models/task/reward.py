@@ -263,10 +263,19 @@ def _joint_terms(
 
 
 def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) -> Array:
-    """Returns the feet's velocities (..., 4, 3; m/s, along the trunk's axes), given the trunk's."""
-    position = state[..., quadruped.JOINT_POSITION]
-    feet, swept = kinematics.foot_motion(robot, position, state[..., quadruped.JOINT_VELOCITY])
-    return swept + linear[..., None, :] + cross(angular[..., None, :], feet)
+    """Returns the velocities of the feet's lowest points, given the trunk's.
+
+    They do not move where a foot rolls without slip; its centre then does.
+
+    Returns:
+        Velocities (..., 4, 3; m/s, along the trunk's axes).
+    """
+    position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
+    feet, swept, rolling = kinematics.foot_motion(robot, position, velocity)
+    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])[..., None, :]
+    turning = angular[..., None, :]
+    of_centres = swept + linear[..., None, :] + cross(turning, feet)
+    return of_centres + cross(rolling + turning, robot.foot_radius * down)
 
 
 def _total(values: Array) -> Array:
