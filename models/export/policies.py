@@ -203,6 +203,7 @@ def odometry_code(odometry: Odometry, robot: Robot, name: str, real: Real) -> st
         gravity=GRAVITY,
         thigh=robot.thigh_length,
         calf=robot.calf_length,
+        radius=robot.foot_radius,
         offset=(robot.side * robot.thigh_offset).tolist(),
         hip=robot.hip_origin.tolist(),
     )

@@ -23,7 +23,10 @@ _PROGRAM = (
         "m/s, of the trunk, by the IMU",
     ),
     ("standing = touching and touching.before", "of each foot: one just come down still moves"),
-    ("measured = mean(-(dp + cross(w, p)), standing)", "m/s, by the standing feet"),
+    (
+        "measured = mean(-(dp + cross(w, p) + radius*cross(w + dr, g)), standing)",
+        "m/s, by the standing feet, which roll",
+    ),
     ("v = predicted + GAIN*(measured - predicted) if any(standing) else predicted", ""),
     (
         "foothold = p if touching else foothold - PERIOD*(v + cross(w, foothold))",
@@ -41,8 +44,9 @@ STATEMENTS = tuple(
 
 _LEGEND = (
     "# w: angular velocity, rad/s; dv: change of velocity since the step before, m/s; g: direction",
-    "# of gravity; p: where a foot is, m; dp: how fast its joints move it, m/s. By IMU and joints,",
-    "# in the trunk's frame. One number of this program may be edited, the gain: above 0, up to 1.",
+    "# of gravity; p: where a foot is, m; dp: how fast its joints move it, m/s; dr: how fast they turn",
+    "# its shank, rad/s; radius: of a foot, m. By IMU and joints, in the trunk's frame. One number of",
+    "# this program may be edited, the gain: above 0, up to 1.",
 )
 
 _TOKEN = re.compile(r"[0-9.]+(?:[eE][+-]?[0-9]+)?|[A-Za-z_][A-Za-z0-9_.]*|\S")

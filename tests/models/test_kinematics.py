@@ -76,6 +76,14 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
         np.testing.assert_allclose(linear, velocity.translational(), atol=TOLERANCE)
         np.testing.assert_allclose(angular, velocity.rotational(), atol=TOLERANCE)
 
+        motion = kinematics.foot_motion(
+            A1, state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]
+        )
+        for leg, own in zip(quadruped.LEGS, motion.turning, strict=True):
+            shank = plant.GetFrameByName(f"{leg}_calf")
+            turning = shank.CalcSpatialVelocity(context, trunk, trunk).rotational()
+            np.testing.assert_allclose(own, turning, atol=TOLERANCE)
+
 
 def test_batches_agree_with_single_robots(random_states):
     states = random_states(6)

@@ -78,16 +78,16 @@ def test_a_turning_trunk_sees_a_steady_velocity_turn(rate, speed):
 
 @given(joints, st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
 def test_standing_feet_give_the_velocity_of_a_trunk_that_moves_over_them(pose, twist):
-    """With a gain of 1 the velocity is what joints that keep the feet in place say."""
+    """With a gain of 1 the velocity is what joints that keep the lowest points in place say."""
     velocity, turning = np.array(twist[:3]), np.array(twist[3:])
-    feet = kinematics.foot_positions(A1, pose)
-    swept = -(velocity + cross(turning, feet))
+    down = np.array([0.0, 0.0, -A1.foot_radius])
+    lowest = kinematics.foot_positions(A1, pose) + down
+    swept = -(velocity + cross(turning, lowest))
     rates = np.zeros(12)
     for leg in range(4):
         own = slice(3 * leg, 3 * leg + 3)
-        columns = [
-            kinematics.foot_motion(A1, pose, np.eye(12)[i]).velocity[leg] for i in range(12)[own]
-        ]
+        motions = [kinematics.foot_motion(A1, pose, np.eye(12)[i]) for i in range(12)[own]]
+        columns = [own.velocity[leg] + np.cross(own.turning[leg], down) for own in motions]
         rates[own] = np.linalg.solve(np.transpose(columns), swept[leg])
     imu = np.concatenate([turning, AT_REST[3:]])
     step = measured(joint_position=pose, joint_velocity=rates, imu=imu)
@@ -162,8 +162,9 @@ def test_a_foot_that_has_just_come_down_does_not_correct():
     once = run(Odometry(gain=1.0), [kicked], A1.default_stance)
     np.testing.assert_allclose(once.velocity, 0.0, atol=1e-12)
     twice = run(Odometry(gain=1.0), [kicked] * 2, A1.default_stance)
-    own = kinematics.foot_motion(A1, A1.default_stance, np.ones(12)).velocity[0]
-    np.testing.assert_allclose(twice.velocity, -own, atol=1e-12)
+    _, swept, turning = kinematics.foot_motion(A1, A1.default_stance, np.ones(12))
+    lowest = swept[0] + np.cross(turning[0], [0.0, 0.0, -A1.foot_radius])
+    np.testing.assert_allclose(twice.velocity, -lowest, atol=1e-12)
 
 
 def test_robots_of_a_batch_do_not_look_at_each_other(generator):

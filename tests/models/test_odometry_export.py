@@ -158,14 +158,14 @@ def test_a_file_holds_odometry_whose_gain_can_be_edited(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("0.15*(measured", "2*(measured", "line 24, column 17: the gain"),
-        ("0.15*(measured", "nan*(measured", "line 24, column 17: the gain"),
-        ("0.02*9.81", "0.02*9.8", "line 21, column 46: odometry is one program"),
-        ("normal = unit(", "normal = (", "line 26, column 10: odometry is one program"),
-        ("standing = touching", "# standing = touching", "line 23, column 1: odometry is one"),
-        ("h = dot(normal", "# h = dot(normal", "line 29, column 1: odometry lacks"),
-        ("\ndefinitions", "\nh = 2\n\ndefinitions", "line 29, column 1: odometry ends"),
-        ("\ndefinitions", "\nodometry\n\ndefinitions", "line 29, column 1: odometry stands"),
+        ("0.15*(measured", "2*(measured", "line 25, column 17: the gain"),
+        ("0.15*(measured", "nan*(measured", "line 25, column 17: the gain"),
+        ("0.02*9.81", "0.02*9.8", "line 22, column 46: odometry is one program"),
+        ("normal = unit(", "normal = (", "line 27, column 10: odometry is one program"),
+        ("standing = touching", "# standing = touching", "line 24, column 1: odometry is one"),
+        ("h = dot(normal", "# h = dot(normal", "line 30, column 1: odometry lacks"),
+        ("\ndefinitions", "\nh = 2\n\ndefinitions", "line 30, column 1: odometry ends"),
+        ("\ndefinitions", "\nodometry\n\ndefinitions", "line 30, column 1: odometry stands"),
         ("states: 2", "states: 2\nsenses: sonar", "line 4, column 1: senses"),
     ],
 )

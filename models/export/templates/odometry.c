@@ -5,6 +5,7 @@
 /* Lengths of the legs, m. The signs of OFFSET are those of left and right. */
 #define THIGH {{ thigh | number }} /* from the thigh joint to the knee */
 #define CALF {{ calf | number }} /* from the knee to the foot's centre */
+#define RADIUS {{ radius | number }} /* of a foot */
 static const {{ real }} OFFSET[4] = { {{- offset | map('number') | join(', ') -}} }; /* of the thigh joint */
 static const {{ real }} HIP[4][3] = { /* the hip joint, from the trunk's centre */
 {% for leg in legs %}
@@ -12,9 +13,9 @@ static const {{ real }} HIP[4][3] = { /* the hip joint, from the trunk's centre 
 {% endfor %}
 };
 
-/* Where a foot is and how fast its joints move it, in the trunk's frame, m and m/s. */
+/* Where a foot is, how fast its joints move it and turn its shank: m, m/s, rad/s, trunk's frame. */
 typedef struct {
-    {{ real }} p[3], dp[3];
+    {{ real }} p[3], dp[3], dr[3];
 } Foot;
 
 /* Returns a leg's foot by the angles and velocities of its hip, thigh and calf. */
@@ -33,6 +34,7 @@ static Foot foot_of(int leg, const {{ real }} q[3], const {{ real }} dq[3])
     const Foot foot = {
         .p = {HIP[leg][0] + x, HIP[leg][1] + left, HIP[leg][2] + up},
         .dp = {dx, -up * dq[0] - sin_hip * dz, left * dq[0] + cos_hip * dz},
+        .dr = {dq[0], cos_hip * turning, sin_hip * turning},
     };
     return foot;
 }
@@ -45,21 +47,25 @@ static void cross(const {{ real }} a[3], const {{ real }} b[3], {{ real }} produ
 }
 
 /* Predicts the velocity by the accelerometer, and corrects it by the feet that stand: that touch
- * now and did before, since one that has just come down still moves. */
+ * now and did before, since one that has just come down still moves. A foot that stands rolls: its
+ * lowest point rests, not its centre. */
 static void advance_velocity({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
     const Foot feet[4])
 {
     const {{ real }} *w = sensors->angular_velocity, *dv = sensors->velocity_change;
     const {{ real }} *g = sensors->gravity;
-    {{ real }} *v = controller->velocity, turned[3], of_feet[3] = {0};
+    {{ real }} *v = controller->velocity, turned[3], turning[3], rolled[3], of_feet[3] = {0};
     int standing = 0;
 
     for (int leg = 0; leg < 4; leg++) {
         if (!sensors->foot_contact[leg] || !controller->touching[leg])
             continue;
-        cross(w, feet[leg].p, turned);
         for (int axis = 0; axis < 3; axis++)
-            of_feet[axis] += feet[leg].dp[axis] + turned[axis];
+            turning[axis] = w[axis] + feet[leg].dr[axis];
+        cross(w, feet[leg].p, turned);
+        cross(turning, g, rolled);
+        for (int axis = 0; axis < 3; axis++)
+            of_feet[axis] += feet[leg].dp[axis] + turned[axis] + RADIUS * rolled[axis];
         standing++;
     }
     cross(w, v, turned);
