@@ -140,8 +140,8 @@ class DomainRandomization(Settings):
         groups: What differs between the groups' stations.
         fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
             only works in the coarse physics of the other groups is not learned.
-        mujoco_groups: Groups, the first ones, whose physics MuJoCo computes; it has no other times
-            in which contacts let penetration relax.
+        mujoco_groups: Groups, the first ones, whose physics MuJoCo computes, with the contacts of
+            all bodies; it has no other times in which contacts let penetration relax.
         mujoco_step: Time step of their plants (s).
         mujoco_contact_time: Time constant of their contacts (s); see `StationConfig.contact_time`.
         station: Physics that the groups' stations vary.
@@ -187,6 +187,7 @@ class DomainRandomization(Settings):
                 engine="mujoco",
                 time_step=self.mujoco_step,
                 contact_time=self.mujoco_contact_time,
+                feet_only=False,
                 relaxation_time=self.station.relaxation_time,
             )
             for station in others[: self.mujoco_groups]

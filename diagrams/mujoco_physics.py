@@ -125,10 +125,9 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     # What it cannot advance MuJoCo would set back to the start, as if nothing had been.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     spec.option.gravity = station.terrain.gravity
-    feet_only = station.feet_only or not station.terrain.is_plane
     for geometry in spec.geoms:
         # The robot meets the ground, and not itself.
-        meets = not feet_only or geometry.name.endswith("_foot")
+        meets = not station.feet_only or geometry.name.endswith("_foot")
         geometry.contype, geometry.conaffinity = int(meets), 0
     _add_ground(spec, station.terrain)
     trunk = spec.body("trunk")

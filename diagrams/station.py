@@ -103,7 +103,8 @@ class StationConfig(Settings):
             the robot's.
         armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
         feet_only: Whether feet alone collide with the ground: other bodies that touch it end an
-            episode by their pose, and a plant without their contacts takes less time.
+            episode by their pose, and a plant without their contacts takes less time. In Drake they
+            do on any ground but a plane; in MuJoCo a calf meets the edge of a step.
         engine: What computes it: Drake, or MuJoCo for many robots in batch.
         contact_force: Normal force above which a foot touches the ground (N), of MuJoCo alone; in
             Drake it touches where it is inside of it.

@@ -36,8 +36,8 @@ class TerminationLimits(Settings):
         joint_overrun: How far a joint may go past its range (rad); the plant's own limits give way
             a little.
         shank_share: Share of the calf, from the knee down, whose contact is a failure, other than
-            by the depth of its foot in the ground. The rest is the foot's. Of a share of 0 a calf
-            may touch from the knee down.
+            by the depth of its foot in the ground. The rest is the foot's, and may brush the edge
+            of a step. Of a share of 0 a calf may touch from the knee down.
         lean: Greatest angle of the trunk to the mean ground (°); 180 is none.
     """
 
@@ -47,7 +47,7 @@ class TerminationLimits(Settings):
     action_change: Annotated[float, Gt(0)] = 60.0
     foot_height: Annotated[float, Gt(0)] = 0.25
     joint_overrun: Annotated[float, Ge(0)] = 0.05
-    shank_share: Annotated[float, Interval(ge=0, le=1)] = 0.9
+    shank_share: Annotated[float, Interval(ge=0, le=1)] = 0.5
     lean: Annotated[float, Interval(gt=0, le=180)] = 180.0
 
 
