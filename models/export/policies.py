@@ -14,7 +14,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY
-from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.odometry import SLIP, Odometry
 from glassgait.models.task.symmetry import Reflection
 
 ABREAST = 10
@@ -201,6 +201,7 @@ def odometry_code(odometry: Odometry, robot: Robot, name: str, real: Real) -> st
         gain=odometry.gain,
         period=CONTROL_PERIOD,
         gravity=GRAVITY,
+        slip=SLIP,
         thigh=robot.thigh_length,
         calf=robot.calf_length,
         radius=robot.foot_radius,

@@ -10,23 +10,30 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.text import TextError, written_number
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY
-from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.odometry import SLIP, Odometry
 
 GAIN = "GAIN"
 """Stands for the number that may be edited."""
 
-_NUMBERS = {"PERIOD": written_number(CONTROL_PERIOD), "GRAVITY": written_number(GRAVITY)}
+_NUMBERS = {
+    "PERIOD": written_number(CONTROL_PERIOD),
+    "GRAVITY": written_number(GRAVITY),
+    "SLIP": written_number(SLIP),
+}
 
 _PROGRAM = (
     (
         "predicted = v - PERIOD*cross(w, v) + dv + PERIOD*GRAVITY*g",
         "m/s, of the trunk, by the IMU",
     ),
-    ("standing = touching and touching.before", "of each foot: one just come down still moves"),
     (
-        "measured = mean(-(dp + cross(w, p) + radius*cross(w + dr, g)), standing)",
-        "m/s, by the standing feet, which roll",
+        "sole = dp + cross(w, p) + radius*cross(w + dr, g)",
+        "m/s, of each foot's lowest point",
     ),
+    ("stood = touching and touching.before", "of each foot: one just come down still moves"),
+    ("near = stood and norm(predicted + sole) < SLIP", "one that swings or slips is not near"),
+    ("standing = near if any(near) else stood", ""),
+    ("measured = mean(-sole, standing)", "m/s, of the trunk, by the feet that stand and roll"),
     ("v = predicted + GAIN*(measured - predicted) if any(standing) else predicted", ""),
     (
         "foothold = p if touching else foothold - PERIOD*(v + cross(w, foothold))",
@@ -38,7 +45,7 @@ _PROGRAM = (
 """The statements of the program, and what they give."""
 
 STATEMENTS = tuple(
-    re.sub("PERIOD|GRAVITY", lambda name: _NUMBERS[name[0]], statement) for statement, _ in _PROGRAM
+    re.sub("|".join(_NUMBERS), lambda name: _NUMBERS[name[0]], statement) for statement, _ in _PROGRAM
 )
 """The same with all numbers but the gain."""
 

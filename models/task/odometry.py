@@ -26,6 +26,10 @@ from glassgait.models.task.imu import GRAVITY, ImuReading
 from glassgait.models.task.observation import BASE_VELOCITY_SCALE
 
 
+SLIP = 1.0
+"""Speed over the ground at which a foot does not stand (m/s)."""
+
+
 class OdometryState(NamedTuple):
     """What odometry remembers between two control steps.
 
@@ -75,7 +79,9 @@ class Odometry(Settings):
     ) -> OdometryState:
         """Goes on by a control step.
 
-        A foot stands that touches now and did before: one that has just come down still moves.
+        A foot stands that touches now and did before, since one that has just come down still
+        moves, and that is nearly at rest by the predicted velocity, if any is: a foot that swings
+        or slips does not stand, though its sensor reads a contact.
 
         Args:
             robot: What robots they are.
@@ -92,13 +98,13 @@ class Odometry(Settings):
         turned = cross(turning[..., None, :], np.concatenate(vectors, axis=-2))
         down = robot.foot_radius * gravity[..., None, :]
         rolled = cross(turning[..., None, :] + rolling, down)
-        swept = swept + turned[..., : quadruped.N_LEGS, :] + rolled
+        sole = swept + turned[..., : quadruped.N_LEGS, :] + rolled
 
         free = change + CONTROL_PERIOD * GRAVITY * gravity
         predicted = before.velocity - CONTROL_PERIOD * turned[..., -1, :] + free
-        standing = touching & before.touching
+        standing = _standing(touching & before.touching, sole + predicted[..., None, :])
         count = np.asarray(standing.sum(axis=-1))[..., None]
-        of_feet = -np.where(standing[..., None], swept, 0.0).sum(axis=-2) / np.maximum(count, 1)
+        of_feet = -np.where(standing[..., None], sole, 0.0).sum(axis=-2) / np.maximum(count, 1)
         correction = self.gain * (of_feet - predicted)
         velocity = predicted + np.where(count > 0, correction, 0.0)
 
@@ -130,3 +136,10 @@ class Odometry(Settings):
         middle = np.add.reduce(state.footholds, axis=-2, keepdims=True) / quadruped.N_LEGS
         heights = np.add.reduce((feet - middle) * normal[..., None, :], axis=-1)
         return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)
+
+
+def _standing(stood: NDArray[np.bool_], over: Array) -> NDArray[np.bool_]:
+    """Returns which feet stand (..., 4), by which touch, and their velocities over the ground."""
+    near = stood & (np.add.reduce(np.square(over), axis=-1) < SLIP * SLIP)
+    # Where none is near, it is the prediction that is wrong.
+    return np.where(near.any(axis=-1, keepdims=True), near, stood)

@@ -75,7 +75,7 @@ def test_an_episode_ends_where_the_page_says(compared):
     assert row(compared, "a joint out of range").startswith(f"{limits.joint_overrun:g} rad beyond")
     assert row(compared, "a low trunk") == f"below {limits.trunk_height:.2f} m"
     assert row(compared, "a change of the action") == f"above {limits.action_change:g}, squared"
-    assert limits.shank_share == 0.9
+    assert limits.shank_share == 0.5
     state, still = kinematics.standing_state(A1, A1.default_stance[None]), np.zeros((1, 12))
     for beyond, fails in ((0.04, False), (0.06, True)):
         state[0, quadruped.JOINT_POSITION.start] = A1.upper_limits[0] + beyond

@@ -1,6 +1,7 @@
 #define GAIN {{ gain | number }} /* share of the standing feet's velocity in the trunk's, each step */
 #define PERIOD {{ period | number }} /* s between two steps */
 #define GRAVITY {{ gravity | number }} /* m/s^2 */
+#define SLIP {{ slip | number }} /* m/s over the ground, at which a foot does not stand */
 
 /* Lengths of the legs, m. The signs of OFFSET are those of left and right. */
 #define THIGH {{ thigh | number }} /* from the thigh joint to the knee */
@@ -46,36 +47,65 @@ static void cross(const {{ real }} a[3], const {{ real }} b[3], {{ real }} produ
     product[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Predicts the velocity by the accelerometer, and corrects it by the feet that stand: that touch
- * now and did before, since one that has just come down still moves. A foot that stands rolls: its
- * lowest point rests, not its centre. */
+/* Returns which feet touch, and did before, since one that has just come down still moves. Those of
+ * them that swing or slip do not stand, unless all do: then it is the prediction that is wrong. */
+static unsigned standing_feet(const {{ name }}_controller *controller,
+    const {{ name }}_sensors *sensors, const {{ real }} predicted[3], {{ real }} soles[4][3])
+{
+    unsigned stood = 0, near = 0;
+
+    for (int leg = 0; leg < 4; leg++) {
+        {{ real }} square = {{ 0.0 | number }};
+
+        for (int axis = 0; axis < 3; axis++) {
+            const {{ real }} over = soles[leg][axis] + predicted[axis];
+            square += over * over;
+        }
+        if (sensors->foot_contact[leg] && controller->touching[leg]) {
+            stood |= 1u << leg;
+            near |= (unsigned)(square < SLIP * SLIP) << leg;
+        }
+    }
+    return near ? near : stood;
+}
+
+/* Predicts the velocity by the accelerometer, and corrects it by the feet that stand. They roll:
+ * the lowest point of a foot, its sole, rests, and not its centre. */
 static void advance_velocity({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
     const Foot feet[4])
 {
     const {{ real }} *w = sensors->angular_velocity, *dv = sensors->velocity_change;
     const {{ real }} *g = sensors->gravity;
-    {{ real }} *v = controller->velocity, turned[3], turning[3], rolled[3], of_feet[3] = {0};
-    int standing = 0;
+    {{ real }} *v = controller->velocity, turned[3], turning[3], rolled[3];
+    {{ real }} predicted[3], soles[4][3], of_feet[3] = {0};
+    unsigned standing;
+    int count = 0;
 
+    cross(w, v, turned);
+    for (int axis = 0; axis < 3; axis++) {
+        const {{ real }} free = dv[axis] + PERIOD * GRAVITY * g[axis];
+        predicted[axis] = v[axis] - PERIOD * turned[axis] + free;
+    }
     for (int leg = 0; leg < 4; leg++) {
-        if (!sensors->foot_contact[leg] || !controller->touching[leg])
-            continue;
         for (int axis = 0; axis < 3; axis++)
             turning[axis] = w[axis] + feet[leg].dr[axis];
         cross(w, feet[leg].p, turned);
         cross(turning, g, rolled);
         for (int axis = 0; axis < 3; axis++)
-            of_feet[axis] += feet[leg].dp[axis] + turned[axis] + RADIUS * rolled[axis];
-        standing++;
+            soles[leg][axis] = feet[leg].dp[axis] + turned[axis] + RADIUS * rolled[axis];
     }
-    cross(w, v, turned);
+    standing = standing_feet(controller, sensors, predicted, soles);
+    for (int leg = 0; leg < 4; leg++) {
+        if (!(standing >> leg & 1))
+            continue;
+        for (int axis = 0; axis < 3; axis++)
+            of_feet[axis] += soles[leg][axis];
+        count++;
+    }
     for (int axis = 0; axis < 3; axis++) {
-        const {{ real }} free = dv[axis] + PERIOD * GRAVITY * g[axis];
-        const {{ real }} predicted = v[axis] - PERIOD * turned[axis] + free;
-
-        v[axis] = predicted;
-        if (standing > 0)
-            v[axis] += GAIN * (-of_feet[axis] / ({{ real }})standing - predicted);
+        v[axis] = predicted[axis];
+        if (count > 0)
+            v[axis] += GAIN * (-of_feet[axis] / ({{ real }})count - predicted[axis]);
     }
 }
 
