@@ -167,6 +167,18 @@ def test_a_foot_that_has_just_come_down_does_not_correct():
     np.testing.assert_allclose(twice.velocity, -lowest, atol=1e-12)
 
 
+def test_a_foot_that_swings_does_not_stand_though_its_sensor_reads_a_contact():
+    rates = np.zeros(12)
+    rates[1] = 10.0
+    swinging = measured(joint_velocity=rates)
+    state = run(Odometry(gain=1.0), [swinging] * 3, A1.default_stance)
+    np.testing.assert_allclose(state.velocity, 0.0, atol=1e-12)
+    # Where all seem to swing, it is the trunk that is fast.
+    running = measured(joint_velocity=np.tile(rates[:3], 4))
+    state = run(Odometry(gain=1.0), [running] * 3, A1.default_stance)
+    assert state.velocity[0] > 2.0
+
+
 def test_robots_of_a_batch_do_not_look_at_each_other(generator):
     pose = A1.default_stance + 0.1 * generator.normal(size=(5, 12))
     step = {

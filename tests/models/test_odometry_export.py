@@ -162,7 +162,7 @@ def test_a_file_holds_odometry_whose_gain_can_be_edited(tmp_path):
         ("0.15*(measured", "nan*(measured", "line 28, column 17: the gain"),
         ("0.02*9.81", "0.02*9.8", "line 22, column 46: odometry is one program"),
         ("normal = unit(", "normal = (", "line 30, column 10: odometry is one program"),
-        ("stood = touching", "# stood = touching", "line 24, column 1: odometry is one"),
+        ("stood = touching", "# stood = touching", "line 25, column 1: odometry is one"),
         ("h = dot(normal", "# h = dot(normal", "line 33, column 1: odometry lacks"),
         ("\ndefinitions", "\nh = 2\n\ndefinitions", "line 33, column 1: odometry ends"),
         ("\ndefinitions", "\nodometry\n\ndefinitions", "line 33, column 1: odometry stands"),
