@@ -45,7 +45,8 @@ _PROGRAM = (
 """The statements of the program, and what they give."""
 
 STATEMENTS = tuple(
-    re.sub("|".join(_NUMBERS), lambda name: _NUMBERS[name[0]], statement) for statement, _ in _PROGRAM
+    re.sub("|".join(_NUMBERS), lambda name: _NUMBERS[name[0]], statement)
+    for statement, _ in _PROGRAM
 )
 """The same with all numbers but the gain."""
 

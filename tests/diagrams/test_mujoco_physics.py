@@ -16,7 +16,7 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.randomization import NOMINAL
-from glassgait.models.task.terrain import Terrain
+from glassgait.models.task.terrain import PLANE, Terrain
 
 A1 = load_robot()
 
@@ -187,13 +187,17 @@ def test_groups_of_two_engines_move_as_those_of_each(generator):
 
 
 @pytest.mark.parametrize("engine", ["drake", "mujoco"])
-def test_bodies_sink_into_the_ground_where_feet_alone_collide(engine):
+@pytest.mark.parametrize("terrain", [PLANE, Terrain(kind="blocks", amplitude=0.01)])
+def test_bodies_sink_into_the_ground_where_feet_alone_collide(engine, terrain):
     state = kinematics.standing_state(A1)
     state[quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
     state[quadruped.POSITION] = 0.0, 0.0, 0.06
     for feet_only in (False, True):
-        station = StationConfig(engine=engine, time_step=0.005, feet_only=feet_only)
+        station = StationConfig(
+            engine=engine, time_step=0.005, feet_only=feet_only, terrain=terrain
+        )
         physics, lying = make_physics(A1, station), state[None]
         for _ in range(10):
             lying = physics.step(lying, A1.default_stance[None]).states
-        assert (lying[0, 6] < 0.0) == feet_only
+        on_boxes = engine == "drake" and not terrain.is_plane
+        assert (lying[0, 6] < 0.0) == (feet_only or on_boxes)
