@@ -52,9 +52,9 @@ STATEMENTS = tuple(
 
 _LEGEND = (
     "# w: angular velocity, rad/s; dv: change of velocity since the step before, m/s; g: direction",
-    "# of gravity; p: where a foot is, m; dp: how fast its joints move it, m/s; dr: how fast they turn",
-    "# its shank, rad/s; radius: of a foot, m. By IMU and joints, in the trunk's frame. One number of",
-    "# this program may be edited, the gain: above 0, up to 1.",
+    "# of gravity; p: where a foot is, m; dp: how fast its joints move it, m/s; dr: how fast they",
+    "# turn its shank, rad/s; radius: of a foot, m. By IMU and joints, in the trunk's frame. One",
+    "# number of this program may be edited, the gain: above 0, up to 1.",
 )
 
 _TOKEN = re.compile(r"[0-9.]+(?:[eE][+-]?[0-9]+)?|[A-Za-z_][A-Za-z0-9_.]*|\S")

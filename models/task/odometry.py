@@ -1,10 +1,11 @@
 """Leg odometry: the body state from an IMU, the joints and the feet that stand.
 
 A foot that stands moves backward under the trunk as fast as the trunk goes forward, less what it
-rolls on its sphere: its lowest point, not its centre, is at rest. Velocity is predicted by the accelerometer and corrected by the standing feet, a linear
-filter with one gain; the places where the feet stood last, carried along, are the ground. Its
-anchors are the legged odometry of Bloesch et al. (*State Estimation for Legged Robots*, 2012) and
-the linear Kalman filter of the Mini Cheetah (Bledt et al., 2018), whose gains settle at constants.
+rolls on its sphere: its lowest point, not its centre, is at rest. Velocity is predicted by the
+accelerometer and corrected by the standing feet, a linear filter with one gain; the places where
+the feet stood last, carried along, are the ground. Its anchors are the legged odometry of Bloesch
+et al. (*State Estimation for Legged Robots*, 2012) and the linear Kalman filter of the Mini Cheetah
+(Bledt et al., 2018), whose gains settle at constants.
 """
 
 import hashlib
@@ -24,7 +25,6 @@ from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY, ImuReading
 from glassgait.models.task.observation import BASE_VELOCITY_SCALE
-
 
 SLIP = 1.0
 """Speed over the ground at which a foot does not stand (m/s)."""
