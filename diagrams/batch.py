@@ -268,8 +268,7 @@ class BatchSimulator:
             fall_speed=s.fall_speed,
             tracked=s.tracked,
             weights=self._weights,
-            limit_targets=self.task.limit_targets,
-            gains=self.task.gains,
+            joint_law=self.task.joint_law,
         )
 
     def _moved(self, s: TaskState, action: Array) -> PhysicsStep:
@@ -277,7 +276,7 @@ class BatchSimulator:
         very_late = s.latency > CONTROL_PERIOD
         coming = np.where(very_late[:, None], s.action, action)
         held = np.where(very_late[:, None], s.action_before, s.action)
-        robot, limited = self.task.robot, self.task.limit_targets
+        robot, limited = self.task.robot, self.task.joint_law.limited
         return self.physics.step(
             s.plant,
             robot.joint_targets(coming, limited=limited),

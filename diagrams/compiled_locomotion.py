@@ -40,9 +40,10 @@ def MakeCompiledLocomotion(  # noqa: N802
             "and leave stuck_open and stuck_closed out"
         )
     builder = DiagramBuilder()
+    robot, law = scenario.robot_of(), controller.joint_law
+    scenario = replace(scenario, station=scenario.station.with_gains(robot, law))
     if scenario.limit_targets is None:
-        scenario = replace(scenario, limit_targets=controller.limits_targets)
-    robot = scenario.robot_of()
+        scenario = replace(scenario, limit_targets=law.limited)
     locomotion = builder.AddSystem(MakeLocomotion(gait, scenario))
     acting = CompiledController(robot, controller, scenario.station.ground)
     builder.AddNamedSystem("compiled_controller", acting)

@@ -9,6 +9,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 
 from glassgait.diagrams.station import MUJOCO_CONTACT_TIME, StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import FEW, IN_ORDER, Count, Natural, NotNegative, Positive, Settings
 from glassgait.models.task.randomization import Randomization
@@ -173,9 +174,18 @@ class DomainRandomization(Settings):
                 f"the station's time_step, {self.station.time_step}"
             )
 
-    def stations(self, robot: Robot, generator: np.random.Generator) -> list[StationConfig]:
-        """Draws the physics of every group of robots."""
-        drawn = self.groups.draw(robot, self.station, self.n_groups, generator)
+    def stations(
+        self, robot: Robot, generator: np.random.Generator, law: JointLaw = OWN_LAW
+    ) -> list[StationConfig]:
+        """Draws the physics of every group of robots.
+
+        Args:
+            robot: What robots they are.
+            generator: Source of randomness.
+            law: What gives the gains that the station leaves out; the robot's own by default.
+        """
+        station = self.station.with_gains(robot, law)
+        drawn = self.groups.draw(robot, station, self.n_groups, generator)
         fine = [
             replace(station, time_step=step)
             for station, step in zip(drawn, self.fine_steps, strict=False)

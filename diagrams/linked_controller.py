@@ -5,9 +5,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem
 
 from glassgait.diagrams.controller import AddController, Sensed, Senses
+from glassgait.models.errors import InputError
 from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import targets_t
 from glassgait.models.policies.controller import Controller
+from glassgait.models.robots.joint_law import OWN_LAW
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_receiver import CommandReceiver
@@ -48,8 +50,16 @@ def MakeLinkedController(  # noqa: N802
         channels: Names of the channels.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or has no estimator.
+        InputError: if a policy was made for another gait or observation, has no estimator, or
+            learned with joints of other gains than the robot's own, which messages do not hold.
     """
+    gains, own = policy.joint_law.gains_of(robot), OWN_LAW.gains_of(robot)
+    if gains != own:
+        raise InputError(
+            f"the {gait.name}'s policy learned with joints of gains {gains}, and the robot's own "
+            f"end drives them by {own}, those of its robot.yaml; write the policy's there, or take "
+            "another policy"
+        )
     builder = DiagramBuilder()
     receiver = builder.AddNamedSystem("sensors_receiver", SensorsReceiver())
     builder.ExportInput(receiver.get_message_input_port(), "sensors")

@@ -14,6 +14,7 @@ from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -99,7 +100,7 @@ def MakeLocomotion(  # noqa: N802
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
     scenario = scenario or Scenario()
-    robot, limited = scenario.robot_of(policy), scenario.limits_targets(policy)
+    robot, law = scenario.robot_of(policy), scenario.joint_law(policy)
     first = gait.gait if isinstance(gait, GaitSwitch) else gait
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise
@@ -113,7 +114,7 @@ def MakeLocomotion(  # noqa: N802
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
     plant, scene_graph, instance = AddStation(
-        builder, robot, scenario.station, reach=laid(scenario.station.terrain)
+        builder, robot, scenario.station_of(policy), reach=laid(scenario.station.terrain)
     )
     state = AddWorldState(builder, plant, scenario.station)
     sensors = AddSensors(builder, robot, scenario, state, errors, imu=senses.need_imu)
@@ -134,9 +135,9 @@ def MakeLocomotion(  # noqa: N802
         builder.ExportInput(hold.get_action_input_port(), "actions")
     desired_state = plant.get_desired_state_input_port(instance)
     joints = actuated_joints(plant)
-    _add_joint_targets(builder, robot, scenario, hold, joints, desired_state, limited)
+    _add_joint_targets(builder, robot, scenario, hold, joints, desired_state, law.limited)
     judged = _add_judges(
-        builder, robot, scenario, state, commanded[0], sensors.feet, machine, hold, limited
+        builder, robot, scenario, state, commanded[0], sensors.feet, machine, hold, law
     )
     if meshcat is not None:
         AddLocomotionDisplay(
@@ -214,10 +215,9 @@ def _add_judges(
     foot_sensor: FootSensor,
     machine: RewardMachineSystem,
     hold: ActionHold,
-    limited: bool,
+    law: JointLaw,
 ) -> dict[str, OutputPort]:
-    gains = scenario.station.gains(robot)
-    reward = RewardSystem(robot, scenario.weights, limit_targets=limited, gains=gains)
+    reward = RewardSystem(robot, scenario.weights, joint_law=law)
     builder.AddNamedSystem("reward", reward)
     monitor = builder.AddNamedSystem(
         "fall_monitor", FallMonitor(robot, scenario.limits, scenario.station.ground)

@@ -16,6 +16,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Count, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -191,11 +192,19 @@ class Scenario(Settings):
             )
         return own
 
-    def limits_targets(self, policy: Controller | Policy | None) -> bool:
-        """Returns whether joints follow targets within their ranges alone where a policy acts."""
-        if self.limit_targets is not None:
-            return self.limit_targets
-        return policy is not None and policy.limits_targets
+    def joint_law(self, policy: Controller | Policy | None) -> JointLaw:
+        """Returns how joints follow a policy's targets: as the scenario says, else as they are to.
+
+        Gains that it names alone stand in place of the policy's, or else of the robot's.
+        """
+        law = OWN_LAW if policy is None else policy.joint_law
+        gains = self.station.gains(self.robot_of(policy), law)
+        return JointLaw(gains, law.limited if self.limit_targets is None else self.limit_targets)
+
+    def station_of(self, policy: Controller | Policy | None) -> StationConfig:
+        """Returns the station whose joints have the gains by which a policy's are to be driven."""
+        law = OWN_LAW if policy is None else policy.joint_law
+        return self.station.with_gains(self.robot_of(policy), law)
 
     @property
     def names_a_command(self) -> bool:

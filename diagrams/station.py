@@ -1,6 +1,6 @@
 """The station: the robot, its PD-controlled joints, the ground and their contact."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -31,6 +31,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from glassgait.diagrams.ground import add_ground, set_friction, set_ground
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.joint_law import OWN_LAW, Damping, JointLaw, Stiffness
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -98,9 +99,9 @@ class StationConfig(Settings):
         payload_position: Where the payload's centre is in the trunk's frame (m).
         motor_strength: Factor on the torque that every motor gives, and on its limit.
         stiffness: Gain of the joints' position control (N·m/rad), before that factor; by default
-            the robot's.
+            those of the policy, or the robot's.
         damping: Gain of the joints' velocity control (N·m·s/rad), before that factor; by default
-            the robot's.
+            those of the policy, or the robot's.
         armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
         feet_only: Whether feet alone collide with the ground: other bodies that touch it end an
             episode by their pose, and a plant without their contacts takes less time. In Drake they
@@ -125,8 +126,8 @@ class StationConfig(Settings):
     terrain: Terrain = field(default_factory=Terrain)
     payload_position: Place = (0.0, 0.0, 0.0)
     motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0
-    stiffness: Annotated[float, Ge(0), Le(1000.0)] | None = None
-    damping: Annotated[float, Ge(0), Le(100.0)] | None = None
+    stiffness: Stiffness | None = None
+    damping: Damping | None = None
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
     feet_only: bool = False
     engine: Engine = "drake"
@@ -169,10 +170,23 @@ class StationConfig(Settings):
             )
         return n_steps
 
-    def gains(self, robot: Robot) -> tuple[float, float]:
-        """Returns stiffness and damping of a robot's joints, without the motors' factor."""
-        stiffness = robot.stiffness if self.stiffness is None else self.stiffness
-        return stiffness, robot.damping if self.damping is None else self.damping
+    def gains(self, robot: Robot, law: JointLaw = OWN_LAW) -> tuple[float, float]:
+        """Returns stiffness and damping of a robot's joints, without the motors' factor.
+
+        Args:
+            robot: The robot.
+            law: What gives those that the station leaves out; the robot's own by default.
+        """
+        stiffness, damping = law.gains_of(robot)
+        return (
+            stiffness if self.stiffness is None else self.stiffness,
+            damping if self.damping is None else self.damping,
+        )
+
+    def with_gains(self, robot: Robot, law: JointLaw) -> "StationConfig":
+        """Returns the station with a law's gains where it leaves them out."""
+        stiffness, damping = self.gains(robot, law)
+        return replace(self, stiffness=stiffness, damping=damping)
 
 
 def AddStation(  # noqa: N802

@@ -10,8 +10,9 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, expert_of
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot, load_robot
-from glassgait.models.settings import NotNegative, Settings
+from glassgait.models.settings import Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization
@@ -35,11 +36,9 @@ class TaskConfig(Settings):
         limits: Bounds of the termination.
         episode_steps: Control steps of an episode.
         command: Where commands come from.
-        limit_targets: Whether joints follow targets within their ranges alone.
+        joint_law: How joints follow targets, by which their torques are charged.
         robot: What robots they are.
         observes_imu: Whether gravity's direction and the angular velocity are observed.
-        gains: Stiffness and damping of the joints, by which their torques are charged (N·m/rad,
-            N·m·s/rad); the robot's by default.
     """
 
     title: ClassVar[str] = "task"
@@ -50,10 +49,9 @@ class TaskConfig(Settings):
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
     command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
-    limit_targets: bool = False
+    joint_law: JointLaw = OWN_LAW
     robot: Robot = field(default_factory=load_robot)
     observes_imu: bool = False
-    gains: tuple[NotNegative, NotNegative] | None = None
 
     @classmethod
     def of_scenario(
@@ -69,8 +67,8 @@ class TaskConfig(Settings):
         Args:
             gait: The gait.
             scenario: The scenario.
-            policy: The controller, where the scenario leaves it to the policy whether targets are
-                kept within the joints' ranges.
+            policy: The controller, where the scenario leaves it to the policy how joints follow
+                targets.
             episode_steps: Control steps of an episode.
 
         Raises:
@@ -88,8 +86,7 @@ class TaskConfig(Settings):
             limits=scenario.limits,
             episode_steps=episode_steps,
             command=command,
-            limit_targets=scenario.limits_targets(policy),
+            joint_law=scenario.joint_law(policy),
             robot=robot,
             observes_imu=policy is not None and expert_of(policy).layout.imu,
-            gains=scenario.station.gains(robot),
         )

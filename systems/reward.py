@@ -11,6 +11,7 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.reward import REWARD_TERMS, Reward, RewardWeights, step_reward
@@ -52,21 +53,18 @@ class RewardSystem(LeafSystem):
         robot: Robot,
         weights: RewardWeights | None = None,
         *,
-        limit_targets: bool = False,
-        gains: tuple[float, float] | None = None,
+        joint_law: JointLaw = OWN_LAW,
     ) -> None:
         """
         Args:
             robot: The robot.
             weights: Weights of the terms.
-            limit_targets: Whether the joints follow targets within their ranges alone.
-            gains: Stiffness and damping of the joints (N·m/rad, N·m·s/rad); the robot's by default.
+            joint_law: How the joints follow targets.
         """
         super().__init__()
         self._robot = robot
         self._weights = weights or RewardWeights()
-        self._limit_targets = limit_targets
-        self._gains = gains
+        self._joint_law = joint_law
         self._joint_velocity = self.DeclareDiscreteState(quadruped.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         self._air_time = self.DeclareDiscreteState(np.full(quadruped.N_LEGS, -CONTROL_PERIOD))
@@ -176,8 +174,7 @@ class RewardSystem(LeafSystem):
             fall_speed=context.get_discrete_state(self._fall_speed).value(),
             tracked=context.get_discrete_state(self._tracked).value(),
             weights=self._weights,
-            limit_targets=self._limit_targets,
-            gains=self._gains,
+            joint_law=self._joint_law,
         )
 
     def _calc_reward(self, context: Context, output: BasicVector) -> None:

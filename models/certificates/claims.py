@@ -10,6 +10,7 @@ from annotated_types import MaxLen, MinLen
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import DISTINCT, FEW, Positive, Settings
 from glassgait.models.task.gait import Gait
@@ -117,13 +118,14 @@ class Claim(Settings):
     def refused_as(self) -> str:
         return f"claim {shown(self.name)}"
 
-    def of(self, robot: Robot) -> "Claim":
-        """Returns the claim about a robot, whose own limit is a number."""
+    def of(self, robot: Robot, law: JointLaw) -> "Claim":
+        """Returns the claim about a robot of a joint law, whose own limit is a number."""
         if self.limit is None:
             return self
         torque = float(min(robot.effort[joint] for joint in self.joint_indices()))
-        own = torque if self.limit == "torque" else robot.damping
-        return replace(self, most=own / robot.stiffness, limit=None)
+        stiffness, damping = law.gains_of(robot)
+        own = torque if self.limit == "torque" else damping
+        return replace(self, most=own / stiffness, limit=None)
 
     def joint_indices(self) -> tuple[int, ...]:
         """Returns the joints, by index."""
@@ -206,12 +208,15 @@ def claim_files(*, imu: bool) -> tuple[Path, ...]:
     return (DEFAULT_CLAIMS, IMU_CLAIMS) if imu else (DEFAULT_CLAIMS,)
 
 
-def load_claims(path: Path, robot: Robot | None = None) -> tuple[Claim, ...]:
+def load_claims(
+    path: Path, robot: Robot | None = None, law: JointLaw = OWN_LAW
+) -> tuple[Claim, ...]:
     """Loads the claims that a YAML file lists under `claims`, about a robot.
 
     Args:
         path: The file.
         robot: The robot; the default one by default.
+        law: The law of its joints; its own by default.
 
     Raises:
         InputError: if the file cannot be read or a claim is not one; the message names the file,
@@ -226,7 +231,7 @@ def load_claims(path: Path, robot: Robot | None = None) -> tuple[Claim, ...]:
             raise InputError(f"{path}: claim {index + 1}: needs the key 'name'; add it")
     about = robot or load_robot()
     claims = tuple(
-        Claim.from_plain(one, _where(path, i, one)).of(about) for i, one in enumerate(listed)
+        Claim.from_plain(one, _where(path, i, one)).of(about, law) for i, one in enumerate(listed)
     )
     names = [claim.name for claim in claims]
     for name in names:

@@ -127,6 +127,7 @@ class Prover:
         self.statements: dict[tuple[BoundQuery, Place], Statement] = {}
         self._rounding = cache(self._rounded)
         self.targets = targets_of(policy)
+        self.stiffness, _ = policy.joint_law.gains_of(policy.robot)
         self.symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
 
     def range_of(self, state: int, joint: int, box: str) -> tuple[Statement, Statement]:
@@ -209,7 +210,7 @@ class Prover:
                 found.append((statement, limit))
         if not found:
             return Verdict(claim, "proved", 0.0, claim.most or 0.0, UNASKED)
-        unit = self.policy.robot.stiffness if claim.kind == "torque" else 1.0
+        unit = self.stiffness if claim.kind == "torque" else 1.0
         reached, allowed = max(found, key=lambda own: own[0].found.reached - own[1])
         if reached.found.reached > allowed + REFUTED:
             value = unit * reached.question.sign * reached.found.reached
@@ -233,7 +234,7 @@ class Prover:
                 return [(BoundQuery("target", state, joint, sign), end) for sign, end in ends]
             case "torque":
                 robot = self.policy.robot
-                most = claim.greatest(robot, joint) / robot.stiffness
+                most = claim.greatest(robot, joint) / self.stiffness
                 return [(BoundQuery("offset", state, joint, sign), most) for sign in (1, -1)]
         of: Of = "slope" if claim.kind == "never" else "effect"
         sign = -1 if claim.never == "falls" else 1

@@ -104,7 +104,7 @@ class LoadedController:
         name: Its name.
         n_gaits: Number of its gaits; of several, one is requested at each step.
         has_imu: Whether it reads an IMU.
-        limits_targets: Whether its targets stay within the joints' ranges.
+        joint_law: How joints are to follow its targets, which it limits itself if they are to.
     """
 
     def __init__(self, path: Path, written: ControllerSource) -> None:
@@ -122,7 +122,7 @@ class LoadedController:
         number = ctypes.c_int
         self.n_gaits = len(written.n_states)
         self.has_imu, self._has_odometry = written.has_imu, written.has_odometry
-        self.limits_targets = written.limits_targets
+        self.joint_law = written.joint_law
         self._first_states = np.cumsum([0, *written.n_states[:-1]])
         several: dict[str, Any] = {"gait": number} if self.n_gaits > 1 else {}
         self._memory = _struct(

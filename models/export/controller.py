@@ -18,6 +18,7 @@ from glassgait.models.policies.neural import MirroredNetwork, Network
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -59,7 +60,7 @@ class ControllerSource:
         real: The type that it computes in.
         n_states: Number of states of each gait's machine.
         takes_state: Whether its policy's function takes the machine's state first.
-        limits_targets: Whether its targets stay within the joints' ranges.
+        joint_law: How joints are to follow its targets, which it limits itself if they are to.
         has_imu: Whether it reads an IMU.
         has_odometry: Whether it estimates by odometry.
         source: The C file.
@@ -70,7 +71,7 @@ class ControllerSource:
     real: Real
     n_states: tuple[int, ...]
     takes_state: bool
-    limits_targets: bool
+    joint_law: JointLaw
     has_imu: bool
     has_odometry: bool
     source: str
@@ -174,7 +175,7 @@ def write_controller(
         real,
         n_states,
         takes_state=values["takes_state"],
-        limits_targets=controller.limits_targets,
+        joint_law=controller.joint_law,
         has_imu=has_imu,
         has_odometry=has_odometry,
         source=source,
@@ -283,6 +284,7 @@ def _common_values(
 ) -> dict[str, Any]:
     """Returns what the templates of every controller ask for; several gaits are given as one."""
     robot = controller.robot
+    stiffness, damping = controller.joint_law.gains_of(robot)
     return {
         "name": name,
         "prefix": name.upper(),
@@ -292,13 +294,13 @@ def _common_values(
         "version": commented(version),
         "legs": list(quadruped.LEGS),
         "stance": robot.default_stance.tolist(),
-        "limits_targets": controller.limits_targets,
+        "limits_targets": controller.joint_law.limited,
         **_ranges(robot),
         "mark": INITIALISED,
         "action_scale": robot.action_scale,
-        "stiffness": robot.stiffness,
-        "damping": robot.damping,
-        "constants_of_robot": _constants_of_robot(robot, gait),
+        "stiffness": stiffness,
+        "damping": damping,
+        "constants_of_robot": _constants_of_robot(controller, gait),
         "period": CONTROL_PERIOD,
         "rate": round(1.0 / CONTROL_PERIOD),
         "overdue": OVERDUE,
@@ -318,12 +320,16 @@ def refuse_other_than_names(name: str) -> None:
         )
 
 
-def _constants_of_robot(robot: Robot, gait: Gait) -> list[tuple[str, float, str]]:
+def _constants_of_robot(
+    controller: AlternatingController, gait: Gait
+) -> list[tuple[str, float, str]]:
     """Lists the numbers that a caller may need, with what they are."""
+    robot = controller.robot
+    stiffness, damping = controller.joint_law.gains_of(robot)
     return [
         ("PERIOD", CONTROL_PERIOD, "s between two steps"),
-        ("STIFFNESS", robot.stiffness, "kp of every joint, N m/rad"),
-        ("DAMPING", robot.damping, "kd of every joint, N m s/rad, to velocity 0"),
+        ("STIFFNESS", stiffness, "kp of every joint, N m/rad"),
+        ("DAMPING", damping, "kd of every joint, N m s/rad, to velocity 0"),
         *_efforts(robot),
         ("MAX_SPEED", gait.max_speed, "greatest command, forward and back, m/s"),
         ("MAX_YAW_RATE", gait.max_yaw_rate, "greatest command, left and right, rad/s"),

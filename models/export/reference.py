@@ -48,7 +48,7 @@ class PythonController:
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
         self._policy = controller.policy
         self._estimator = estimator_in_loop(controller)
-        self._limits_targets = controller.limits_targets
+        self._limited = controller.joint_law.limited
 
     def initial(self) -> Array:
         """Returns what it remembers before its first step (23, with odometry 43)."""
@@ -94,9 +94,7 @@ class PythonController:
         action = self._policy(np.concatenate([own, body]))
         after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
         after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
-        return Step(
-            after, self._policy.robot.joint_targets(action, limited=self._limits_targets), OK
-        )
+        return Step(after, self._policy.robot.joint_targets(action, limited=self._limited), OK)
 
     def _measured(self, odometry: Odometry, memory: Array, sensors: Sensors) -> tuple[Array, Array]:
         """Advances odometry; returns the body state (7) and what odometry then remembers (20)."""

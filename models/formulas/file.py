@@ -14,15 +14,17 @@
     state 0
     FL_hip = 0.0412 + 0.52*q.FL_hip - 0.013*dq.FL_hip + late*(0.1 - 0.2*cmd.yaw)
 
-A formula is a joint's target in rad. Its names are those of the robot's quantities, in SI units
-but for times, which are in control steps, and of what is defined above it. An indented line goes on
+A formula is a joint's target in rad. Its names are those of the robot's quantities, in SI units but
+for times, which are in control steps, and of what is defined above it. An indented line goes on
 with the one before. Formulas that serve all states of the machine stand under `every state`. Where
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
-those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0.
-`targets: limited` says that joints follow the nearest targets within their ranges, where a formula
-asks for one beyond. `robot: …` names the robot, where it is not the default one. `senses: imu` says
-that formulas may hold gravity's direction and the angular velocity, and `odometry` that the robot's
-velocity and its feet's heights are estimated by the program that stands there, with its gain.
+those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0. `targets:
+limited` says that joints follow the nearest targets within their ranges, where a formula asks for
+one beyond. `gains: 40 1` says that they follow them with a stiffness of 40 N·m/rad and a damping of
+1 N·m·s/rad, where those are not the robot's own. `robot: …` names the robot, where it is not the
+default one. `senses: imu` says that formulas may hold gravity's direction and the angular velocity,
+and `odometry` that the robot's velocity and its feet's heights are estimated by the program that
+stands there, with its gain.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
@@ -31,6 +33,7 @@ with a space goes on with the line before.
     file       = header [ "odometry" program ] [ "definitions" { name "=" formula } ] targets
     header     = "format: 1" "gait: " text [ "robot: " text ] "states: " number
                  [ "senses: imu" ] [ "mirror: " { number } ] [ "targets: limited" ]
+                 [ "gains: " real real ]
     targets    = "every state" { target } | { "state " number { target } }
     target     = joint "=" formula
 
@@ -53,8 +56,10 @@ from glassgait.models.formulas.text import (
     parse_formula,
     refuse_unprintable,
     written_lines,
+    written_number,
 )
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout, entries_of
@@ -76,7 +81,7 @@ MAX_TEXT = 1_000_000
 
 MAX_DEFINITIONS = 200
 
-HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets")
+HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets", "gains")
 """Keys of a file's header."""
 
 _SECTION = re.compile(r"state (\d{1,3})")
@@ -97,7 +102,7 @@ class FormulaFile:
         formulas: The formula of each state and joint, or of each joint where it serves all states;
             mirror images included.
         mirror: State that each state is in the mirror; none where no formula has a mirror image.
-        limits_targets: Whether joints follow targets within their ranges alone.
+        joint_law: How joints follow targets.
         robot: Name of the robot; files of the default one leave it out.
         odometry: What estimates the body state; none where that is the expert's estimator.
     """
@@ -106,7 +111,7 @@ class FormulaFile:
     vocabulary: Vocabulary
     formulas: Mapping[Place, Expression]
     mirror: tuple[int, ...] | None = None
-    limits_targets: bool = False
+    joint_law: JointLaw = OWN_LAW
     robot: str = DEFAULT_ROBOT
     odometry: Odometry | None = None
 
@@ -170,8 +175,11 @@ def _lines(file: FormulaFile) -> Iterator[str]:
         yield f"senses: {IMU}"
     if file.mirror is not None:
         yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"
-    if file.limits_targets:
+    law = file.joint_law
+    if law.limited:
         yield f"targets: {LIMITED}"
+    if law.gains is not None:
+        yield f"gains: {' '.join(map(written_number, law.gains))}    # {_GAINS}"
     yield ""
     held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
     yield from _legend(held, names)
@@ -204,6 +212,7 @@ def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[
     yield from (f"# {line}" for line in legend)
 
 
+_GAINS = "of the joints, N m/rad and N m s/rad"
 _MIRROR = "states 0, 1, ... in a mirror; a formula left out is another's mirror image"
 
 _LEGEND = {
@@ -338,6 +347,22 @@ class _Reader:
             raise TextError(
                 f"targets: must be {LIMITED!r}, or be left out", self.lines["targets"], 1
             )
+        self.law = self._law()
+
+    def _law(self) -> JointLaw:
+        limited = "targets" in self.header
+        if "gains" not in self.header:
+            return JointLaw(limited=limited)
+        try:
+            stiffness, damping = map(float, self.header["gains"].split())
+            return JointLaw((stiffness, damping), limited)
+        except (ValueError, InputError) as error:
+            raise TextError(
+                "gains: must be a stiffness (N·m/rad), above 0 and up to 1000, and a damping "
+                "(N·m·s/rad), above 0 and up to 100, such as 40 1",
+                self.lines["gains"],
+                1,
+            ) from error
 
     def _mirror(self, text: str, line: int) -> tuple[int, ...]:
         images = text.split()
@@ -408,10 +433,9 @@ class _Reader:
                 joint = quadruped.JOINTS[place[-1]]
                 raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
         ordered = {place: formulas[place] for place in wanted}
-        limited = "targets" in self.header
         robot = self.header.get("robot", DEFAULT_ROBOT)
         return FormulaFile(
-            self.header["gait"], vocabulary, ordered, self.mirror, limited, robot, self.odometry
+            self.header["gait"], vocabulary, ordered, self.mirror, self.law, robot, self.odometry
         )
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.policy import Policy, refuse_other_estimator
+from glassgait.models.policies.policy import Policy, refuse_other_estimator, refuse_other_gains
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.assurance import (
@@ -71,9 +72,9 @@ class Controller(ABC):
         return self.expert.estimator
 
     @property
-    def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone: if the expert learned so."""
-        return self.expert.limits_targets
+    def joint_law(self) -> JointLaw:
+        """How joints follow targets: as the expert learned it."""
+        return self.expert.joint_law
 
     def begin(self, n_robots: int) -> Any:
         """Returns the memory at the start of an episode; None where nothing is remembered."""
@@ -108,10 +109,13 @@ class AlternatingController(Controller):
         Raises:
             ValueError: if the period is negative, or asks for a student that is not given.
             InputError: if the student observes by the estimator of another expert, or by odometry
-                of its own where the expert acts as well and has another estimator.
+                of its own where the expert acts as well and has another estimator; or both act and
+                their joints have different gains.
         """
         if self.student is not None:
             refuse_other_estimator(self.expert, self.student, both_act=self.period > 1)
+            if self.period > 1:
+                refuse_other_gains(self.expert, self.student)
         if self.period < 0:
             raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
         if self.student is None and self.period != 1:
@@ -144,13 +148,10 @@ class AlternatingController(Controller):
         return policy
 
     @property
-    def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone.
-
-        They do if the expert learned so, and if a student acts alone that is to be run so.
-        """
-        student = self.student if self.period == 0 else None
-        return self.expert.limits_targets or (student is not None and student.limits_targets)
+    def joint_law(self) -> JointLaw:
+        """How joints follow targets: as the expert learned it, or a student that acts alone."""
+        law = self.expert.joint_law
+        return law if self.student is None or self.period else self.student.joint_law.over(law)
 
     def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
         """Acts by the expert at every `period`-th step, and otherwise by the student."""
@@ -261,8 +262,8 @@ class WrappedController(Controller):
         return self.inner.estimator
 
     @property
-    def limits_targets(self) -> bool:
-        return self.inner.limits_targets
+    def joint_law(self) -> JointLaw:
+        return self.inner.joint_law
 
     def begin(self, n_robots: int) -> Any:
         return self.inner.begin(n_robots)

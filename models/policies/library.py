@@ -19,6 +19,7 @@ from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder, robot_of
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
@@ -92,7 +93,9 @@ def load_policy(path: Path, robot: Robot | None = None) -> Policy:
     names = {"gait": header["gait"], "observation_names": tuple(header["observation_names"])}
     robot = robot_of(path, header.get("robot"), robot)
     try:
-        return policy.from_arrays(arrays, header["values"], robot=robot, **names)
+        law = JointLaw.from_plain(header.get("joint_law", {}), JointLaw.title)
+        own = policy.from_arrays(arrays, header["values"], robot=robot, **names)
+        return own.with_joint_law(law)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

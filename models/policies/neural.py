@@ -136,8 +136,6 @@ class NeuralPolicy(Policy):
         estimator: Maps proprioception to the last seven entries of the observation, or is odometry.
         mirrored_states: What the machine's states stand for in the mirror, if both networks treat
             left and right alike.
-        limits_targets: Whether it learned with joints that follow targets within their ranges
-            alone.
     """
 
     kind = "neural"
@@ -153,7 +151,6 @@ class NeuralPolicy(Policy):
         estimator: Network | Odometry,
         mirrored_states: tuple[int, ...] | None = None,
         *,
-        limits_targets: bool = False,
         robot: Robot | None = None,
     ) -> None:
         """
@@ -164,8 +161,6 @@ class NeuralPolicy(Policy):
                 odometry.
             mirrored_states: `symmetry.mirrored_states` of the gait, for networks that are to treat
                 left and right alike.
-            limits_targets: Whether it learned with joints that follow targets within their ranges
-                alone.
 
         Raises:
             InputError: if a layer is not what it must be, or the states are no mirror images.
@@ -181,7 +176,6 @@ class NeuralPolicy(Policy):
             estimator=isinstance(estimator, Network),
         )
         self.mirrored_states = self._checked_states(mirrored_states)
-        self.limits_targets = self._checked_limits(limits_targets)
         self.actor: Network | MirroredNetwork = actor
         self._estimator: Network | MirroredNetwork | Odometry = estimator
         if self.mirrored_states is not None:
@@ -222,8 +216,6 @@ class NeuralPolicy(Policy):
             values["odometry"] = asdict(self._estimator)
         if states is not None:
             values["mirrored_states"] = list(states)
-        if self.limits_targets:
-            values["limits_targets"] = True
         return layers, values
 
     @classmethod
@@ -239,17 +231,7 @@ class NeuralPolicy(Policy):
             actor=Network.from_arrays(layers, "actor"),
             estimator=estimator or Network.from_arrays(layers, "estimator"),
             mirrored_states=values.get("mirrored_states"),
-            limits_targets=values.get("limits_targets", False),
         )
-
-    def _checked_limits(self, limits: bool) -> bool:
-        if not isinstance(limits, bool):
-            with self._naming_this_kind():
-                raise InputError(
-                    f"limits_targets is {shown(limits)}; it must be true or false, so train the "
-                    "expert anew"
-                )
-        return limits
 
     def _checked_states(self, states: Sequence[int] | None) -> tuple[int, ...] | None:
         if states is None:

@@ -20,6 +20,7 @@ from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.arrays import ArraySpec, narrowest, refuse_other_arrays, take_arrays
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from glassgait.models.task.observation import (
     Group,
@@ -88,9 +89,7 @@ class Policy(ABC):
         robot: The robot that it was made for.
         gait: Name of the gait it was made for.
         observation_names: Names of the observations, in order.
-        limits_targets: Whether the joints that it moves follow its targets within their ranges
-            alone: where it asks for more, they follow the nearest target there. It is shown its
-            previous action as it asked for it all the same.
+        joint_law: How the joints that it moves are to follow its targets, which it learned with.
         observes_by: Digest of the expert whose estimator it observes by; None where it has none, or
             its own.
     """
@@ -99,7 +98,7 @@ class Policy(ABC):
     _estimator: Callable[[Array], Array] | Odometry | None = None
 
     kind: ClassVar[str]
-    limits_targets: bool = False
+    joint_law: JointLaw = OWN_LAW
     suffix: ClassVar[str] = ".safetensors"
     """How the names of its files end."""
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
@@ -194,7 +193,8 @@ class Policy(ABC):
         """Returns the policy with some arrays changed, and no estimator from elsewhere."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self.array_specs}
         arrays |= changed
-        return type(self)(self.gait, self.observation_names, robot=self.robot, **arrays)
+        own = type(self)(self.gait, self.observation_names, robot=self.robot, **arrays)
+        return own.with_joint_law(self.joint_law)
 
     @cached_property
     def _one_hot(self) -> slice:
@@ -232,6 +232,12 @@ class Policy(ABC):
             )
         own = copy.copy(self)
         own.observes_by, own._estimator = expert.digest(), expert.estimator
+        return own
+
+    def with_joint_law(self, law: JointLaw) -> Self:
+        """Returns the policy whose joints are to follow another law."""
+        own = copy.copy(self)
+        own.joint_law = law
         return own
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
@@ -277,6 +283,8 @@ class Policy(ABC):
         }
         if self.robot.name != DEFAULT_ROBOT:
             header["robot"] = self.robot.name
+        if law := self.joint_law.to_plain():
+            header["joint_law"] = law
         save_arrays(path, {name: narrowest(array) for name, array in arrays.items()}, header)
 
     def compact(self) -> Self:
@@ -287,6 +295,8 @@ class Policy(ABC):
         """Returns what differs where policies would not act alike."""
         arrays, values = self.to_arrays()
         whole = hashlib.sha256(json.dumps([*self._named(), values]).encode())
+        if law := self.joint_law.to_plain():
+            whole.update(json.dumps(law).encode())
         for name in sorted(arrays):
             whole.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
         return whole.hexdigest()[:16]
@@ -347,6 +357,21 @@ def refuse_other_estimator(expert: Policy, student: Policy, *, both_act: bool) -
             f"this {student.kind} student of the {student.gait} observes by the estimator of the "
             f"expert {student.observes_by}, not by that of {expert.digest()}; give it the expert "
             "that it was distilled with"
+        )
+
+
+def refuse_other_gains(expert: Policy, student: Policy) -> None:
+    """Refuses a student whose joints have other gains than those of the expert that acts with it.
+
+    Raises:
+        InputError: if they have.
+    """
+    law = student.joint_law.over(expert.joint_law)
+    own, theirs = law.gains_of(expert.robot), expert.joint_law.gains_of(expert.robot)
+    if own != theirs:
+        raise InputError(
+            f"this {student.kind} student of the {student.gait} moves joints of gains {own}, and "
+            f"the expert that acts with it those of {theirs}; let one of them act alone"
         )
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NoReturn
 
 import numpy as np
@@ -13,6 +14,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, Estimator
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import (
     N_ESTIMATED,
@@ -75,7 +77,7 @@ class SwitchedPolicy(Policy):
             names = ObservationLayout(gait.n_states, imu=layout.imu).names
             policy.check(robot=self.robot, gait=gait.name, observation_names=names)
         self.controllers = tuple(controllers)
-        self.limits_targets = all(own.limits_targets for own in controllers)
+        self.joint_law = _common_law(controllers)
         self._digests = [controller.expert.digest() for controller in controllers]
         self._digests += [policy.digest() for policy in self.policies]
         self._odometry = _common_odometry(controllers)
@@ -169,6 +171,21 @@ def _common_odometry(controllers: Sequence[AlternatingController]) -> Odometry |
             "network; give policies that were trained with the same senses"
         )
     return found[0] if found else None
+
+
+def _common_law(controllers: Sequence[AlternatingController]) -> JointLaw:
+    """Returns the law of the joints in every gait, which limits targets if that of each does.
+
+    Raises:
+        InputError: if gains differ: they cannot change while robots walk.
+    """
+    laws, robot = [own.joint_law for own in controllers], controllers[0].robot
+    if len({law.gains_of(robot) for law in laws}) > 1:
+        raise InputError(
+            "switched policy: the policies' joints have different gains; give policies that were "
+            "trained with the same stiffness and damping"
+        )
+    return replace(laws[0], limited=all(law.limited for law in laws))
 
 
 def _columns(layout: ObservationLayout, mine: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -94,11 +94,9 @@ class FormulaPolicy(Policy):
         *,
         definitions: Sequence[Definition] = (),
         mirror: Sequence[int] | None = None,
-        limits_targets: bool = False,
         robot: Robot | None = None,
     ) -> None:
         super().__init__(gait, observation_names, robot=robot)
-        self.limits_targets = limits_targets
         self.vocabulary = Vocabulary(self.observation_names, tuple(definitions))
         with self._naming_this_kind():
             shape = self._refuse_other_shape(expressions)
@@ -145,7 +143,7 @@ class FormulaPolicy(Policy):
             self.vocabulary,
             formulas,
             self.mirror,
-            self.limits_targets,
+            self.joint_law,
             self.robot.name,
             self._odometry,
         )
@@ -183,11 +181,10 @@ class FormulaPolicy(Policy):
             expressions,
             definitions=file.vocabulary.definitions,
             mirror=file.mirror,
-            limits_targets=file.limits_targets,
             robot=robot or load_robot(file.robot),
         )
         policy._estimator = file.odometry
-        return policy
+        return policy.with_joint_law(file.joint_law)
 
     def save(self, path: Path) -> None:
         """Writes the policy's text to a file, atomically.
@@ -205,8 +202,10 @@ class FormulaPolicy(Policy):
         ]
         formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
         own = [*self._named(), self.observation_names, definitions, formulas]
-        if self.limits_targets:
+        if self.joint_law.limited:
             own.append("limited")
+        if self.joint_law.gains is not None:
+            own.append(list(self.joint_law.gains))
         if self._odometry is not None:
             own.append(self._odometry.digest())
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]

@@ -229,7 +229,7 @@ class Robot(Settings):
         target: Array,
         position: Array,
         velocity: Array,
-        gains: tuple[float, float] | None = None,
+        gains: tuple[float, float],
     ) -> Array:
         """Evaluates the joints' PD law, limited to the motors' effort.
 
@@ -239,12 +239,12 @@ class Robot(Settings):
             target: Joint position targets (..., 12; rad).
             position: Joint positions (..., 12; rad).
             velocity: Joint velocities (..., 12; rad/s).
-            gains: Stiffness and damping (N·m/rad, N·m·s/rad); the robot's own by default.
+            gains: Stiffness and damping (N·m/rad, N·m·s/rad).
 
         Returns:
             Torques (..., 12; N·m).
         """
-        stiffness, damping = gains or (self.stiffness, self.damping)
+        stiffness, damping = gains
         torque = stiffness * (target - position) - damping * velocity
         return np.minimum(np.maximum(torque, -self.effort), self.effort)
 

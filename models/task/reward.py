@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import NotNegative, Positive, Settings
@@ -171,8 +172,7 @@ def step_reward(
     fall_speed: Array,
     tracked: Array,
     weights: RewardWeights,
-    limit_targets: bool = False,
-    gains: tuple[float, float] | None = None,
+    joint_law: JointLaw = OWN_LAW,
 ) -> Reward:
     """Rewards the step that led to `state`.
 
@@ -189,8 +189,7 @@ def step_reward(
         fall_speed: `Reward.fall_speed` of the step before (..., 4; m/s).
         tracked: `Reward.tracked` of the step before (..., 2; m/s, rad/s).
         weights: Weights of the terms.
-        limit_targets: Whether the joints follow targets within their ranges alone.
-        gains: Stiffness and damping of the joints (N·m/rad, N·m·s/rad); the robot's by default.
+        joint_law: How the joints follow targets.
     """
     linear, angular = kinematics.base_velocity(state)
     tracked = _tracked(linear, angular, tracked, weights)
@@ -222,9 +221,9 @@ def step_reward(
             robot,
             state,
             previous_joint_velocity=previous_joint_velocity,
-            targets=robot.joint_targets(action, limited=limit_targets),
+            targets=robot.joint_targets(action, limited=joint_law.limited),
             change=action - previous_action,
-            gains=gains,
+            gains=joint_law.gains_of(robot),
         ),
         flight,
         _total(np.maximum(foot_height - HIGH_SWING, 0.0)),
@@ -247,7 +246,7 @@ def _joint_terms(
     previous_joint_velocity: Array,
     targets: Array,
     change: Array,
-    gains: tuple[float, float] | None,
+    gains: tuple[float, float],
 ) -> tuple[Array, Array, Array, Array]:
     """Returns what torques, accelerations, changes of the action and stretched joints come to."""
     position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]

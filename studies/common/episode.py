@@ -57,7 +57,7 @@ class World(NamedTuple):
             InputError: if commands come from sliders, or the gait is not made for them.
         """
         task = TaskConfig.of_scenario(gait, scenario, controller)
-        physics = make_physics(task.robot, scenario.station)
+        physics = make_physics(task.robot, scenario.station_of(controller))
         return cls(task, physics, scenario.true_body_state)
 
 
@@ -298,7 +298,7 @@ def _maker(
     if isinstance(gait, GaitSwitch):
         assert isinstance(scenario, Scenario)
         switch, world = gait, scenario
-        physics = make_physics(scenario.robot_of(controller), scenario.station)
+        physics = make_physics(scenario.robot_of(controller), scenario.station_of(controller))
         return lambda n: SwitchingSimulator(
             switch, world, physics, n_robots=n, policy=controller, **shared
         )

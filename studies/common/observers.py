@@ -139,15 +139,16 @@ def joint_power(controller: Controller, scenario: Scenario, plant: Array, action
 
     Args:
         controller: What acts; of its robot are the joints.
-        scenario: The world, with the joints' gains.
+        scenario: The world.
         plant: Plant states x (..., 37).
         action: Actions that the joints follow (..., 12).
     """
     robot, velocity = controller.robot, plant[..., quadruped.JOINT_VELOCITY]
+    law = scenario.joint_law(controller)
     torque = robot.joint_torque(
-        target=robot.joint_targets(action, limited=scenario.limits_targets(controller)),
+        target=robot.joint_targets(action, limited=law.limited),
         position=plant[..., quadruped.JOINT_POSITION],
         velocity=velocity,
-        gains=scenario.station.gains(robot),
+        gains=law.gains_of(robot),
     )
     return np.abs(torque * velocity).sum(axis=-1)

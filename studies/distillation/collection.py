@@ -15,6 +15,7 @@ from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
@@ -61,13 +62,13 @@ def collect(
     if isinstance(worlds, Scenario):
         world: Scenario | World = replace(worlds, command=DrawnCommands())
     else:
-        limited, robot = controller.limits_targets, controller.robot
-        drawn = worlds.stations(robot, generator)
+        law, robot = controller.joint_law, controller.robot
+        drawn = worlds.stations(robot, generator, law)
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
         task = TaskConfig(
             gait,
             worlds.randomization,
-            limit_targets=limited,
+            joint_law=JointLaw(worlds.station.gains(robot, law), law.limited),
             robot=robot,
             observes_imu=controller.expert.layout.imu,
         )

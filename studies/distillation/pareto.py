@@ -212,7 +212,8 @@ class Pareto(RolloutExperiment):
                 if not path.exists():
                     start = family.fit(samples, n_terms)
                     made = self._refined(start, path) if family.refined else start
-                    made.with_estimator_of(self.expert).save(path)
+                    made = made.with_estimator_of(self.expert)
+                    made.with_joint_law(self.expert.joint_law).save(path)
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
                 found[f"{name} {n_terms}"] = student

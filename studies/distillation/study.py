@@ -235,6 +235,7 @@ class _Distillation:
         settings, student = self._choose(kind, self._samples(seen))
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact().with_estimator_of(self.expert)
+        student = student.with_joint_law(self.expert.joint_law)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
             write_latex(student, self.folder / f"{kind}.tex")

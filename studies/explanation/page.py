@@ -149,7 +149,7 @@ def render_page(
         gait=gait,
         policy=policy_title(policy_name),
         joint=quadruped.JOINTS[joint].replace("_", " "),
-        limited=policy.limits_targets,
+        limited=policy.joint_law.limited,
         additive=any(not term.weights for own in explained for term in own.terms),
         formulas=isinstance(policy, FormulaPolicy),
         certificate=certificate,

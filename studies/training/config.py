@@ -8,7 +8,8 @@ from annotated_types import Le, MaxLen, MinLen
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
 from glassgait.models.settings import (
     IN_ORDER,
     Count,
@@ -147,7 +148,8 @@ class TrainingConfig(Settings):
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
             machine does.
         limit_targets: Whether joints follow targets within their ranges alone, the nearest ones
-            there. The expert's file says so, and it and its students are run so from then on.
+            there. The expert's file says so, and with which gains joints followed; it and its
+            students are run so from then on.
         senses: Where the body state comes from: `learned` is the paper's, a network that learns
             beside the actor, without an IMU; `odometry` estimates it by the IMU, the joints and the
             standing feet; with `imu` the actor observes gravity and angular velocity as well.
@@ -180,6 +182,12 @@ class TrainingConfig(Settings):
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+    @property
+    def joint_law(self) -> JointLaw:
+        """How joints follow targets in training, and the expert's from then on."""
+        gains = self.worlds.station.gains(load_robot(self.robot))
+        return JointLaw(gains, self.limit_targets)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -50,7 +50,6 @@ class TrainingRun(LearningRun):
             network_of(self.learner.ppo.actor.mlp),
             self.estimator if isinstance(self.estimator, Odometry) else self.estimator.to_network(),
             self._mirrored_states,
-            limits_targets=self.config.limit_targets,
             robot=load_robot(self.config.robot),
-        )
+        ).with_joint_law(self.config.joint_law)
         write_learned(policy, self.gait.name, self.config, self.progress, self.folder)

@@ -106,9 +106,9 @@ class Prove(Settings):
         console.print(f"written to {folder}")
 
     def _claims(self, gait: Gait, policy: Policy) -> tuple[Claim, ...]:
-        imu, robot = policy.layout.imu, policy.robot
-        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path, robot)]
-        own = load_claims(self.claims, robot) if self.claims else ()
+        imu, about = policy.layout.imu, (policy.robot, policy.joint_law)
+        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path, *about)]
+        own = load_claims(self.claims, *about) if self.claims else ()
         taken = {claim.name for claim in shipped}
         for claim in own:
             if claim.name in taken:

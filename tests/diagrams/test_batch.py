@@ -15,6 +15,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command
@@ -57,7 +58,7 @@ def test_either_engine_follows_the_nearest_targets_within_the_joints_ranges(
 ):
     if engine == "mujoco":
         pytest.importorskip("mujoco")
-    task = TaskConfig(trot, NOMINAL, limit_targets=limited)
+    task = TaskConfig(trot, NOMINAL, joint_law=JointLaw(limited=limited))
     physics = make_physics(A1, StationConfig(time_step=0.01, engine=engine))
     simulator = BatchSimulator(
         task, physics, n_robots=3, generator=np.random.default_rng(0), estimator=None

@@ -22,6 +22,7 @@ from glassgait.models.link.watchdog import CROUCH, Phase, Watchdog
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.imu import ImuErrors
@@ -350,6 +351,12 @@ def test_worlds_that_are_not_made_for_two_processes_are_refused(trot, page, worl
 def test_a_policy_of_another_gait_is_refused(page):
     with pytest.raises(InputError, match="trot"):
         MakeLinkedController(A1, load_gait("pace"), page, DrakeLcm("memq://"), CHANNELS)
+
+
+def test_a_policy_whose_joints_have_other_gains_than_the_robots_end_is_refused(trot, page):
+    firm = page.policy.with_joint_law(JointLaw((40.0, 1.0)))
+    with pytest.raises(InputError, match="learned with joints of gains"):
+        MakeLinkedController(A1, trot, alone(firm, page.expert), DrakeLcm("memq://"), CHANNELS)
 
 
 def test_a_step_of_both_ends_takes_less_than_a_control_period(trot, page):

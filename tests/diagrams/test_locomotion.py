@@ -25,6 +25,7 @@ from glassgait.models.policies.library import (
     load_student,
 )
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
@@ -66,7 +67,7 @@ def batch_of_one(gait, state, command, scenario, estimator, policy=None):
     task = TaskConfig.of_scenario(gait, scenario, policy)
     simulator = BatchSimulator(
         task,
-        BatchPhysics(A1, scenario.station),
+        BatchPhysics(A1, scenario.station_of(policy)),
         n_robots=1,
         generator=np.random.default_rng(0),
         estimator=None if scenario.true_body_state else estimator,
@@ -193,7 +194,7 @@ def test_they_agree_where_a_policy_asks_for_targets_beyond_the_joints_ranges(
     wild = LinearPolicy(
         "trot", page.observation_names, 4.0 * make_policy(trot).weights, np.ones(12)
     )
-    wild.limits_targets = page.limits_targets
+    wild.joint_law = page.joint_law
     scenario = replace(CALM, true_body_state=True, limit_targets=limit_targets)
     assert_agreement(trot, wild, scenario)
     diagram = MakeLocomotion(trot, scenario, policy=wild)
@@ -205,6 +206,21 @@ def test_they_agree_where_a_policy_asks_for_targets_beyond_the_joints_ranges(
     system.get_input_port().FixValue(context, rollout["actions"][-1])
     followed = system.get_output_port().Eval(context)[:12]
     assert np.array_equal(np.sort(followed), np.sort(asked[-1])) is not limited
+
+
+def test_joints_have_a_policys_gains_unless_the_scenario_names_some(trot, make_policy):
+    firm = make_policy(trot).with_joint_law(JointLaw((31.0, 0.9)))
+    for station, gains in (
+        (StationConfig(), (31.0, 0.9)),
+        (StationConfig(damping=0.4), (31.0, 0.4)),
+        (StationConfig(stiffness=17.0, damping=0.4), (17.0, 0.4)),
+    ):
+        scenario = replace(TRUE, station=station)
+        plant = MakeLocomotion(trot, scenario, policy=firm).GetSubsystemByName("plant")
+        own = plant.get_joint_actuator(plant.GetJointActuatorIndices()[0]).get_controller_gains()
+        assert (own.p, own.d) == gains
+        assert scenario.joint_law(firm).gains == gains
+    assert_agreement(trot, firm, TRUE)
 
 
 def test_they_agree_at_the_instants_at_which_commands_change(trot, monkeypatch):

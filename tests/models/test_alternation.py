@@ -11,6 +11,7 @@ from glassgait.models.policies.controller import (
     estimator_in_loop,
 )
 from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task.alternation import expert_acts, ratio_title
 from glassgait.models.task.assurance import Hysteresis, Region
 
@@ -71,15 +72,27 @@ def test_targets_are_limited_by_the_expert_or_by_a_student_that_acts_alone(
     trot, make_policy, expert_limits, student_limits, period, limited
 ):
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
-    expert.limits_targets, student.limits_targets = expert_limits, student_limits
-    assert AlternatingController(expert, student, period).limits_targets is limited
-    assert alone(expert).limits_targets is expert_limits
+    expert.joint_law = JointLaw(limited=expert_limits)
+    student.joint_law = JointLaw(limited=student_limits)
+    assert AlternatingController(expert, student, period).joint_law.limited is limited
+    assert alone(expert).joint_law.limited is expert_limits
+
+
+def test_joints_have_the_gains_of_the_policy_that_acts_or_else_of_its_expert(trot, make_policy):
+    expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
+    firm = expert.with_joint_law(JointLaw((40.0, 1.0)))
+    assert alone(student, firm).joint_law.gains == (40.0, 1.0)
+    soft = student.with_joint_law(JointLaw((10.0, 1.0)))
+    assert alone(soft, firm).joint_law.gains == (10.0, 1.0)
+    assert AlternatingController(firm, student, 3).joint_law.gains == (40.0, 1.0)
+    with pytest.raises(InputError, match="gains"):
+        AlternatingController(firm, soft, 3)
 
 
 def test_shipped_pages_that_lose_nothing_by_it_are_limited():
-    limits = {gait: load_student(gait, "sparse_formula").limits_targets for gait in PAGES}
+    limits = {gait: load_student(gait, "sparse_formula").joint_law.limited for gait in PAGES}
     assert limits == {"trot": True, "pace": True, "bound": True, "walk": False}
-    assert not any(load_expert(gait).limits_targets for gait in PAGES)
+    assert not any(load_expert(gait).joint_law.limited for gait in PAGES)
 
 
 def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_policy):

@@ -36,6 +36,7 @@ from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -140,12 +141,13 @@ def test_targets_stay_within_the_joints_ranges_where_the_policy_is_run_so(
 ):
     expert = small_expert(trot)
     if kind == "limited by its expert":
-        expert = NeuralPolicy("trot", NAMES, *expert._networks.values(), limits_targets=True)
+        expert = NeuralPolicy("trot", NAMES, *expert._networks.values())
+        expert = expert.with_joint_law(JointLaw(limited=True))
     policy = symbolic if kind == "limited" else make_policy(trot)
-    policy.limits_targets = kind == "limited"
+    policy.joint_law = JointLaw(limited=kind == "limited")
     controller = alone(policy, expert)
     written = write_controller(trot, controller, **WRITTEN)
-    assert written.limits_targets is (kind != "free")
+    assert written.joint_law.limited is (kind != "free")
     compiled, python = load_controller(written, tmp_path), PythonController(trot, controller)
     sensors, command, _ = random_sequences(A1, trot, 1, 3)[0][0]
     memory = compiled.initial()

@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glassgait.models.certificates.checker import RefusedError
+from glassgait.models.certificates.checker.text import FormulaText
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import canonical
 from glassgait.models.formulas.file import MAX_DEFINITIONS, SUFFIX, read_formulas
@@ -21,6 +23,7 @@ from glassgait.models.policies.symbolic import (
     SymbolicPolicy,
 )
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
@@ -113,12 +116,30 @@ def test_a_mirror_that_is_none_is_refused(symbolic):
 def test_a_file_says_whether_targets_are_limited(symbolic):
     free = policy_of(symbolic.to_text())
     limited = policy_of(symbolic.to_text().replace("states: 2\n", "states: 2\ntargets: limited\n"))
-    assert (free.limits_targets, limited.limits_targets) == (False, True)
+    assert (free.joint_law.limited, limited.joint_law.limited) == (False, True)
     assert "targets: limited\n" in limited.to_text()
-    assert policy_of(limited.to_text()).limits_targets
+    assert policy_of(limited.to_text()).joint_law.limited
     # What the formulas ask for is the same; what the robot does is not.
     assert limited.expressions == free.expressions
     assert limited.digest() != free.digest() == symbolic.digest()
+
+
+def test_a_file_says_with_which_gains_joints_follow(symbolic):
+    said = "states: 2\ntargets: limited\ngains: 40 1.5\n"
+    firm = policy_of(symbolic.to_text().replace("states: 2\n", said))
+    assert firm.joint_law == JointLaw((40.0, 1.5), limited=True)
+    assert "gains: 40 1.5    # of the joints" in firm.to_text()
+    assert policy_of(firm.to_text()).digest() == firm.digest() != symbolic.digest()
+    assert FormulaText.read(firm.to_text()).stiffness == 40.0
+    assert FormulaText.read(symbolic.to_text()).stiffness is None
+
+
+@pytest.mark.parametrize("gains", ["", "40", "40 1 2", "0 1", "-1 1", "nan 1", "1e4 1", "forty 1"])
+def test_gains_that_are_none_are_refused(gains):
+    text = f"{HEAD}gains: {gains}\n{EVERY}"
+    assert refusal(text).startswith("line 4, column 1: gains: must be a stiffness")
+    with pytest.raises(RefusedError):
+        FormulaText.read(text)
 
 
 def test_a_number_keeps_all_its_digits():

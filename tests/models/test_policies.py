@@ -10,6 +10,7 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy, elu
 from glassgait.models.policies.policy import first_not_finite
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
@@ -80,6 +81,26 @@ def test_a_file_whose_odometry_is_none_is_refused(gain, imu_expert, tmp_path):
     header["values"]["odometry"] = {"gain": gain}
     save_arrays(path, arrays, header)
     with pytest.raises(InputError, match="odometry"):
+        load_policy(path)
+
+
+def test_a_file_says_how_joints_follow(every_policy, tmp_path):
+    law = JointLaw((40.0, 1.0), limited=True)
+    for policy in every_policy:
+        own = policy.with_joint_law(law)
+        path = tmp_path / f"own{own.suffix}"
+        own.save(path)
+        assert load_policy(path).joint_law == law
+        assert own.digest() != policy.digest() == own.with_joint_law(policy.joint_law).digest()
+
+
+@pytest.mark.parametrize("law", [{"gains": [0, 1]}, {"gains": [40]}, {"limited": 1}, {"p": 40}, 40])
+def test_a_file_whose_joint_law_is_none_is_refused(law, imu_expert, tmp_path):
+    path = tmp_path / "expert.safetensors"
+    imu_expert.save(path)
+    arrays, header = load_arrays(path)
+    save_arrays(path, arrays, header | {"joint_law": law})
+    with pytest.raises(InputError, match="joint_law"):
         load_policy(path)
 
 

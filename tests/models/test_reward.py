@@ -5,6 +5,7 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 
@@ -179,7 +180,7 @@ def test_a_weight_that_is_not_finite_is_refused():
 def test_torque_is_that_of_the_targets_that_joints_follow(standing):
     action = np.full(12, 8.0)
     _, free = reward(standing, action=action)
-    _, limited = reward(standing, action=action, limit_targets=True)
+    _, limited = reward(standing, action=action, joint_law=JointLaw(limited=True))
     followed = A1.upper_limits - standing[quadruped.JOINT_POSITION]
     within = np.minimum(A1.action_scale * action, followed)
     torque = np.minimum(A1.stiffness * within, A1.effort[0])
@@ -191,7 +192,10 @@ def test_torques_are_charged_by_the_gains_that_act(standing):
     action = np.full(12, 0.1)
     _, own = reward(standing, action=action, previous_action=action)
     _, firm = reward(
-        standing, action=action, previous_action=action, gains=(2.0 * A1.stiffness, A1.damping)
+        standing,
+        action=action,
+        previous_action=action,
+        joint_law=JointLaw((2.0 * A1.stiffness, A1.damping)),
     )
     assert firm["torque"] == pytest.approx(4.0 * own["torque"]) != 0.0
     assert {name for name in own if own[name] != firm[name]} == {"torque"}

@@ -43,9 +43,11 @@ def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
 
 def test_torque_follows_the_pd_law_up_to_the_effort():
     zero = np.zeros(12)
-    torque = A1.joint_torque(target=zero + 0.1, position=zero, velocity=zero + 2.0)
+    torque = A1.joint_torque(
+        target=zero + 0.1, position=zero, velocity=zero + 2.0, gains=(20.0, 0.5)
+    )
     np.testing.assert_allclose(torque, 1.0)
-    torque = A1.joint_torque(target=zero + 5.0, position=zero, velocity=zero)
+    torque = A1.joint_torque(target=zero + 5.0, position=zero, velocity=zero, gains=(20.0, 0.5))
     np.testing.assert_allclose(torque, A1.effort[0])
 
 
@@ -134,5 +136,7 @@ def test_a_rear_thigh_has_limits_of_its_own():
     )
     assert joints["FL_thigh"] == (-1.5708, 3.4907)
     assert joints["RR_thigh"] == (-0.5236, 4.5379)
-    torque = go2.joint_torque(target=np.full(12, 9.0), position=np.zeros(12), velocity=np.zeros(12))
+    torque = go2.joint_torque(
+        target=np.full(12, 9.0), position=np.zeros(12), velocity=np.zeros(12), gains=(20.0, 0.5)
+    )
     np.testing.assert_array_equal(torque[:3], [23.7, 23.7, 45.43])

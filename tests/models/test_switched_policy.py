@@ -7,6 +7,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
@@ -97,5 +98,8 @@ def test_what_cannot_act_is_refused(switch, walkers, make_policy, tmp_path):
     turns = AlternatingController(walk.expert, walk.student, period=2)
     with pytest.raises(InputError, match="by turns"):
         SwitchedPolicy(switch, [turns, trot])
+    firm = alone(trot.policy.with_joint_law(JointLaw((40.0, 1.0))), trot.expert)
+    with pytest.raises(InputError, match="different gains"):
+        SwitchedPolicy(switch, [walk, firm])
     with pytest.raises(InputError, match="has no file"):
         SwitchedPolicy(switch, walkers).save(tmp_path / "policy.safetensors")

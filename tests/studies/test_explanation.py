@@ -13,6 +13,7 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.page import explain_rollout
@@ -82,7 +83,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, explained_page, tmp_pat
     rollout = Rollout(
         np.zeros(2), {name: np.zeros((2, n)) for name, n in {**values, "foot_contact": 4}.items()}
     )
-    policy.limits_targets = True
+    policy.joint_law = JointLaw(limited=True)
     path = explained_page(tmp_path, gait, policy, rollout, policy_name="<u>mine</u>")
     page = path.read_text()
     for tag in ("<b>bold", "<i>slanted", "<u>mine", "<script>throw"):

@@ -131,7 +131,7 @@ def sound_and_bad(source, folder, request=""):
     """
     path = write_source(source, folder)
     driver, program = folder / "driver.c", folder / "driver"
-    limited = int(source.limits_targets)
+    limited = int(source.joint_law.limited)
     driver.write_text(DRIVER.format(name=source.name, request=request, limited=limited))
     try:
         compile_c(driver, program, (*SANITIZED, SANITIZERS, str(path)))

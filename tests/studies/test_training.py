@@ -19,6 +19,7 @@ from glassgait.diagrams.domain_randomization import (
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import ObservationLayout
@@ -133,11 +134,13 @@ def test_the_expert_acts_as_the_network_that_was_trained(gait, mirrored, states,
 
 @pytest.mark.parametrize("limited", [True, False])
 def test_an_expert_says_whether_it_learned_with_limited_targets(limited, tmp_path):
-    run = training_run(replace(TINY, limit_targets=limited), tmp_path)
-    assert run.environment.simulator.task.limit_targets is limited
+    station = replace(TINY.worlds.station, stiffness=40.0, damping=1.0)
+    worlds = replace(TINY.worlds, station=station)
+    run = training_run(replace(TINY, limit_targets=limited, worlds=worlds), tmp_path)
+    assert run.environment.simulator.task.joint_law == JointLaw((40.0, 1.0), limited)
     run.update()
     run.save()
-    assert load_policy(tmp_path / "trot.safetensors").limits_targets is limited
+    assert load_policy(tmp_path / "trot.safetensors").joint_law == JointLaw((40.0, 1.0), limited)
 
 
 @pytest.mark.parametrize("mirrored", [True, False])

@@ -6,6 +6,7 @@ Each key of a claim is refused where it is of no use, misspelt or of another kin
 import hashlib
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from .robot import (
     Box,
     Robot,
     is_number,
+    is_positive,
     is_robot_name,
     observed_names,
     read_bytes,
@@ -58,8 +60,10 @@ KINDS = {
 
 def read_policy(
     robot: Robot, data: bytes, kind: str, gait: str, n_states: int, imu: bool
-) -> tuple[Formulas | Tables, Any]:
-    """Reads what a policy's file says of the targets, and its mirror if it says one.
+) -> tuple[Formulas | Tables, Any, float | None]:
+    """Reads what a policy's file says of the targets, its mirror and the joints' stiffness.
+
+    It says the last two where there is a mirror, and where the stiffness is not the robot's.
 
     Raises:
         RefusedError: if the policy is of another robot, gait or kind.
@@ -72,7 +76,7 @@ def read_policy(
         refuse_unless(text.n_states == n_states, "the policy has other states")
         refuse_unless(text.imu == imu, "the policy has other senses than the boxes")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
-        return Formulas.read(robot, text), text.image
+        return Formulas.read(robot, text), text.image, text.stiffness
     header, arrays = read_arrays(data)
     refuse_unless(header["gait"] == gait, "the policy is of another gait")
     refuse_unless(header["kind"] == kind, "the policy is of another kind")
@@ -83,7 +87,17 @@ def read_policy(
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
     refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    return readers[kind](robot, arrays, n_states, imu), None
+    return readers[kind](robot, arrays, n_states, imu), None, stiffness_of(header)
+
+
+def stiffness_of(header: dict[str, Any]) -> float | None:
+    """Returns the joints' stiffness that the header of a policy's file says, or None."""
+    gains = header.get("joint_law", {}).get("gains")
+    if gains is None:
+        return None
+    sound = isinstance(gains, list) and len(gains) == 2 and all(map(is_positive, gains))
+    refuse_unless(sound, "the policy's gains are not two numbers above 0")
+    return float(gains[0])
 
 
 class Document:
@@ -164,9 +178,11 @@ class Document:
             hashlib.sha256(data).hexdigest() == own["sha256"],
             f"the policy {path} is not the one that was certified",
         )
-        self.targets, mirror = read_policy(
+        self.targets, mirror, stiffness = read_policy(
             self.robot, data, own["kind"], name, self.n_states, self.imu
         )
+        if stiffness is not None:
+            self.robot = replace(self.robot, stiffness=stiffness)
         image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),

@@ -13,7 +13,7 @@ from keyword import iskeyword
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
-HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets")
+HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets", "gains")
 ODOMETRY = (
     "predicted = v - 0.02*cross(w, v) + dv + 0.02*9.81*g",
     "sole = dp + cross(w, p) + radius*cross(w + dr, g)",
@@ -243,6 +243,15 @@ class FormulaText:
         return symbols(self.n_states, self.imu)
 
     @property
+    def stiffness(self) -> float | None:
+        """Stiffness of the joints that the policy moves, where the file says it; 0 if wrongly."""
+        if "gains" not in self.header:
+            return None
+        gains = [own for own in self.header["gains"].split(" ") if own]
+        sound = len(gains) == 2 and all(map(is_above_zero, gains))
+        return float(gains[0]) if sound else 0.0
+
+    @property
     def image(self) -> list[int] | None:
         """State that each state is in the mirror, where the file says so."""
         said = self.header.get("mirror")
@@ -290,6 +299,7 @@ class FormulaText:
         refuse_unless(said.get("senses", "imu") == "imu", "the policy's senses are not known")
         limited = said.get("targets", "limited") == "limited"
         refuse_unless(limited, "the policy's targets are neither limited nor free")
+        refuse_unless(self.stiffness != 0.0, "the policy's gains are not two numbers above 0")
         if "mirror" in said:
             numbers = [own for own in said["mirror"].split(" ") if own]
             refuse_unless(
@@ -324,7 +334,8 @@ class FormulaText:
         if not self.odometry:
             refuse_unless(self.section != "odometry", "the policy's file holds no formulas")
             return
-        gain = re.search(r"\+ *([0-9.]+(?:[eE][+-]?[0-9]+)?) *\*", " ".join(self.odometry[3:4]))
+        correction = next((own for own in self.odometry if bare(own).startswith("v=")), "")
+        gain = re.search(r"\+ *([0-9.]+(?:[eE][+-]?[0-9]+)?) *\*", correction)
         refuse_unless(gain and is_gain(gain[1]), "the odometry's gain is none")
         wanted = [bare(own.replace("GAIN", str(gain and gain[1]))) for own in ODOMETRY]
         refuse_unless(
@@ -345,10 +356,15 @@ class FormulaText:
         refuse_unless(places == set(self.targets), "the policy's file lacks a formula of a joint")
 
 
+def is_above_zero(text: str) -> bool:
+    """Returns whether a text is a number above 0, up to 1000."""
+    sound = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text)
+    return bool(sound) and 0.0 < float(text) <= 1000.0
+
+
 def is_gain(text: str) -> bool:
     """Returns whether a text is a number above 0, up to 1."""
-    sound = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text)
-    return bool(sound) and 0.0 < float(text) <= 1.0
+    return is_above_zero(text) and float(text) <= 1.0
 
 
 def bare(text: str) -> str:

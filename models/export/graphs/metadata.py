@@ -44,6 +44,7 @@ def metadata(
     for entry in own:
         groups.setdefault(entry.group, []).append(entry)
     robot, n = policy.robot, quadruped.N_JOINTS
+    stiffness, damping = controller.joint_law.gains_of(robot)
     # The last action is observed as it was given, where formulas hold its target.
     scales = [
         1.0 if group == "previous action" else entries[0].factor
@@ -52,12 +53,12 @@ def metadata(
     return {
         "robot": robot.name,
         "joint_names": _listed(quadruped.JOINTS),
-        "joint_stiffness": _listed([robot.stiffness] * n),
-        "joint_damping": _listed([robot.damping] * n),
+        "joint_stiffness": _listed([stiffness] * n),
+        "joint_damping": _listed([damping] * n),
         "joint_effort_limit": _listed(robot.effort.tolist()),
         "joint_pos_lower_limit": _listed(robot.lower_limits.tolist()),
         "joint_pos_upper_limit": _listed(robot.upper_limits.tolist()),
-        "limit_targets": json.dumps(controller.limits_targets),
+        "limit_targets": json.dumps(controller.joint_law.limited),
         "default_joint_pos": _listed(robot.default_stance.tolist()),
         "action_scale": _listed([robot.action_scale] * n),
         "command_names": "twist,rm_iterations",

@@ -87,7 +87,9 @@ def silence_controllers(
     """
     left = walk_until_silent(gait, controller, scenario, n_moments=n_moments, seed=seed)
     left = pushed(left, push, seed)
-    lowered = lower(controller.robot, left, scenario.station, watchdog, n_steps=n_steps)
+    lowered = lower(
+        controller.robot, left, scenario.station_of(controller), watchdog, n_steps=n_steps
+    )
     return silence_table(left, lowered)
 
 
@@ -110,7 +112,9 @@ def walk_until_silent(
     drawn = sample_commands(gait, len(speed), generator)
     command = Command(np.stack([speed, drawn.velocity[:, 1]], axis=1), drawn.dwell)
     world = replace(scenario, command=DrawnCommands())
-    last = _LastAnswers(controller.robot, speed, moment, limited=world.limits_targets(controller))
+    last = _LastAnswers(
+        controller.robot, speed, moment, limited=world.joint_law(controller).limited
+    )
     episode(
         gait,
         controller,

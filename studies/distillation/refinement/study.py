@@ -18,7 +18,8 @@ from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
+from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
@@ -104,25 +105,26 @@ class RefinementConfig(Settings):
         return due and (self.terms is None or n_terms <= self.terms)
 
     def training(
-        self, gait: str, *, robot: str = DEFAULT_ROBOT, limit_targets: bool = False
+        self, gait: str, *, robot: str = DEFAULT_ROBOT, law: JointLaw = OWN_LAW
     ) -> TrainingConfig:
         """Returns the settings as those of a run that learns.
 
         Args:
             robot: Name of the robot, or path of its robot.yaml.
-            limit_targets: Whether joints follow targets within their ranges alone.
+            law: How joints follow targets; the robot's own way by default.
 
         Raises:
             InputError: if there are too few robots for an update, or for the worlds' groups.
         """
+        station = self.worlds.station.with_gains(load_robot(robot), law)
         return TrainingConfig(
             gait=gait,
             robot=robot,
             seed=self.seed,
             updates=self.updates,
             n_robots=self.n_robots,
-            worlds=self.worlds,
-            limit_targets=limit_targets,
+            worlds=replace(self.worlds, station=station),
+            limit_targets=law.limited,
             curriculum=FULL_DEMANDS,
             ppo=self.ppo,
         )
@@ -165,9 +167,8 @@ class RefinementRun(LearningRun):
         self._expert = expert
         self._policy = policy
         self._name = name
-        limited = alone(policy, expert).limits_targets
-        robot = policy.robot.source
-        training = config.training(gait.name, robot=robot, limit_targets=limited)
+        law, robot = alone(policy, expert).joint_law, policy.robot.source
+        training = config.training(gait.name, robot=robot, law=law)
         super().__init__(training, gait, folder, resume=resume)
 
     def update(self) -> dict[str, float]:
