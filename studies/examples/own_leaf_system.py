@@ -14,6 +14,7 @@ from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.library import load_expert
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
@@ -25,11 +26,12 @@ WEIGHT = 9.81 * ROBOT.mass  # N
 class PowerMeter(LeafSystem):
     """Adds up the joints' work (J) at the power that each control step begins with.
 
-    What a joint brakes it does not get back.
+    What a joint brakes it does not get back. Joints follow targets by a policy's law.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, law: JointLaw = OWN_LAW) -> None:
         super().__init__()
+        self._law = law
         self._state = self.DeclareVectorInputPort(
             "state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES
         )
@@ -42,8 +44,12 @@ class PowerMeter(LeafSystem):
     def _add(self, context: Context, after: State) -> None:
         state, action = self._state.Eval(context), self._actions.Eval(context)
         position, velocity = state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]
-        target = ROBOT.joint_targets(action)
-        torque = ROBOT.joint_torque(target=target, position=position, velocity=velocity)
+        torque = ROBOT.joint_torque(
+            target=ROBOT.joint_targets(action, limited=self._law.limited),
+            position=position,
+            velocity=velocity,
+            gains=self._law.gains_of(ROBOT),
+        )
         work = np.maximum(torque * velocity, 0.0).sum() * CONTROL_PERIOD
         after.get_mutable_discrete_state(0)[0] += work
 
@@ -53,10 +59,9 @@ def main() -> None:
     scenario = Scenario(command=FixedCommand(speed=0.5), sensor_noise=0.0)
     for gait in ("walk", "trot", "pace"):
         builder = DiagramBuilder()
-        loop = builder.AddSystem(
-            MakeLocomotion(load_gait(gait), scenario, policy=load_expert(gait))
-        )
-        meter = builder.AddSystem(PowerMeter())
+        expert = load_expert(gait)
+        loop = builder.AddSystem(MakeLocomotion(load_gait(gait), scenario, policy=expert))
+        meter = builder.AddSystem(PowerMeter(expert.joint_law))
         for name in ("state", "actions"):
             builder.Connect(loop.GetOutputPort(name), meter.GetInputPort(name))
         simulator = make_simulator(builder.Build())
