@@ -193,7 +193,7 @@ class Scenario(Settings):
         return own
 
     def joint_law(self, policy: Controller | Policy | None) -> JointLaw:
-        """Returns how joints follow a policy's targets: as the scenario says, else as they are to.
+        """Returns how joints follow a policy's targets: as the scenario says, or as it learned.
 
         Gains that it names alone stand in place of the policy's, or else of the robot's.
         """
@@ -203,8 +203,7 @@ class Scenario(Settings):
 
     def station_of(self, policy: Controller | Policy | None) -> StationConfig:
         """Returns the station whose joints have the gains by which a policy's are to be driven."""
-        law = OWN_LAW if policy is None else policy.joint_law
-        return self.station.with_gains(self.robot_of(policy), law)
+        return self.station.with_gains(self.robot_of(policy), self.joint_law(policy))
 
     @property
     def names_a_command(self) -> bool:

@@ -94,8 +94,8 @@ class StationConfig(Settings):
         ground_stiffness: Stiffness of the contact of a foot with the ground (N/m), of Drake alone;
             by default Drake's own, which lets a robot at rest sink in by a fraction of a
             millimetre.
-        terrain: The ground. On any but a plane feet alone collide with it; whether another body
-            touches it is judged by its pose.
+        terrain: The ground. On any but a plane feet alone collide with it in Drake; whether
+            another body touches it is judged by its pose.
         payload_position: Where the payload's centre is in the trunk's frame (m).
         motor_strength: Factor on the torque that every motor gives, and on its limit.
         stiffness: Gain of the joints' position control (N·m/rad), before that factor; by default

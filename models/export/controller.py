@@ -300,7 +300,7 @@ def _common_values(
         "action_scale": robot.action_scale,
         "stiffness": stiffness,
         "damping": damping,
-        "constants_of_robot": _constants_of_robot(controller, gait),
+        "constants_of_robot": _constants_of_robot(robot, gait, stiffness, damping),
         "period": CONTROL_PERIOD,
         "rate": round(1.0 / CONTROL_PERIOD),
         "overdue": OVERDUE,
@@ -321,11 +321,9 @@ def refuse_other_than_names(name: str) -> None:
 
 
 def _constants_of_robot(
-    controller: AlternatingController, gait: Gait
+    robot: Robot, gait: Gait, stiffness: float, damping: float
 ) -> list[tuple[str, float, str]]:
     """Lists the numbers that a caller may need, with what they are."""
-    robot = controller.robot
-    stiffness, damping = controller.joint_law.gains_of(robot)
     return [
         ("PERIOD", CONTROL_PERIOD, "s between two steps"),
         ("STIFFNESS", stiffness, "kp of every joint, N m/rad"),

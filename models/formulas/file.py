@@ -253,6 +253,7 @@ class _Reader:
     names: tuple[str, ...] = ()
     observed: tuple[str, ...] = ()
     mirror: tuple[int, ...] | None = None
+    law: JointLaw = OWN_LAW
     odometry: Odometry | None = None
     n_odometry: int = 0
     section: str = ""
@@ -359,7 +360,7 @@ class _Reader:
         except (ValueError, InputError) as error:
             raise TextError(
                 "gains: must be a stiffness (N·m/rad), above 0 and up to 1000, and a damping "
-                "(N·m·s/rad), above 0 and up to 100, such as 40 1",
+                "(N·m·s/rad), 0 to 100, such as 40 1",
                 self.lines["gains"],
                 1,
             ) from error

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.policy import Policy, refuse_other_estimator, refuse_other_gains
+from glassgait.models.policies.policy import Policy, refuse_other_expert
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.alternation import expert_acts
@@ -113,9 +113,7 @@ class AlternatingController(Controller):
                 their joints have different gains.
         """
         if self.student is not None:
-            refuse_other_estimator(self.expert, self.student, both_act=self.period > 1)
-            if self.period > 1:
-                refuse_other_gains(self.expert, self.student)
+            refuse_other_expert(self.expert, self.student, both_act=self.period > 1)
         if self.period < 0:
             raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
         if self.student is None and self.period != 1:
@@ -200,9 +198,9 @@ class AssuredController(Controller):
         """
         Raises:
             InputError: if the region is of other observations than the student's, or the student
-                observes by the estimator of another expert.
+                observes by the estimator of another expert, or its joints have other gains.
         """
-        refuse_other_estimator(self.expert, self.student, both_act=True)
+        refuse_other_expert(self.expert, self.student, both_act=True)
         if self.region.names != self.student.observation_names:
             raise InputError(
                 "assurance: the region is of other observations than the student's; measure it "

@@ -335,8 +335,10 @@ class Policy(ABC):
             )
 
 
-def refuse_other_estimator(expert: Policy, student: Policy, *, both_act: bool) -> None:
+def refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
     """Refuses an expert whose estimator is not the one that a student observes by.
+
+    Where both act their joints need the same gains as well.
 
     Args:
         expert: The expert.
@@ -358,19 +360,11 @@ def refuse_other_estimator(expert: Policy, student: Policy, *, both_act: bool) -
             f"expert {student.observes_by}, not by that of {expert.digest()}; give it the expert "
             "that it was distilled with"
         )
-
-
-def refuse_other_gains(expert: Policy, student: Policy) -> None:
-    """Refuses a student whose joints have other gains than those of the expert that acts with it.
-
-    Raises:
-        InputError: if they have.
-    """
     law = student.joint_law.over(expert.joint_law)
-    own, theirs = law.gains_of(expert.robot), expert.joint_law.gains_of(expert.robot)
-    if own != theirs:
+    gains, theirs = law.gains_of(expert.robot), expert.joint_law.gains_of(expert.robot)
+    if both_act and gains != theirs:
         raise InputError(
-            f"this {student.kind} student of the {student.gait} moves joints of gains {own}, and "
+            f"this {student.kind} student of the {student.gait} moves joints of gains {gains}, and "
             f"the expert that acts with it those of {theirs}; let one of them act alone"
         )
 

@@ -5,6 +5,7 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le
 
+from glassgait.models.arrays import Array
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 
@@ -35,6 +36,22 @@ class JointLaw(Settings):
     def gains_of(self, robot: Robot) -> tuple[float, float]:
         """Returns stiffness and damping of a robot's joints (N·m/rad, N·m·s/rad)."""
         return self.gains or (robot.stiffness, robot.damping)
+
+    def torque(self, robot: Robot, *, action: Array, position: Array, velocity: Array) -> Array:
+        """Returns the joints' torques (..., 12; N·m) as an action (..., 12) is followed.
+
+        Args:
+            robot: The robot.
+            action: The action.
+            position: Joint positions (..., 12; rad).
+            velocity: Joint velocities (..., 12; rad/s).
+        """
+        return robot.joint_torque(
+            target=robot.joint_targets(action, limited=self.limited),
+            position=position,
+            velocity=velocity,
+            gains=self.gains_of(robot),
+        )
 
     def over(self, other: "JointLaw") -> "JointLaw":
         """Returns this law with another's gains where it has none; either may limit targets."""

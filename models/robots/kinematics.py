@@ -141,6 +141,17 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
     return FootMotion(robot.hip_origin + swung, velocity, turning)
 
 
+def rolling_velocity(robot: Robot, turning: Array, down: Array) -> Array:
+    """Returns how fast the feet's lowest points move by their centres (..., 4, 3; m/s).
+
+    Args:
+        robot: What robots they are.
+        turning: How fast the feet turn, by the trunk and the joints (..., 4, 3; rad/s).
+        down: The world's downward axis (..., 1, 3).
+    """
+    return cross(turning, robot.foot_radius * down)
+
+
 class _LegAngles(NamedTuple):
     """Sines and cosines of each leg's angles (..., 4); the shank's counts from the thigh's zero."""
 

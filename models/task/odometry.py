@@ -96,8 +96,8 @@ class Odometry(Settings):
         # What turning does to all of them at once: a call takes longer than its numbers.
         vectors = [feet, before.footholds, before.velocity[..., None, :]]
         turned = cross(turning[..., None, :], np.concatenate(vectors, axis=-2))
-        down = robot.foot_radius * gravity[..., None, :]
-        rolled = cross(turning[..., None, :] + rolling, down)
+        turning = rolling + turning[..., None, :]
+        rolled = kinematics.rolling_velocity(robot, turning, gravity[..., None, :])
         sole = swept + turned[..., : quadruped.N_LEGS, :] + rolled
 
         free = change + CONTROL_PERIOD * GRAVITY * gravity

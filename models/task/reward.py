@@ -221,9 +221,9 @@ def step_reward(
             robot,
             state,
             previous_joint_velocity=previous_joint_velocity,
-            targets=robot.joint_targets(action, limited=joint_law.limited),
+            action=action,
             change=action - previous_action,
-            gains=joint_law.gains_of(robot),
+            joint_law=joint_law,
         ),
         flight,
         _total(np.maximum(foot_height - HIGH_SWING, 0.0)),
@@ -244,13 +244,13 @@ def _joint_terms(
     state: Array,
     *,
     previous_joint_velocity: Array,
-    targets: Array,
+    action: Array,
     change: Array,
-    gains: tuple[float, float],
+    joint_law: JointLaw,
 ) -> tuple[Array, Array, Array, Array]:
     """Returns what torques, accelerations, changes of the action and stretched joints come to."""
     position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
-    torque = robot.joint_torque(target=targets, position=position, velocity=velocity, gains=gains)
+    torque = joint_law.torque(robot, action=action, position=position, velocity=velocity)
     acceleration = (velocity - previous_joint_velocity) / CONTROL_PERIOD
     excursion = np.abs(position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
     return (
@@ -270,11 +270,11 @@ def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) ->
         Velocities (..., 4, 3; m/s, along the trunk's axes).
     """
     position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
-    feet, swept, rolling = kinematics.foot_motion(robot, position, velocity)
+    motion = kinematics.foot_motion(robot, position, velocity)
     down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])[..., None, :]
     turning = angular[..., None, :]
-    of_centres = swept + linear[..., None, :] + cross(turning, feet)
-    return of_centres + cross(rolling + turning, robot.foot_radius * down)
+    of_centres = motion.velocity + linear[..., None, :] + cross(turning, motion.position)
+    return of_centres + kinematics.rolling_velocity(robot, motion.turning + turning, down)
 
 
 def _total(values: Array) -> Array:

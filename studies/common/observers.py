@@ -145,10 +145,6 @@ def joint_power(controller: Controller, scenario: Scenario, plant: Array, action
     """
     robot, velocity = controller.robot, plant[..., quadruped.JOINT_VELOCITY]
     law = scenario.joint_law(controller)
-    torque = robot.joint_torque(
-        target=robot.joint_targets(action, limited=law.limited),
-        position=plant[..., quadruped.JOINT_POSITION],
-        velocity=velocity,
-        gains=law.gains_of(robot),
-    )
+    position = plant[..., quadruped.JOINT_POSITION]
+    torque = law.torque(robot, action=action, position=position, velocity=velocity)
     return np.abs(torque * velocity).sum(axis=-1)

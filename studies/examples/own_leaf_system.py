@@ -44,12 +44,7 @@ class PowerMeter(LeafSystem):
     def _add(self, context: Context, after: State) -> None:
         state, action = self._state.Eval(context), self._actions.Eval(context)
         position, velocity = state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]
-        torque = ROBOT.joint_torque(
-            target=ROBOT.joint_targets(action, limited=self._law.limited),
-            position=position,
-            velocity=velocity,
-            gains=self._law.gains_of(ROBOT),
-        )
+        torque = self._law.torque(ROBOT, action=action, position=position, velocity=velocity)
         work = np.maximum(torque * velocity, 0.0).sum() * CONTROL_PERIOD
         after.get_mutable_discrete_state(0)[0] += work
 

@@ -7,6 +7,7 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, AssuredController
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task.assurance import (
     EnsembleDisagreement,
     Hysteresis,
@@ -189,6 +190,12 @@ def test_a_region_of_another_gait_is_refused(assured, make_policy):
     walk = make_policy(load_gait("walk"))
     with pytest.raises(InputError, match="observations"):
         AssuredController(walk, walk, assured.region, assured.hysteresis)
+
+
+def test_a_student_whose_joints_have_other_gains_is_refused(assured):
+    firm = assured.student.with_joint_law(JointLaw((40.0, 1.0)))
+    with pytest.raises(InputError, match="gains"):
+        replace(assured, student=firm)
 
 
 def test_a_schedule_chooses_the_acting_policy(trot, make_policy):

@@ -134,7 +134,9 @@ def test_a_file_says_with_which_gains_joints_follow(symbolic):
     assert FormulaText.read(symbolic.to_text()).stiffness is None
 
 
-@pytest.mark.parametrize("gains", ["", "40", "40 1 2", "0 1", "-1 1", "nan 1", "1e4 1", "forty 1"])
+@pytest.mark.parametrize(
+    "gains", ["", "40", "40 1 2", "0 1", "-1 1", "nan 1", "1e4 1", "forty 1", "40 101", "40 -1"]
+)
 def test_gains_that_are_none_are_refused(gains):
     text = f"{HEAD}gains: {gains}\n{EVERY}"
     assert refusal(text).startswith("line 4, column 1: gains: must be a stiffness")

@@ -19,13 +19,13 @@ from .robot import (
     Box,
     Robot,
     is_number,
-    is_positive,
     is_robot_name,
     observed_names,
     read_bytes,
     read_json,
     read_yaml,
     refuse_unless,
+    stiffness_of,
     symbols,
 )
 from .tables import Tables, Trees, read_arrays
@@ -87,17 +87,9 @@ def read_policy(
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
     refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    return readers[kind](robot, arrays, n_states, imu), None, stiffness_of(header)
-
-
-def stiffness_of(header: dict[str, Any]) -> float | None:
-    """Returns the joints' stiffness that the header of a policy's file says, or None."""
     gains = header.get("joint_law", {}).get("gains")
-    if gains is None:
-        return None
-    sound = isinstance(gains, list) and len(gains) == 2 and all(map(is_positive, gains))
-    refuse_unless(sound, "the policy's gains are not two numbers above 0")
-    return float(gains[0])
+    stiffness = None if gains is None else stiffness_of(gains)
+    return readers[kind](robot, arrays, n_states, imu), None, stiffness
 
 
 class Document:

@@ -178,6 +178,17 @@ def is_positive(value: Any) -> bool:
     return is_number(value) and value > 0
 
 
+def stiffness_of(gains: Any) -> float:
+    """Returns the first of a policy's gains, which are a stiffness and a damping.
+
+    Raises:
+        RefusedError: if they are not, or out of the ranges that robots take.
+    """
+    sound = is_row(gains, 2) and 0.0 < gains[0] <= 1000.0 and 0.0 <= gains[1] <= 100.0
+    refuse_unless(sound, "the policy's gains are no stiffness and damping of joints")
+    return float(gains[0])
+
+
 def is_row(value: Any, count: int) -> bool:
     return isinstance(value, list) and len(value) == count and all(map(is_number, value))
 

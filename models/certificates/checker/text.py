@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from keyword import iskeyword
 
-from .robot import JOINTS, RefusedError, image_of, refuse_unless, symbols
+from .robot import JOINTS, RefusedError, image_of, refuse_unless, stiffness_of, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
 HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets", "gains")
@@ -206,6 +206,7 @@ class FormulaText:
         section: The section that is read.
         kinds: Whether formulas serve every state; empty before the first.
         odometry: The statements of odometry.
+        stiffness: Stiffness of the joints that the policy moves, where the file says it.
     """
 
     header: dict[str, str] = field(default_factory=dict)
@@ -215,6 +216,7 @@ class FormulaText:
     odometry: list[str] = field(default_factory=list)
     section: str = ""
     kinds: set[bool] = field(default_factory=set)
+    stiffness: float | None = None
 
     @classmethod
     def read(cls, text: str) -> "FormulaText":
@@ -241,15 +243,6 @@ class FormulaText:
     def names(self) -> list[str]:
         """The quantities that formulas may hold."""
         return symbols(self.n_states, self.imu)
-
-    @property
-    def stiffness(self) -> float | None:
-        """Stiffness of the joints that the policy moves, where the file says it; 0 if wrongly."""
-        if "gains" not in self.header:
-            return None
-        gains = [own for own in self.header["gains"].split(" ") if own]
-        sound = len(gains) == 2 and all(map(is_above_zero, gains))
-        return float(gains[0]) if sound else 0.0
 
     @property
     def image(self) -> list[int] | None:
@@ -299,7 +292,10 @@ class FormulaText:
         refuse_unless(said.get("senses", "imu") == "imu", "the policy's senses are not known")
         limited = said.get("targets", "limited") == "limited"
         refuse_unless(limited, "the policy's targets are neither limited nor free")
-        refuse_unless(self.stiffness != 0.0, "the policy's gains are not two numbers above 0")
+        if "gains" in said:
+            gains = [own for own in said["gains"].split(" ") if own]
+            refuse_unless(all(map(is_amount, gains)), "the policy's gains are no numbers")
+            self.stiffness = stiffness_of([*map(float, gains)])
         if "mirror" in said:
             numbers = [own for own in said["mirror"].split(" ") if own]
             refuse_unless(
@@ -356,15 +352,14 @@ class FormulaText:
         refuse_unless(places == set(self.targets), "the policy's file lacks a formula of a joint")
 
 
-def is_above_zero(text: str) -> bool:
-    """Returns whether a text is a number above 0, up to 1000."""
-    sound = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text)
-    return bool(sound) and 0.0 < float(text) <= 1000.0
+def is_amount(text: str) -> bool:
+    """Returns whether a text is a number of 0 or more."""
+    return bool(re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text))
 
 
 def is_gain(text: str) -> bool:
     """Returns whether a text is a number above 0, up to 1."""
-    return is_above_zero(text) and float(text) <= 1.0
+    return is_amount(text) and 0.0 < float(text) <= 1.0
 
 
 def bare(text: str) -> str:
