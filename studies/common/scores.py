@@ -27,6 +27,9 @@ SCORES = (
     "cost_of_transport",
 )
 
+PHYSICAL = "fell_physically"
+"""Column of scores: whether a robot falls physically, where both kinds of fall are counted."""
+
 SPEED_ERROR_TITLE = "speed error, commanded to go (m/s)"
 """What tables call `going_speed_error`: commands to stand are left out."""
 
@@ -127,12 +130,17 @@ def interval(values: pd.Series) -> float:
 
 
 def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Averages scores over robots: means, 95 % intervals (`_ci`), falls and fall rate."""
+    """Averages scores over robots: means, 95 % intervals (`_ci`), falls and fall rate.
+
+    Where scores count physical falls, too, `physical_falls` is how many there are.
+    """
     rows = []
     for keys, group in scores.groupby(by, sort=False):
         row: dict[str, Any] = dict(zip(by, keys, strict=True))
         row |= {"robots": len(group), "falls": int(group["fell"].sum())}
         row["fall_rate"] = row["falls"] / row["robots"]
+        if PHYSICAL in group:
+            row["physical_falls"] = int(group[PHYSICAL].sum())
         for name in SCORES:
             row[name] = group[name].mean()
             row[f"{name}_ci"] = interval(group[name])

@@ -1,7 +1,7 @@
 """Tables of falls: a row a policy and world, and the worst world of each policy."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.models.task.command import DEAD_BAND
+from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.common.cases import Case, not_finite_lines, score
 from glassgait.studies.common.experiment import Report, RolloutExperiment, ScenarioNames
 from glassgait.studies.common.play import Steps
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
+from glassgait.studies.common.scores import PHYSICAL, SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.evaluation.pair import Pair
@@ -31,6 +32,7 @@ TITLES = {
     "world": "scenario",
     "robots": "robots",
     "falls": "falls",
+    "physical_falls": "physical falls",
     "fall_rate": "share of falls",
     "fall_rate_low": "95 % from",
     "fall_rate_high": "95 % to",
@@ -82,7 +84,12 @@ def falls_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame
 
 
 def falls_of(means: pd.DataFrame) -> list[str]:
-    return [f"{falls} of {n}" for falls, n in zip(means["falls"], means["robots"], strict=True)]
+    """Words falls, and how many of them are physical where that is known and there are any."""
+    of = [f"{falls} of {n}" for falls, n in zip(means["falls"], means["robots"], strict=True)]
+    if "physical_falls" not in means:
+        return of
+    physical = zip(of, means["falls"], means["physical_falls"], strict=True)
+    return [f"{text} ({count} physical)" if falls else text for text, falls, count in physical]
 
 
 def with_interval(means: pd.DataFrame, name: str, digits: int) -> list[str]:
@@ -119,7 +126,7 @@ def readable_table(table: pd.DataFrame) -> pd.DataFrame:
     reference = policies_of(table)[0]
     other = "the expert" if reference == EXPERT else policy_title(reference)
     titles = {key: title.replace("the expert", other) for key, title in TITLES.items()}
-    return named[list(titles)].rename(columns=titles)
+    return named[[name for name in titles if name in named]].rename(columns=titles)
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -195,8 +202,16 @@ class Worlds(RolloutExperiment):
         return Pair(gait, controllers, world)
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls robots of one seed out, and scores them."""
-        return score(case.with_config(self.rollouts(case)))
+        """Rolls robots of one seed out, and scores them.
+
+        Where any of them falls, they are rolled out once more: the column `fell_physically` holds
+        which of them fall where a physical fall alone ends an episode.
+        """
+        own = case.with_config(self.rollouts(case))
+        scores = score(own)
+        lasting = replace(own, scenario=replace(own.scenario, limits=PHYSICAL_FALL))
+        again = scores["fell"].any() and lasting.scenario != own.scenario
+        return scores.assign(**{PHYSICAL: score(lasting)["fell"] if again else scores["fell"]})
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports the scores of each policy and scenario, and what sets two policies apart."""

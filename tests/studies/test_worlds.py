@@ -241,6 +241,21 @@ def test_command_writes_table_metrics_map_and_what_sets_two_apart(run, capsys):
     assert record["inputs"]["policies"].startswith("expert ")
 
 
+def test_falls_by_the_task_alone_and_physical_ones_are_told_apart(run, tmp_path):
+    (tmp_path / "strict.yaml").write_text("limits: {trunk_height: 0.5}\n")
+    (tmp_path / "heavy.yaml").write_text("station: {payload: 60.0}\n")
+    worlds = [str(tmp_path / f"{name}.yaml") for name in ("strict", "heavy")]
+    folder = run("--policy", "linear", "--scenario", "training", *worlds, "--n-steps", "40")
+    card = pd.read_csv(folder / "scorecard.csv").set_index("scenario")["falls"]
+    assert card.to_dict() == {
+        "SAP 10 ms (training)": "0 of 2",
+        "strict": "2 of 2 (0 physical)",
+        "heavy": "2 of 2 (2 physical)",
+    }
+    robots = pd.read_csv(folder / "robots.csv").groupby("scenario")["fell_physically"]
+    assert robots.sum().to_dict() == {"training": 0, "strict": 0, "heavy": 2}
+
+
 def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     folder = run()
     before = (folder / "metrics.json").read_bytes()
