@@ -173,6 +173,12 @@ GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
 All are bounded. A product with the time itself would grow without bound where the robot is late.
 """
 
+COURSE = ("cmd.v", "v.y", "g.x")
+"""How fast the robot is to go, how it drifts sideways, and how the ground rises ahead.
+
+On real ground, and commanded to go forward as well as back, they change how all else counts.
+"""
+
 
 def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definition]:
     forward, up = _foot_in_plane(robot, of[f"q.{leg}_thigh"], of[f"q.{leg}_calf"])

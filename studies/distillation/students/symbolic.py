@@ -13,7 +13,13 @@ from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import Place
-from glassgait.models.formulas.quantities import GATES, RobotUnits, Vocabulary, known_definitions
+from glassgait.models.formulas.quantities import (
+    COURSE,
+    GATES,
+    RobotUnits,
+    Vocabulary,
+    known_definitions,
+)
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import Robot
@@ -30,21 +36,25 @@ DIGITS = 3
 
 
 def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
-    """Returns the gates of formulas that serve one state of the machine."""
-    return tuple(vocabulary.variable(symbol) for symbol in GATES)
+    """Returns the gates of formulas that serve one state of the machine.
+
+    They say where in the gait the robot is and, as far as it is observed, which course it takes.
+    """
+    course = (symbol for symbol in COURSE if symbol in vocabulary.symbols)
+    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *course))
 
 
 def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
     """Returns the gates of formulas that serve every state of the machine.
 
-    They are the states but the last, which is where all others are 0, the gates of one state, and
+    They are the gates of one state, the states but the last, which is where all others are 0, and
     whether the robot is late in each state.
     """
     symbols = [vocabulary.symbols[i] for i in indices_of("machine state", vocabulary.names)]
     states = [vocabulary.variable(symbol) for symbol in symbols[:-1]]
-    late, *lifted = gates(vocabulary)
+    late, *others = gates(vocabulary)
     products = (Expression("mul", (state, late)) for state in states)
-    return (*states, late, *products, *lifted)
+    return (*states, late, *products, *others)
 
 
 class FormulaFit:
