@@ -11,7 +11,7 @@ from glassgait.diagrams.station import MUJOCO_CONTACT_TIME, StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import FEW, IN_ORDER, Count, Natural, NotNegative, Positive, Settings
+from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import FLATTEST, Kind, Terrain
 
@@ -141,8 +141,9 @@ class DomainRandomization(Settings):
         groups: What differs between the groups' stations.
         fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
             only works in the coarse physics of the other groups is not learned.
-        mujoco_groups: Groups, the first ones, whose physics MuJoCo computes, with the contacts of
-            all bodies; it has no other times in which contacts let penetration relax.
+        mujoco_share: Share of the groups, rounded down, whose physics MuJoCo computes, with the
+            contacts of all bodies; it has no other times in which contacts let penetration relax.
+            They are the first ones, and none that has a fine step.
         mujoco_step: Time step of their plants (s).
         mujoco_contact_time: Time constant of their contacts (s); see `StationConfig.contact_time`.
         station: Physics that the groups' stations vary.
@@ -154,7 +155,7 @@ class DomainRandomization(Settings):
     n_groups: Count = 16
     groups: GroupRanges = field(default_factory=GroupRanges)
     fine_steps: Annotated[tuple[Positive, ...], FEW] = (0.005, 0.0025)
-    mujoco_groups: Natural = 0
+    mujoco_share: Annotated[NotNegative, Le(1.0)] = 0.0
     mujoco_step: Positive = 0.005
     mujoco_contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
     station: StationConfig = field(default_factory=StationConfig)
@@ -162,11 +163,10 @@ class DomainRandomization(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.fine_steps) + self.mujoco_groups > self.n_groups:
+        if len(self.fine_steps) > self.n_groups:
             raise InputError(
-                f"{self.title}: {len(self.fine_steps)} fine_steps and mujoco_groups = "
-                f"{self.mujoco_groups} do not fit in n_groups = {self.n_groups}; raise n_groups or "
-                "name fewer"
+                f"{self.title}: {len(self.fine_steps)} fine_steps do not fit in n_groups = "
+                f"{self.n_groups}; raise n_groups or name fewer"
             )
         if any(step >= self.station.time_step for step in self.fine_steps):
             raise InputError(
@@ -200,7 +200,7 @@ class DomainRandomization(Settings):
                 feet_only=False,
                 relaxation_time=self.station.relaxation_time,
             )
-            for station in others[: self.mujoco_groups]
+            for station in others[: int(self.mujoco_share * self.n_groups)]
         ]
         return [*mujoco, *others[len(mujoco) :], *fine]
 
