@@ -141,9 +141,9 @@ class DomainRandomization(Settings):
         groups: What differs between the groups' stations.
         fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
             only works in the coarse physics of the other groups is not learned.
-        mujoco_share: Share of the groups, rounded down, whose physics MuJoCo computes, with the
-            contacts of all bodies; it has no other times in which contacts let penetration relax.
-            They are the first ones, and none that has a fine step.
+        mujoco_share: Share of the groups whose physics MuJoCo computes, with the contacts of all
+            bodies; it has no other times in which contacts let penetration relax. They are the
+            first ones, and none that has a fine step.
         mujoco_step: Time step of their plants (s).
         mujoco_contact_time: Time constant of their contacts (s); see `StationConfig.contact_time`.
         station: Physics that the groups' stations vary.
@@ -200,7 +200,7 @@ class DomainRandomization(Settings):
                 feet_only=False,
                 relaxation_time=self.station.relaxation_time,
             )
-            for station in others[: int(self.mujoco_share * self.n_groups)]
+            for station in others[: round(self.mujoco_share * self.n_groups)]
         ]
         return [*mujoco, *others[len(mujoco) :], *fine]
 
