@@ -12,12 +12,24 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings
+from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import FLATTEST, Kind, Terrain
 
 Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
 
-HARSH = Randomization(push_speed=1.2, push_interval=5.0, contact_flips=0.01, latency=(0.0, 0.02))
+HARSH = Randomization(
+    heading=180.0,
+    friction=(0.4, 1.25),
+    push_speed=2.5,
+    push_interval=5.0,
+    encoder_bias=0.02,
+    imu=ImuErrors(gyroscope_bias=0.05, accelerometer_bias=0.3, attitude_bias=0.02),
+    contact_flips=0.02,
+    stuck_share=0.05,
+    straight=0.2,
+    latency=(0.0, 0.03),
+)
 """What differs between robots and episodes: more than what they are to stand later."""
 
 
@@ -40,11 +52,11 @@ class TerrainRanges(Settings):
 
     title: ClassVar[str] = "terrains"
 
-    share: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
+    share: Annotated[float, Ge(0.0), Le(1.0)] = 0.75
     kinds: Kinds = ("plane", "blocks", "plane", "steps", "plane", "uneven")
-    slope: Annotated[float, Ge(0.0), Le(45.0)] = 20.0
-    amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.06
-    height: Annotated[float, Gt(0.0), Le(1.0)] = 0.06
+    slope: Annotated[float, Ge(0.0), Le(45.0)] = 25.0
+    amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
+    height: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
     patches: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
 
     def draw(self, ground: Terrain, count: int, generator: np.random.Generator) -> list[Terrain]:
@@ -93,7 +105,7 @@ class GroupRanges(Settings):
 
     title: ClassVar[str] = "groups"
 
-    payload: Range = (0.0, 2.5)
+    payload: Range = (0.0, 5.0)
     payload_offset: Annotated[float, Ge(0.0), Le(1.0)] = 0.08
     motor_strength: Range = (0.8, 1.2)
     gains: Range = (0.8, 1.2)
@@ -154,11 +166,11 @@ class DomainRandomization(Settings):
 
     n_groups: Count = 16
     groups: GroupRanges = field(default_factory=GroupRanges)
-    fine_steps: Annotated[tuple[Positive, ...], FEW] = (0.005, 0.0025)
-    mujoco_share: Annotated[NotNegative, Le(1.0)] = 0.0
+    fine_steps: Annotated[tuple[Positive, ...], FEW] = ()
+    mujoco_share: Annotated[NotNegative, Le(1.0)] = 0.875
     mujoco_step: Positive = 0.005
     mujoco_contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
-    station: StationConfig = field(default_factory=StationConfig)
+    station: StationConfig = StationConfig(feet_only=True)
     randomization: Randomization = HARSH
 
     def __post_init__(self) -> None:

@@ -65,8 +65,8 @@ OF_MUJOCO = ("contact_force", "contact_time")
 LEAST_FORCE = 1e-3
 """Normal force above which a foot touches, by default (N)."""
 
-MUJOCO_CONTACT_TIME = 0.02
-"""Time constant of MuJoCo's contacts, by default its own (s)."""
+MUJOCO_CONTACT_TIME = 0.01
+"""Time constant of MuJoCo's contacts, by default (s): of as stiff a ground as Drake's is here."""
 
 WORLD_STATE = "world_state"
 """Name of the system that knows where a robot on ground that repeats has gone to."""

@@ -14,6 +14,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.terrain import Terrain
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts, summarize
@@ -26,11 +27,12 @@ WORTH_A_TERM = 0.99
 
 ROUGH = Scenario(
     "rough",
-    StationConfig(friction=0.6, payload=1.5),
+    StationConfig(friction=0.6, payload=1.5, terrain=Terrain(slope=15.0)),
+    heading=180.0,
     latency=0.01,
     pushes=Pushes(speed=1.0, interval=5.0),
 )
-"""A world that most falls happen in: slippery, loaded, late and pushed at once."""
+"""A world that most falls happen in: steep, slippery, loaded, late and pushed at once."""
 
 SELECTION = tuple(zip(SELECTION_SEEDS, (Scenario(), ROUGH), strict=False))
 """Seeds and worlds of the rollouts that select."""

@@ -58,9 +58,9 @@ class CurriculumConfig(Settings):
     initial_difficulty: Share = 0.2
     rise: Fraction = 0.02
     required_rhythm: Fraction = 0.5
-    initial_hardship: Share = 1.0
+    initial_hardship: Share = 0.2
     hardship_rise: Fraction = 0.01
-    most_failures: Fraction = 0.004
+    most_failures: Fraction = 0.006
 
 
 @dataclass(frozen=True)
@@ -96,15 +96,15 @@ class PpoConfig(Settings):
     clip: Positive = 0.2
     gamma: Fraction = 0.99
     gae_lambda: Fraction = 0.95
-    entropy: NotNegative = 0.01
-    final_entropy: NotNegative = 0.001
-    entropy_decay: Updates = (400, 600)
+    entropy: NotNegative = 0.006
+    final_entropy: NotNegative = 0.0003
+    entropy_decay: Updates = (100, 450)
     learning_rate: LearningRate = 1e-3
     desired_kl: Positive = 0.01
     final_kl: Positive = 0.002
-    kl_decay: Updates = (650, 750)
-    initial_std: Positive = 1.0
-    reward_scale: Positive = 1.0 / 30.0
+    kl_decay: Updates = (800, 950)
+    initial_std: Positive = 0.7
+    reward_scale: Positive = 1.0 / 60.0
     actor_layers: Layers = (256, 128, 64)
     critic_layers: Layers = (256, 128, 64)
 
@@ -128,8 +128,16 @@ class EstimatorConfig(Settings):
     num_minibatches: Count = 4
 
 
-EXACT = RewardWeights(forward_tracking=1.5, yaw_tracking=1.0)
-"""The task's weights, but for more of what makes robots go and turn as commanded."""
+EXACT = RewardWeights(
+    forward_tracking=3.0,
+    yaw_tracking=1.5,
+    high_swing=-2.0,
+    tilt=-2.0,
+    slip=-0.1,
+    tracking_width=0.1,
+    tracking_time=0.2,
+)
+"""More of what makes robots go and turn as commanded, level and on feet that neither slip nor fly."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +174,7 @@ class TrainingConfig(Settings):
     gait: Annotated[str, tyro.conf.Suppress] = "trot"
     robot: str = DEFAULT_ROBOT
     seed: Seed = 0
-    updates: Count = 800
+    updates: Count = 1000
     n_robots: Count = 256
     worlds: Annotated[DomainRandomization, tyro.conf.arg(name="")] = field(
         default_factory=DomainRandomization
@@ -174,8 +182,8 @@ class TrainingConfig(Settings):
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
     mirrored: bool = True
-    limit_targets: bool = False
-    senses: Senses = "learned"
+    limit_targets: bool = True
+    senses: Senses = "imu"
     odometry: Odometry = field(default_factory=Odometry)
     weights: RewardWeights = EXACT
     limits: TerminationLimits = field(default_factory=TerminationLimits)

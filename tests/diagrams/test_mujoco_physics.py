@@ -110,7 +110,7 @@ def test_its_motors_give_no_more_than_their_effort(strength):
 
 def test_an_expert_trots_there(trot):
     expert = load_expert("trot")
-    task = TaskConfig.of_scenario(trot, load_scenario("mujoco"))
+    task = TaskConfig.of_scenario(trot, load_scenario("mujoco"), expert)
     simulator = BatchSimulator(
         task,
         make_physics(A1, STATION),
@@ -157,7 +157,7 @@ def test_feet_sink_less_into_ground_of_a_shorter_time():
     assert deepest[0] > 2 * deepest[1] > 4 * deepest[2] > 0.0
     assert rising[0] > rising[1] > rising[2]
     solref = make_model(A1, STATION).geom_solref
-    np.testing.assert_array_equal(solref, np.tile([0.02, 1.0], (len(solref), 1)))
+    np.testing.assert_array_equal(solref, np.tile([0.01, 1.0], (len(solref), 1)))
 
 
 def test_a_diagram_is_drakes(trot):

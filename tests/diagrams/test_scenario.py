@@ -40,8 +40,8 @@ SHIPPED = {
     "latency_20ms": Scenario("each action 20 ms late", latency=0.02),
     "weak_motors": Scenario("motors at 80 %", StationConfig(motor_strength=0.8)),
     "strong_motors": Scenario("motors at 120 %", StationConfig(motor_strength=1.2)),
-    "soft_gains": Scenario("joint gains at 80 %", StationConfig(stiffness=16.0, damping=0.4)),
-    "stiff_gains": Scenario("joint gains at 120 %", StationConfig(stiffness=24.0, damping=0.6)),
+    "soft_gains": Scenario("joint gains at 80 %", StationConfig(stiffness=32.0, damping=0.8)),
+    "stiff_gains": Scenario("joint gains at 120 %", StationConfig(stiffness=48.0, damping=1.2)),
     "rotor_inertia": Scenario("rotors of 0.01 kg·m²", StationConfig(armature=0.01)),
     "payload_front": Scenario(
         "2 kg, 10 cm ahead", StationConfig(payload=2.0, payload_position=(0.1, 0.0, 0.0))
@@ -73,7 +73,7 @@ GROUNDS = {
         for cm in (5, 8, 10)
     },
 }
-MUJOCO = {"engine": "mujoco", "time_step": 0.002, "contact_time": 0.01}
+MUJOCO = {"engine": "mujoco", "time_step": 0.002}
 CLIMB = FixedCommand(0.4, 0.0, 8)
 HARSH = {
     "payload_4kg": Scenario("trunk + 4 kg", StationConfig(payload=4.0)),
@@ -210,7 +210,7 @@ def test_every_setting_is_in_the_digest():
         ("station: {payload_position: [0, 0]}", "payload_position"),
         ("station: {engine: bullet}", "engine"),
         ("station: {contact_force: 5}", "contact_force"),
-        ("station: {contact_time: 0.01}", "contact_time"),
+        ("station: {contact_time: 0.02}", "contact_time"),
         ("station: {engine: mujoco, contact_time: 0}", "contact_time"),
         ("station: {slope: 5}", "station.slope"),
         ("station: {terrain: {kind: ice}}", "station.terrain.kind"),

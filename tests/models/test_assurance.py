@@ -193,7 +193,7 @@ def test_a_region_of_another_gait_is_refused(assured, make_policy):
 
 
 def test_a_student_whose_joints_have_other_gains_is_refused(assured):
-    firm = assured.student.with_joint_law(JointLaw((40.0, 1.0)))
+    firm = assured.student.with_joint_law(JointLaw((60.0, 1.0)))
     with pytest.raises(InputError, match="gains"):
         replace(assured, student=firm)
 

@@ -39,7 +39,7 @@ def test_a_limit_of_motors_is_each_robots_own():
         damping = [claim.most for claim in claims if claim.kind == "never"]
         assert damping == [None, robot.damping / robot.stiffness]
     # Certificates that ship say these very numbers.
-    assert {claim.most for claim in about["a1"] if claim.most is not None} == {1.675, 0.025}
+    assert {claim.most for claim in about["a1"] if claim.most is not None} == {0.8375, 0.025}
     assert about["a1"] != about["go2"]
 
 

@@ -188,7 +188,7 @@ def test_metadata_hold_what_a_robot_needs(name, make_policy, small_expert):
     metadata = loaded(gait, make_policy(gait), small_expert(gait)).metadata
     assert metadata["joint_names"].split(",")[:4] == ["FL_hip", "FL_thigh", "FL_calf", "FR_hip"]
     assert [float(own) for own in metadata["default_joint_pos"].split(",")] == [*A1.default_stance]
-    for key, value in {"joint_stiffness": 20.0, "joint_damping": 0.5, "action_scale": 0.25}.items():
+    for key, value in {"joint_stiffness": 40.0, "joint_damping": 1.0, "action_scale": 0.25}.items():
         assert [float(own) for own in metadata[key].split(",")] == [value] * 12
     terms = metadata["observation_names"].split(",")
     sizes = [int(own) for own in metadata["observation_terms_size"].split(",")]

@@ -205,7 +205,7 @@ def test_an_answer_that_is_none_changes_nothing(answer):
 def test_targets_a_little_beyond_a_joints_range_are_followed_to_its_end():
     one = Watched()
     one.run(1.0)
-    asked = np.where(np.arange(12) % 2, A1.upper_limits + FARTHEST, A1.lower_limits - 0.1)
+    asked = np.where(np.arange(12) % 2, A1.upper_limits + 0.999 * FARTHEST, A1.lower_limits - 0.1)
     watch = step_watch(A1, one.watch, Answer(1, 1.0, asked), 1.0, SETTINGS)
     ends = np.where(np.arange(12) % 2, A1.upper_limits, A1.lower_limits)
     np.testing.assert_array_equal(watch.targets, ends)

@@ -158,15 +158,15 @@ def test_a_file_holds_odometry_whose_gain_can_be_edited(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("0.15*(measured", "2*(measured", "line 28, column 17: the gain"),
-        ("0.15*(measured", "nan*(measured", "line 28, column 17: the gain"),
-        ("0.02*9.81", "0.02*9.8", "line 22, column 46: odometry is one program"),
-        ("normal = unit(", "normal = (", "line 30, column 10: odometry is one program"),
-        ("stood = touching", "# stood = touching", "line 25, column 1: odometry is one"),
-        ("h = dot(normal", "# h = dot(normal", "line 33, column 1: odometry lacks"),
-        ("\ndefinitions", "\nh = 2\n\ndefinitions", "line 33, column 1: odometry ends"),
-        ("\ndefinitions", "\nodometry\n\ndefinitions", "line 33, column 1: odometry stands"),
-        ("states: 2", "states: 2\nsenses: sonar", "line 4, column 1: senses"),
+        ("0.15*(measured", "2*(measured", "line 31, column 17: the gain"),
+        ("0.15*(measured", "nan*(measured", "line 31, column 17: the gain"),
+        ("0.02*9.81", "0.02*9.8", "line 25, column 46: odometry is one program"),
+        ("normal = unit(", "normal = (", "line 33, column 10: odometry is one program"),
+        ("stood = touching", "# stood = touching", "line 28, column 1: odometry is one"),
+        ("h = dot(normal", "# h = dot(normal", "line 36, column 1: odometry lacks"),
+        ("\ndefinitions", "\nh = 2\n\ndefinitions", "line 36, column 1: odometry ends"),
+        ("\ndefinitions", "\nodometry\n\ndefinitions", "line 36, column 1: odometry stands"),
+        ("senses: imu", "senses: sonar", "line 4, column 1: senses"),
     ],
 )
 def test_odometry_that_is_another_program_is_refused(old, new, place):

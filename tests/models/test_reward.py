@@ -83,7 +83,7 @@ def test_penalties(standing):
     assert terms["roll_pitch_rate"] == pytest.approx(-0.05 * 0.5)
     assert terms["joint_acceleration"] == pytest.approx(-2.5e-7 * 12 * 50**2)
     assert terms["action_change"] == pytest.approx(-0.01 * 12 * 0.25)
-    assert terms["torque"] == pytest.approx(-2e-4 * 12 * (20 * 0.125 - 0.5) ** 2)
+    assert terms["torque"] == pytest.approx(-2e-4 * 12 * (40 * 0.125 - 1.0) ** 2)
 
 
 def test_excursion_past_ninety_percent_of_the_range_costs(standing):

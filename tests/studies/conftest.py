@@ -14,7 +14,7 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
@@ -64,14 +64,14 @@ def expert() -> NeuralPolicy:
 
 @pytest.fixture(scope="module")
 def other_expert(expert) -> NeuralPolicy:
-    """An expert of the trot that never moves, with the estimator of the one that ships."""
+    """An expert of the trot that never moves, and observes what the one that ships does."""
     still = Network(
         (np.zeros((quadruped.N_JOINTS, len(expert.observation_names))),),
         (np.ones(quadruped.N_JOINTS),),
     )
-    assert isinstance(expert.estimator, MirroredNetwork)
-    own, names = expert.estimator.network, expert.observation_names
-    return NeuralPolicy("trot", names, still, own, expert.mirrored_states)
+    return NeuralPolicy(
+        "trot", expert.observation_names, still, expert.estimator, expert.mirrored_states
+    )
 
 
 @pytest.fixture(scope="session")

@@ -71,7 +71,14 @@ def weights(folder):
 
 
 def test_entropy_and_divergence_fall_as_scheduled(tmp_path):
-    schedule = replace(TINY.ppo, entropy_decay=(0, 3), final_kl=0.002, kl_decay=(1, 3))
+    schedule = replace(
+        TINY.ppo,
+        entropy=0.01,
+        final_entropy=0.001,
+        entropy_decay=(0, 3),
+        final_kl=0.002,
+        kl_decay=(1, 3),
+    )
     run = training_run(replace(TINY, ppo=schedule), tmp_path)
     seen = []
     run.run(
@@ -117,7 +124,8 @@ def test_checkpoints_hold_everything(tmp_path):
     [("trot", True, (1, 0)), ("walk", True, (2, 3, 0, 1)), ("trot", False, None)],
 )
 def test_the_expert_acts_as_the_network_that_was_trained(gait, mirrored, states, tmp_path):
-    run = training_run(replace(TINY, gait=gait, mirrored=mirrored), tmp_path)
+    config = replace(TINY, gait=gait, mirrored=mirrored, senses="learned")
+    run = training_run(config, tmp_path)
     run.update()
     run.save()
     policy = load_policy(tmp_path / f"{gait}.safetensors")
@@ -267,7 +275,9 @@ def test_the_ground_grows_with_the_hardship_and_a_resumed_run_stands_on_the_same
 
 
 def test_level_ground_is_not_laid_anew(tmp_path):
-    environment = training_run(TINY, tmp_path).environment
+    level = GroupRanges(terrains=TerrainRanges(share=0.0))
+    config = replace(TINY, worlds=replace(TINY.worlds, groups=level))
+    environment = training_run(config, tmp_path).environment
     physics = environment.simulator.physics
     environment.hardship = 0.5
     environment.draw_worlds()

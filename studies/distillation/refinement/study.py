@@ -11,7 +11,7 @@ import tyro
 from tensordict import TensorDict
 from torch import nn
 
-from glassgait.diagrams.domain_randomization import HARSH, DomainRandomization, GroupRanges
+from glassgait.diagrams.domain_randomization import HARSH, DomainRandomization, GroupRanges, TerrainRanges
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
@@ -42,13 +42,17 @@ PRUNING_SHARE = 2 / 3
 """Share of the updates after which no more terms are dropped."""
 
 MILD = DomainRandomization(
-    groups=GroupRanges(payload=(0.0, 1.0), motor_strength=(0.9, 1.1), gains=(0.9, 1.1)),
-    fine_steps=(),
-    randomization=replace(HARSH, push_speed=0.5, latency=(0.0, 0.01)),
+    groups=GroupRanges(
+        payload=(0.0, 2.5),
+        motor_strength=(0.9, 1.1),
+        gains=(0.9, 1.1),
+        terrains=TerrainRanges(slope=12.5, amplitude=0.035, height=0.035),
+    ),
+    randomization=replace(HARSH, push_speed=1.2, latency=(0.0, 0.015)),
 )
 """About half of what experts meet: few terms that learn in the harshest worlds forget home."""
 
-FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0)
+FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0, initial_hardship=1.0)
 
 
 @dataclass(frozen=True)

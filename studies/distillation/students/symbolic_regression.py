@@ -102,10 +102,10 @@ class StatewiseSymbolicSettings(SymbolicSettings):
     title: ClassVar[str] = "distillation: statewise_symbolic"
 
     shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = (
-        (64, 64),
         (90, 90),
-        (120, 120),
-        (200, 200),
+        (150, 150),
+        (250, 250),
+        (400, 400),
     )
 
 
