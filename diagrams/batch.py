@@ -379,6 +379,7 @@ class BatchSimulator:
             commanded_dwell=s.command.dwell,
             joint_noise=s.joint_noise,
             imu=s.imu[:, -1] if self.layout.imu else None,
+            limited=self.task.joint_law.limited,
         )
 
     def _sensed(

@@ -120,6 +120,7 @@ def AddController(  # noqa: N802
     machine: RewardMachineSystem,
     policy: Controller | Policy | None,
     senses: Senses,
+    limited: bool,
     intervention: Intervention | None = None,
 ) -> ControllerPorts:
     """Adds observation, estimator, policies and action hold, and connects the reward machine.
@@ -133,6 +134,7 @@ def AddController(  # noqa: N802
         policy: The controller.
         senses: What it observes by. An estimator gives the observed body state and the foot heights
             that the reward machine reads.
+        limited: Whether joints follow targets within their ranges alone.
         intervention: Gives the policy another observation for some control steps.
 
     Raises:
@@ -147,7 +149,8 @@ def AddController(  # noqa: N802
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     builder.Connect(sensed.foot_contact, machine.get_foot_contact_input_port())
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
-    proprioception = _add_proprioception(builder, robot, layout, sensed, machine, hold)
+    proprioception = Proprioception(robot, layout, limited=limited)
+    _add_proprioception(builder, proprioception, layout, sensed, machine, hold)
     body_state, sensed_height = _add_body_state(
         builder, robot, layout, sensed, senses.estimator, proprioception
     )
@@ -217,13 +220,12 @@ def AddPolicies(  # noqa: N802
 
 def _add_proprioception(
     builder: DiagramBuilder,
-    robot: Robot,
+    proprioception: Proprioception,
     layout: ObservationLayout,
     sensed: Sensed,
     machine: RewardMachineSystem,
     hold: ActionHold,
-) -> Proprioception:
-    proprioception = Proprioception(robot, layout)
+) -> None:
     builder.AddNamedSystem("proprioception", proprioception)
     connect = builder.Connect
     connect(hold.get_held_action_output_port(), proprioception.get_previous_action_input_port())
@@ -234,7 +236,6 @@ def _add_proprioception(
     connect(sensed.commanded_dwell, proprioception.get_commanded_dwell_input_port())
     if layout.imu:
         connect(_needed(sensed.imu, "an IMU"), proprioception.get_imu_input_port())
-    return proprioception
 
 
 def _add_body_state(

@@ -77,7 +77,14 @@ def MakeLinkedController(  # noqa: N802
     )
     machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
     controller = AddController(
-        builder, robot, gait, sensed, machine=machine, policy=policy, senses=Senses.of(policy)
+        builder,
+        robot,
+        gait,
+        sensed,
+        machine=machine,
+        policy=policy,
+        senses=Senses.of(policy),
+        limited=policy.joint_law.limited,
     )
     sender = builder.AddNamedSystem("targets_sender", TargetsSender(robot))
     builder.Connect(controller.acting["actions"], sender.get_action_input_port())

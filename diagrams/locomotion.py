@@ -128,6 +128,7 @@ def MakeLocomotion(  # noqa: N802
         machine=machine,
         policy=policy,
         senses=senses,
+        limited=law.limited,
         intervention=intervention,
     )
     hold = controller.hold

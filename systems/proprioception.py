@@ -36,8 +36,15 @@ class Proprioception(FunctionSystem):
     State: none. Feedthrough: all inputs. Converts to AutoDiffXd.
     """
 
-    def __init__(self, robot: Robot, layout: ObservationLayout) -> None:
-        self._robot = robot
+    def __init__(self, robot: Robot, layout: ObservationLayout, *, limited: bool = False) -> None:
+        """
+        Args:
+            robot: What robot it is.
+            layout: What is observed.
+            limited: Whether joints follow targets within their ranges alone, which are then what is
+                observed of the previous action.
+        """
+        self._robot, self._limited = robot, limited
         super().__init__(
             inputs={
                 "joints": 2 * quadruped.N_JOINTS,
@@ -104,4 +111,5 @@ class Proprioception(FunctionSystem):
             rm_iterations=rm_iterations[0],
             commanded_dwell=commanded_dwell[0],
             imu=imu,
+            limited=self._limited,
         )

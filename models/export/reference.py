@@ -83,6 +83,7 @@ class PythonController:
             rm_iterations=machine.iterations.astype(float),
             commanded_dwell=command.dwell,
             imu=sensors.imu if self._policy.layout.imu else None,
+            limited=self._limited,
         )
         after = np.empty(len(memory))
         match self._estimator:

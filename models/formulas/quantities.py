@@ -24,6 +24,9 @@ LATE = 4.0
 LIFTED = 0.02
 """Height of a foot that is neither on the ground nor in the air (m)."""
 
+ASIDE = 0.1
+"""How far from its default stance a hip's last target is clearly to one side (rad)."""
+
 
 @dataclass(frozen=True)
 class RobotUnits:
@@ -173,20 +176,33 @@ GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
 All are bounded. A product with the time itself would grow without bound where the robot is late.
 """
 
-COURSE = ("cmd.v", "v.y", "g.x")
-"""How fast the robot is to go, how it drifts sideways, and how the ground rises ahead.
+COURSE = ("cmd.v", "v.y", "g.x", "w.y")
+"""How fast the robot is to go, how it drifts sideways, how the ground rises ahead, how it pitches.
 
 On real ground, and commanded to go forward as well as back, they change how all else counts.
+"""
+
+OUT = tuple(f"out.{leg}" for leg in quadruped.LEGS)
+"""Whether each hip was last sent outward or inward.
+
+A network has no memory but its last targets, and those of the hips hold most of it.
 """
 
 
 def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definition]:
     forward, up = _foot_in_plane(robot, of[f"q.{leg}_thigh"], of[f"q.{leg}_calf"])
+    stance = robot.default_stance[quadruped.joint_index(f"{leg}_hip")]
+    outward = float(robot.side[quadruped.LEGS.index(leg)]) / ASIDE
     return [
         Definition(
             f"lifted.{leg}",
             _turning(of[f"h.{leg}"], slope=100.0, shift=100.0 * LIFTED),
             f"-1 on the ground, 0 at {100.0 * LIFTED:g} cm, 1 in the air",
+        ),
+        Definition(
+            f"out.{leg}",
+            _turning(of[f"a.{leg}_hip"], slope=outward, shift=outward * float(stance)),
+            "-1 where its hip was last sent inward of the default stance, 1 outward",
         ),
         Definition(f"x.{leg}", forward, "m, how far the foot is before its hip"),
         Definition(f"z.{leg}", up, "m, how high the foot is over its hip"),

@@ -223,6 +223,17 @@ class Robot(Settings):
         # As `np.clip` does, which takes some times longer for one robot.
         return np.minimum(np.maximum(targets, self.lower_limits), self.upper_limits)
 
+    def limited_action(self, action: Array) -> Array:
+        """Returns the action (..., 12) whose targets are the nearest within the joints' ranges."""
+        least, greatest = self._action_limits
+        return np.minimum(np.maximum(action, least), greatest)
+
+    @cached_property
+    def _action_limits(self) -> tuple[Array, Array]:
+        limits = (self.lower_limits, self.upper_limits)
+        least, greatest = ((own - self.default_stance) / self.action_scale for own in limits)
+        return _fixed(least), _fixed(greatest)
+
     def joint_torque(
         self,
         *,

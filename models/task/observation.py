@@ -324,6 +324,7 @@ def proprioception(
     commanded_dwell: Array,
     joint_noise: Array | float = 0.0,
     imu: Array | None = None,
+    limited: bool = False,
 ) -> Array:
     """Assembles the part of the observation that needs no estimator.
 
@@ -339,6 +340,9 @@ def proprioception(
         commanded_dwell: Commanded iterations (...; control steps).
         joint_noise: Errors of positions, then velocities (..., 24; rad, rad/s).
         imu: The IMU's reading (..., 9), where the policy observes gravity and angular velocity.
+        limited: Whether joints follow targets within their ranges alone. Then these are observed,
+            not what was asked for: a policy that multiplies its last targets could otherwise make
+            them grow from step to step.
 
     Returns:
         Proprioception (..., 40 + n_states; 46 + n_states with an IMU), in the order of
@@ -353,7 +357,7 @@ def proprioception(
             measured[..., : quadruped.N_JOINTS] - robot.default_stance,
             measured[..., quadruped.N_JOINTS :] * JOINT_VELOCITY_SCALE,
             *_of_imu(imu),
-            previous_action,
+            robot.limited_action(previous_action) if limited else previous_action,
             rm_state,
             counts * ITERATIONS_SCALE,
         ],

@@ -37,6 +37,19 @@ def test_it_is_the_models_function(imu, fix_inputs):
     np.testing.assert_array_equal(system.get_proprioception_output_port().Eval(context), expected)
 
 
+def test_where_targets_are_limited_those_that_joints_followed_are_observed(fix_inputs):
+    layout = ObservationLayout(4)
+    system = Proprioception(A1, layout, limited=True)
+    asked = np.resize([1e30, -1e30, 0.5, np.nan], 12)
+    context = fix_inputs(system, **INPUTS | {"previous_action": asked})
+    entries = [i for i, own in enumerate(layout.entries) if own.group == "previous action"]
+    followed = system.get_proprioception_output_port().Eval(context)[entries]
+    np.testing.assert_allclose(
+        A1.joint_targets(followed), A1.joint_targets(asked, limited=True), atol=1e-15
+    )
+    np.testing.assert_array_equal(followed[2::4], asked[2::4])
+
+
 def test_clones_observe_their_own_robot(fix_inputs):
     system = Proprioception(A1, ObservationLayout(4))
     context = fix_inputs(system, **INPUTS)

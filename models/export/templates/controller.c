@@ -83,6 +83,15 @@ static const {{ real }} {{ name }}[12] = {
 {% endfor %}
 {% endif %}
 
+/* The actions that ask for the ends of these ranges. */
+{% for name, limits in [('LEAST', least), ('GREATEST', greatest)] %}
+static const {{ real }} {{ name }}[12] = {
+{% for leg in legs %}
+    {{ limits[3 * loop.index0:][:3] | map('number') | join(', ') }}, /* {{ leg }} hip, thigh, calf */
+{% endfor %}
+};
+{% endfor %}
+
 {% endif %}
 #define ACTION_SCALE {{ action_scale | number }} /* rad of joint target for an action of 1 */
 #define LARGEST {{ 1000000.0 | number }} /* greatest size of a sensible number, in any unit here */
@@ -174,7 +183,14 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
     for (int joint = 0; joint < 12; joint++) {
         observation[JOINT_POSITION + joint] = sensors->joint_position[joint] - STANCE[joint];
         observation[JOINT_VELOCITY + joint] = sensors->joint_velocity[joint] * {{ 0.05 | number }};
+{% if limits_targets %}
+        const {{ real }} asked = controller->action[joint];
+
+        observation[PREVIOUS_ACTION + joint] =
+            asked < LEAST[joint] ? LEAST[joint] : asked > GREATEST[joint] ? GREATEST[joint] : asked;
+{% else %}
         observation[PREVIOUS_ACTION + joint] = controller->action[joint];
+{% endif %}
     }
 {% if observes_imu %}
     for (int axis = 0; axis < 3; axis++) {

@@ -16,6 +16,7 @@ from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import (
     COURSE,
     GATES,
+    OUT,
     RobotUnits,
     Vocabulary,
     known_definitions,
@@ -38,10 +39,11 @@ DIGITS = 3
 def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
     """Returns the gates of formulas that serve one state of the machine.
 
-    They say where in the gait the robot is and, as far as it is observed, which course it takes.
+    They say where in the gait the robot is, which way its hips were last sent and, as far as it is
+    observed, which course it takes.
     """
     course = (symbol for symbol in COURSE if symbol in vocabulary.symbols)
-    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *course))
+    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *OUT, *course))
 
 
 def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
