@@ -20,11 +20,11 @@ with the one before. Formulas that serve all states of the machine stand under `
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
 those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0. `targets:
 limited` says that joints follow the nearest targets within their ranges, where a formula asks for
-one beyond, and that these are the last targets that formulas read. `gains: 40 1` says that they follow them with a stiffness of 40 N·m/rad and a damping of
-1 N·m·s/rad, where those are not the robot's own. `robot: …` names the robot, where it is not the
-default one. `senses: imu` says that formulas may hold gravity's direction and the angular velocity,
-and `odometry` that the robot's velocity and its feet's heights are estimated by the program that
-stands there, with its gain.
+one beyond, and that these are the last targets that formulas read. `gains: 40 1` says that joints
+follow with a stiffness of 40 N·m/rad and a damping of 1 N·m·s/rad, where those are not the robot's
+own. `robot: …` names the robot, where it is not the default one. `senses: imu` says that formulas
+may hold gravity's direction and the angular velocity, and `odometry` that the robot's velocity and
+its feet's heights are estimated by the program that stands there, with its gain.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins

@@ -138,6 +138,9 @@ def test_definitions_are_what_they_say(robots, message):
     for leg in quadruped.LEGS:
         height = message(f"h.{leg}")
         np.testing.assert_array_equal(message(f"lifted.{leg}"), np.tanh(100.0 * height - 2.0))
+        side, hip = A1.side[quadruped.LEGS.index(leg)], quadruped.joint_index(f"{leg}_hip")
+        outward = side * (message(f"a.{leg}_hip") - A1.default_stance[hip])
+        np.testing.assert_allclose(message(f"out.{leg}"), np.tanh(outward / 0.1), atol=1e-12)
 
 
 def test_feet_are_where_kinematics_puts_them(robots, message):
