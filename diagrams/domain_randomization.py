@@ -170,7 +170,7 @@ class DomainRandomization(Settings):
     mujoco_share: Annotated[NotNegative, Le(1.0)] = 0.875
     mujoco_step: Positive = 0.005
     mujoco_contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
-    station: StationConfig = StationConfig(feet_only=True)
+    station: StationConfig = field(default_factory=lambda: StationConfig(feet_only=True))
     randomization: Randomization = HARSH
 
     def __post_init__(self) -> None:

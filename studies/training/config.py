@@ -137,7 +137,7 @@ EXACT = RewardWeights(
     tracking_width=0.1,
     tracking_time=0.2,
 )
-"""More of what makes robots go and turn as commanded, level and on feet that neither slip nor fly."""
+"""More of what makes robots go and turn as commanded, level, on feet that neither slip nor fly."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,12 @@ import tyro
 from tensordict import TensorDict
 from torch import nn
 
-from glassgait.diagrams.domain_randomization import HARSH, DomainRandomization, GroupRanges, TerrainRanges
+from glassgait.diagrams.domain_randomization import (
+    HARSH,
+    DomainRandomization,
+    GroupRanges,
+    TerrainRanges,
+)
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
