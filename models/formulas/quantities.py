@@ -202,7 +202,7 @@ def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definitio
         Definition(
             f"out.{leg}",
             _turning(of[f"a.{leg}_hip"], slope=outward, shift=outward * float(stance)),
-            "-1 where its hip was last sent inward of the default stance, 1 outward",
+            "-1 where its hip was last sent inward, 1 outward",
         ),
         Definition(f"x.{leg}", forward, "m, how far the foot is before its hip"),
         Definition(f"z.{leg}", up, "m, how high the foot is over its hip"),
