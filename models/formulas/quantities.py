@@ -185,7 +185,8 @@ On real ground, and commanded to go forward as well as back, they change how all
 OUT = tuple(f"out.{leg}" for leg in quadruped.LEGS)
 """Whether each hip was last sent outward or inward.
 
-A network has no memory but its last targets, and those of the hips hold most of it.
+A network has no memory but its last targets, and those that learned on real ground answer to the
+hips' as to a switch.
 """
 
 
