@@ -149,8 +149,10 @@ def AddController(  # noqa: N802
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     builder.Connect(sensed.foot_contact, machine.get_foot_contact_input_port())
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
-    proprioception = Proprioception(robot, layout, limited=limited)
-    _add_proprioception(builder, proprioception, layout, sensed, machine, hold)
+    proprioception = builder.AddNamedSystem(
+        "proprioception", Proprioception(robot, layout, limited=limited)
+    )
+    _connect_proprioception(builder, proprioception, layout, sensed, machine, hold)
     body_state, sensed_height = _add_body_state(
         builder, robot, layout, sensed, senses.estimator, proprioception
     )
@@ -218,7 +220,7 @@ def AddPolicies(  # noqa: N802
     return outputs
 
 
-def _add_proprioception(
+def _connect_proprioception(
     builder: DiagramBuilder,
     proprioception: Proprioception,
     layout: ObservationLayout,
@@ -226,7 +228,6 @@ def _add_proprioception(
     machine: RewardMachineSystem,
     hold: ActionHold,
 ) -> None:
-    builder.AddNamedSystem("proprioception", proprioception)
     connect = builder.Connect
     connect(hold.get_held_action_output_port(), proprioception.get_previous_action_input_port())
     connect(machine.get_rm_state_output_port(), proprioception.get_rm_state_input_port())

@@ -84,7 +84,7 @@ def MakeLinkedController(  # noqa: N802
         machine=machine,
         policy=policy,
         senses=Senses.of(policy),
-        limited=policy.joint_law.limited,
+        limited=True,  # The robot's end follows no others, whatever the policy.
     )
     sender = builder.AddNamedSystem("targets_sender", TargetsSender(robot))
     builder.Connect(controller.acting["actions"], sender.get_action_input_port())

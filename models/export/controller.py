@@ -337,18 +337,11 @@ def _constants_of_robot(
 
 
 def _ranges(robot: Robot) -> dict[str, Any]:
-    """Returns the joints' ranges, three where all legs have the same, and those of actions."""
+    """Returns the joints' ranges, three where all legs have the same."""
     low, high = robot.lower_limits, robot.upper_limits
     shared = all(np.array_equal(own, np.tile(own[:3], quadruped.N_LEGS)) for own in (low, high))
     count, index = (3, "joint % 3") if shared else (quadruped.N_JOINTS, "joint")
-    least, greatest = robot.limited_action(np.array([[-np.inf], [np.inf]]))
-    return {
-        "lowest": low[:count].tolist(),
-        "highest": high[:count].tolist(),
-        "limit": index,
-        "least": least.tolist(),
-        "greatest": greatest.tolist(),
-    }
+    return {"lowest": low[:count].tolist(), "highest": high[:count].tolist(), "limit": index}
 
 
 def _efforts(robot: Robot) -> list[tuple[str, float, str]]:

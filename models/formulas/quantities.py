@@ -185,7 +185,8 @@ On real ground, and commanded to go forward as well as back, they change how all
 OUT = tuple(f"out.{leg}" for leg in quadruped.LEGS)
 """Whether each hip was last sent outward or inward.
 
-A network has no memory but its last targets, and those of the hips hold most of it.
+A network has no memory but its last targets, and those that learned on real ground answer to the
+hips' as to a switch.
 """
 
 
@@ -202,7 +203,7 @@ def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definitio
         Definition(
             f"out.{leg}",
             _turning(of[f"a.{leg}_hip"], slope=outward, shift=outward * float(stance)),
-            "-1 where its hip was last sent inward of the default stance, 1 outward",
+            "-1 where its hip was last sent inward, 1 outward",
         ),
         Definition(f"x.{leg}", forward, "m, how far the foot is before its hip"),
         Definition(f"z.{leg}", up, "m, how high the foot is over its hip"),

@@ -83,15 +83,6 @@ static const {{ real }} {{ name }}[12] = {
 {% endfor %}
 {% endif %}
 
-/* The actions that ask for the ends of these ranges. */
-{% for name, limits in [('LEAST', least), ('GREATEST', greatest)] %}
-static const {{ real }} {{ name }}[12] = {
-{% for leg in legs %}
-    {{ limits[3 * loop.index0:][:3] | map('number') | join(', ') }}, /* {{ leg }} hip, thigh, calf */
-{% endfor %}
-};
-{% endfor %}
-
 {% endif %}
 #define ACTION_SCALE {{ action_scale | number }} /* rad of joint target for an action of 1 */
 #define LARGEST {{ 1000000.0 | number }} /* greatest size of a sensible number, in any unit here */
@@ -169,6 +160,11 @@ enum {
 {% endblock %}
 #define OVERDUE {{ overdue | number }} /* control steps by which the observed time may pass the commanded one */
 
+static {{ real }} nearest({{ real }} value, {{ real }} least, {{ real }} greatest) /* to a value, in a range */
+{
+    return value < least ? least : value > greatest ? greatest : value;
+}
+
 /* Writes all but what is estimated. */
 static void observe(const {{ name }}_controller *controller, const {{ name }}_sensors *sensors,
     const {{ name }}_command *command, {{ real }} observation[{% block room %}N_OBSERVATIONS{% endblock %}])
@@ -184,10 +180,9 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
         observation[JOINT_POSITION + joint] = sensors->joint_position[joint] - STANCE[joint];
         observation[JOINT_VELOCITY + joint] = sensors->joint_velocity[joint] * {{ 0.05 | number }};
 {% if limits_targets %}
-        const {{ real }} asked = controller->action[joint];
-
-        observation[PREVIOUS_ACTION + joint] =
-            asked < LEAST[joint] ? LEAST[joint] : asked > GREATEST[joint] ? GREATEST[joint] : asked;
+        observation[PREVIOUS_ACTION + joint] = nearest(controller->action[joint],
+            (LOWEST[{{ limit }}] - STANCE[joint]) / ACTION_SCALE,
+            (HIGHEST[{{ limit }}] - STANCE[joint]) / ACTION_SCALE);
 {% else %}
         observation[PREVIOUS_ACTION + joint] = controller->action[joint];
 {% endif %}
@@ -275,10 +270,9 @@ static int sound_memory(const {{ name }}_controller *controller)
 
 static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greatest, int *flags)
 {
-    if (value >= least && value <= greatest)
-        return value;
-    *flags |= {{ prefix }}_COMMAND_LIMITED;
-    return value < least ? least : greatest;
+    if (!(value >= least && value <= greatest))
+        *flags |= {{ prefix }}_COMMAND_LIMITED;
+    return nearest(value, least, greatest);
 }
 
 {% block limit_change %}
@@ -286,13 +280,9 @@ static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greates
 static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets)
 {
 {% if limits_targets %}
-    for (int joint = 0; joint < 12; joint++) {
-        const {{ real }} asked = STANCE[joint] + ACTION_SCALE * action[joint];
-        const {{ real }} lowest = LOWEST[{{ limit }}], highest = HIGHEST[{{ limit }}];
-
-        targets->joint_position[joint] =
-            asked < lowest ? lowest : asked > highest ? highest : asked;
-    }
+    for (int joint = 0; joint < 12; joint++)
+        targets->joint_position[joint] = nearest(STANCE[joint] + ACTION_SCALE * action[joint],
+            LOWEST[{{ limit }}], HIGHEST[{{ limit }}]);
 {% else %}
     for (int joint = 0; joint < 12; joint++)
         targets->joint_position[joint] = STANCE[joint] + ACTION_SCALE * action[joint];
