@@ -5,6 +5,7 @@ import random
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,20 @@ def imu_expert() -> NeuralPolicy:
     weights = tuple(generator.normal(size=size) / size[1] ** 0.5 for size in sizes)
     biases = tuple(np.zeros(size[0]) for size in sizes)
     return NeuralPolicy("trot", layout.names, Network(weights, biases), Odometry(gain=0.3))
+
+
+@pytest.fixture(scope="session")
+def learned_expert() -> NeuralPolicy:
+    """Networks of small random weights: an estimator, and an actor that moves all joints."""
+    layout, generator = ObservationLayout(2), np.random.default_rng(2)
+
+    def network(*widths: int) -> Network:
+        sizes = [(after, before) for before, after in pairwise(widths)]
+        weights = tuple(0.1 * generator.normal(size=size) for size in sizes)
+        return Network(weights, tuple(np.zeros(size[0]) for size in sizes))
+
+    actor = network(layout.size, 32, quadruped.N_JOINTS)
+    return NeuralPolicy("trot", layout.names, actor, network(layout.n_proprioceptive, 32, 7))
 
 
 @pytest.fixture(scope="session")

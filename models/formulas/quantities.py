@@ -213,7 +213,7 @@ def _sent(robot: Robot, leg: str, part: str, of: dict[str, Expression]) -> Defin
     return Definition(
         f"sent.{joint}",
         _turning(of[f"a.{joint}"], slope=slope, shift=slope * stance),
-        f"-1 where the joint was last sent {below}, 1 {above}",
+        f"-1 where last sent {below}, 1 {above}",
     )
 
 

@@ -16,10 +16,11 @@ from glassgait.models.policies.library import load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.foot_sensor import FootSensor
+from glassgait.systems.imu import ImuSensor
 from glassgait.systems.joint_sensor import JointSensor
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.proprioception import Proprioception
@@ -30,21 +31,23 @@ from glassgait.systems.symbolic_policy import make_symbolic_policy
 def make_diagram() -> Diagram:
     """Connects the robot, what it senses, the policy and the joints."""
     robot, gait, builder = load_robot(), load_gait("trot"), DiagramBuilder()
-    layout = ObservationLayout(gait.n_states)
-    plant, _, instance = AddStation(builder, robot, StationConfig())
+    student = load_student("trot", "statewise_linear")
+    law, layout = student.joint_law, student.layout
+    plant, _, instance = AddStation(builder, robot, StationConfig().with_gains(robot, law))
     command = builder.AddSystem(ConstantVectorSource([0.5, 0.0]))  # m/s, rad/s
     dwell = builder.AddSystem(ConstantVectorSource([8.0]))  # control steps in a state
     feet = builder.AddSystem(FootSensor(robot))
     machine = builder.AddSystem(RewardMachineSystem(gait))
     joints = builder.AddSystem(JointSensor())
-    sensed = builder.AddSystem(Proprioception(robot, layout))
+    imu = builder.AddSystem(ImuSensor(plant.gravity_field().gravity_vector()))
+    sensed = builder.AddSystem(Proprioception(robot, layout, limited=law.limited))
     body = builder.AddSystem(BodyStateSensor(robot))
     observation = builder.AddSystem(Multiplexer([layout.n_proprioceptive, N_ESTIMATED]))
-    policy = builder.AddSystem(make_symbolic_policy(load_student("trot", "statewise_linear")))
+    policy = builder.AddSystem(make_symbolic_policy(student))
     hold = builder.AddSystem(ActionHold())
-    targets = builder.AddSystem(JointTargets(robot, actuated_joints(plant)))
+    targets = builder.AddSystem(JointTargets(robot, actuated_joints(plant), limited=law.limited))
 
-    for system in (feet, joints, body):
+    for system in (feet, joints, imu, body):
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("state"))
     for source, target, ports in [
         (feet, machine, ("foot_contact", "foot_height")),
@@ -53,6 +56,7 @@ def make_diagram() -> Diagram:
         for port in ports:
             builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
     builder.Connect(joints.get_output_port(), sensed.GetInputPort("joints"))
+    builder.Connect(imu.get_output_port(), sensed.GetInputPort("imu"))
     for system in (machine, sensed):
         builder.Connect(dwell.get_output_port(), system.GetInputPort("commanded_dwell"))
     builder.Connect(command.get_output_port(), sensed.GetInputPort("command"))

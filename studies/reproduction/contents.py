@@ -15,7 +15,7 @@ from glassgait.studies.reproduction.page import Section, Table
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 
 DEVIATIONS = (
-    "Experts are trained with 256 robots for 9 to 15 % of the paper's control steps, "
+    "Experts are trained with 256 robots for 12 to 27 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "
     "quarter of the samples; explainable boosting takes larger and fewer steps than interpret's "
@@ -25,7 +25,7 @@ DEVIATIONS = (
     "which feet are in the air, which Operon may then correct. Of several shapes, with the samples "
     "of an episode's start counting once or often, the simplest is taken that walks alone about as "
     "well as the best. The paper evolves them with PySR alone. "
-    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 200, but "
+    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 400, but "
     "Operon counts a weighted observation as one.",
     "After the paper's episodes come rounds in which the student acts alone.",
     "Students are refitted when the alternation ratio changes, not after every episode.",

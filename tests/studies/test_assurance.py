@@ -73,9 +73,10 @@ def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
 
 def test_visits_are_those_of_the_rollouts_that_are_scored(expert, trot):
     student = load_student("trot", "sparse_formula")
-    upper = np.full((2, 49), 100.0)
-    upper[:, SPEED] = 0.3
-    region = Region(NAMES, -upper, upper)
+    names = student.observation_names
+    upper = np.full((2, len(names)), 100.0)
+    upper[:, names.index("Base Lin Vel Y")] = 0.3
+    region = Region(names, -upper, upper)
     study = Assurance(
         scenario=("training",), calls=(0.05,), n_robots=2, n_steps=40, n_seeds=2, seed=7
     )

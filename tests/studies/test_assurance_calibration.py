@@ -11,7 +11,6 @@ from glassgait.models.policies.library import load_student
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.assurance import Hysteresis
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.evaluation.assurance_calibration import (
     Calibration,
     Visits,
@@ -26,15 +25,16 @@ from glassgait.studies.evaluation.assurance_calibration import (
 A1 = load_robot()
 
 
-NAMES = ObservationLayout(2).names
 PAGE = load_student("trot", "sparse_formula")
+NAMES = PAGE.observation_names
+N = len(NAMES)
 STATES = [NAMES.index("RM State 0"), NAMES.index("RM State 1")]
 HIP, COMMAND = NAMES.index("DoF Pos FL Hip"), NAMES.index("Command X")
 
 
 def seen(hip, state):
     """Makes visits of robots that stayed up from what their hips were (T, n)."""
-    observation = np.zeros((*hip.shape, 49))
+    observation = np.zeros((*hip.shape, N))
     observation[..., HIP] = hip
     for index, entry in enumerate(STATES):
         observation[..., entry] = state == index
@@ -65,7 +65,7 @@ def test_robots_of_several_walks_stand_side_by_side(trot):
         seen(np.full((4, 1), 3.0), np.ones((4, 1))),
     )
     both = joined([first, replace(second, fell=np.array([2]))])
-    assert both.observation.shape == (4, 3, 49)
+    assert both.observation.shape == (4, 3, N)
     assert both.fallen.tolist() == [2]
     region = make_region(trot, PAGE, both, quantile=0.0)
     assert region.upper[:, HIP].tolist() == [1.0, 3.0]
@@ -73,7 +73,7 @@ def test_robots_of_several_walks_stand_side_by_side(trot):
 
 def test_in_a_state_that_no_robot_was_in_everything_is_outside(trot):
     region = make_region(trot, PAGE, seen(np.ones((5, 1)), np.zeros((5, 1))), quantile=0.0)
-    observation = np.zeros(49)
+    observation = np.zeros(N)
     observation[[HIP, STATES[1]]] = 1.1, 1.0
     assert region.overrun(observation) == np.inf
 
@@ -106,7 +106,7 @@ def test_regions_of_ensembles_ask_for_their_usual_disagreement(bagged, trot, wan
         "states_and_disagreement",
     ]
     for state in range(2):
-        own = wandering.observation[state::2].reshape(-1, 49)
+        own = wandering.observation[state::2].reshape(-1, N)
         outside = regions["disagreement"].overrun(own)
         assert 0.0 < (outside > 0.0).mean() < 0.1 + 1e-9
         both = regions["states_and_disagreement"].overrun(own)
@@ -146,18 +146,14 @@ def test_the_limit_is_the_least_that_calls_the_expert_in_a_share_of_steps(genera
 
 
 def test_the_walk_has_a_box_for_each_of_its_states():
-    walk = load_gait("walk")
-    observation = np.zeros((8, 1, 51))
-    names = ObservationLayout(4).names
+    student = load_student("walk", "sparse_formula")
+    names = student.observation_names
+    observation = np.zeros((8, 1, len(names)))
     first = names.index("RM State 0")
     for step in range(8):
         observation[step, 0, first + step % 4] = 1.0
     observation[..., names.index("Command RM Iters")] = 0.8
-    region = make_region(
-        walk,
-        load_student("walk", "sparse_formula"),
-        Visits(observation, np.array([8])),
-        quantile=0.0,
-    )
-    assert region.lower.shape == (4, 51)
+    visits = Visits(observation, np.array([8]))
+    region = make_region(load_gait("walk"), student, visits, quantile=0.0)
+    assert region.lower.shape == (4, len(names))
     np.testing.assert_array_equal(region.overrun(observation), np.zeros((8, 1)))

@@ -143,12 +143,19 @@ def test_calls_are_timed_row_by_row():
     assert 0.0 < times.median < 1e6
 
 
-def test_the_same_policies_are_timed_elsewhere(monkeypatch, capsys):
+def test_the_same_policies_are_timed_elsewhere(learned_expert, monkeypatch, capsys):
     monkeypatch.setattr(python_times, "N_STEPS", 3)
     found = policies()
     if find_spec("onnxruntime"):
         table = python_times.peer_times(found, count=40).set_index("policy")
+        # Odometry is no part of a graph.
+        assert table["policy, ONNX (µs)"]["expert"] > 0
+        assert "both, ONNX (µs)" not in table.columns
+        learned = replace(found, expert=learned_expert)
+        table = python_times.peer_times(learned, count=40).set_index("policy")
         assert table["both, ONNX (µs)"]["expert"] > 0
+        assert "policy, ONNX (µs)" not in table.columns
+        assert table["both, Python (µs)"]["expert"] > table["policy, Python (µs)"]["expert"] > 0
     monkeypatch.setitem(sys.modules, "glassgait.models.export.graphs.runtime", None)
     table = python_times.peer_times(found, count=40).set_index("policy")
     assert table.index.tolist() == ["expert"]

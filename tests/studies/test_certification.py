@@ -31,6 +31,7 @@ A1 = load_robot()
 FILE = """format: 1
 gait: trot
 states: 2
+senses: imu
 mirror: 1 0
 
 definitions

@@ -37,8 +37,9 @@ from glassgait.studies.explanation.interventions.walks import seen_by
 A1 = load_robot()
 
 
-NAMES = ObservationLayout(2).names
-SYMBOLS = [entry.symbol for entry in ObservationLayout(2).entries]
+LAYOUT = ObservationLayout(2, imu=True)
+NAMES = LAYOUT.names
+SYMBOLS = [entry.symbol for entry in LAYOUT.entries]
 COMMAND = ["explain", "interventions"]
 SMALL = ["--n-claims", "2", "--n-robots", "2", "--n-steps", "110"]
 
@@ -46,6 +47,7 @@ HEADER = """\
 format: 1
 gait: trot
 states: 2
+senses: imu
 mirror: 1 0
 
 definitions
@@ -78,11 +80,12 @@ def term_of(policy, joint, text):
 
 
 def observations(generator, steps=40, robots=5):
-    """Draws observations (steps, robots, N) whose feet are high above or on the ground."""
+    """Draws observations (steps, robots, N) whose front feet are high above or on the ground."""
     drawn = generator.normal(size=(steps, robots, len(NAMES)))
     one_hot = machine_state_entries(NAMES)
     drawn[..., one_hot] = np.eye(2)[generator.integers(2, size=(steps, robots))]
-    drawn[..., SYMBOLS.index("h.FL")] = generator.choice([0.0, 0.2, 0.2], size=(steps, robots))
+    for foot in ("h.FL", "h.FR"):
+        drawn[..., SYMBOLS.index(foot)] = generator.choice([0.0, 0.2, 0.2], size=(steps, robots))
     return drawn
 
 

@@ -20,7 +20,9 @@ def test_bad_input_is_refused_in_one_sentence(refused, tmp_path):
     assert "name one with --policy" in refused(["view", "--ratio", "1/4"])
     assert "time_step is -0.1" in refused(["train", "--station.time-step", "-0.1"])
     assert "n_robots is 0" in refused(["evaluate", "worlds", "--n-robots", "0"])
-    assert "do not fit in n_groups" in refused(["train", "--n-groups", "1"])
+    assert "do not fit in n_groups" in refused(
+        ["train", "--n-groups", "1", "--fine-steps", "0.005", "0.0025"]
+    )
     assert "must divide the control period" in refused(
         ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
     )

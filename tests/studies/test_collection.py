@@ -11,8 +11,10 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.neural import MirroredNetwork
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.students.baselines import untrained_student
 
@@ -29,8 +31,9 @@ def test_labels_are_the_experts_whoever_acts(expert):
         generator=np.random.default_rng(0),
     )
     np.testing.assert_allclose(samples.actions, expert(samples.observations), atol=1e-12)
-    previous = samples.observations[1:20, 26:38]
-    acted = samples.actions[:19]
+    entries = indices_of("previous action", expert.observation_names)
+    previous = samples.observations[1:20, entries]
+    acted = expert.robot.limited_action(samples.actions[:19])
     by_expert = np.all(np.isclose(previous, acted), axis=1)
     assert by_expert.tolist() == [step % 3 == 0 for step in range(19)]
 
@@ -79,21 +82,20 @@ def test_as_many_go_straight_as_the_worlds_ask_for(expert):
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(
-    ("network", "message"),
+    ("owner", "network", "message"),
     [
-        ("actor", "the action of FL_calf is not finite"),
-        ("estimator", "Base Lin Vel Z is not finite"),
+        ("expert", "actor", "the action of FL_calf is not finite"),
+        ("learned_expert", "_estimator", "Base Lin Vel Z is not finite"),
     ],
 )
-def test_samples_that_are_not_finite_are_refused(expert, network, message):
-    own = getattr(expert, network)
-    last = own.network.biases[-1].copy()
+def test_samples_that_are_not_finite_are_refused(request, owner, network, message):
+    broken = copy(request.getfixturevalue(owner))
+    own = getattr(broken, network)
+    last = own.plain.biases[-1].copy()
     last[2] = np.nan
-    inner = replace(own.network, biases=(*own.network.biases[:-1], last))
-    broken = copy(expert)
-    # An estimator is a property, which other policies are given.
-    name = "_estimator" if network == "estimator" else network
-    setattr(broken, name, replace(own, network=inner))
+    inner = replace(own.plain, biases=(*own.plain.biases[:-1], last))
+    mirrored = isinstance(own, MirroredNetwork)
+    setattr(broken, network, replace(own, network=inner) if mirrored else inner)
     with pytest.raises(InputError, match=f"{message} at control step 0 of its episode"):
         collect(
             load_gait("trot"),

@@ -62,7 +62,8 @@ def test_the_robot_of_a_users_diagram_comes_forward_on_its_feet(printed):
     ((ahead, aside, height),) = numbers(r"(\S+) m ahead, (\S+) m aside, (\S+) m high", out)
     assert 1.5 < ahead < 3.0
     assert abs(aside) < 1.0
-    assert 0.25 < height < 0.4
+    # It trots as low as its expert, and falls below 0.20 m.
+    assert 0.24 < height < 0.28
 
 
 def test_ones_own_diagram_moves_as_the_loop_does(trot):
@@ -115,11 +116,11 @@ def test_the_meter_counts_driving_joints_and_not_braking_ones(fix_inputs, latch,
         meter = PowerMeter()
         state = standing.copy()
         state[25] = velocity
-        # A unit of action asks for 5 N·m at the first joint, less 0.5 N·m of damping by rad/s.
+        # A unit of action asks for 10 N·m at the first joint, less 1 N·m of damping by rad/s.
         context = fix_inputs(meter, state=state, actions=np.eye(12)[0])
         latch(meter, context)
         (work[name],) = meter.get_output_port().Eval(context)
-    assert work == pytest.approx({"drives": 0.02 * 4.5, "brakes": 0.0})
+    assert work == pytest.approx({"drives": 0.02 * 9.0, "brakes": 0.0})
 
 
 @pytest.mark.slow

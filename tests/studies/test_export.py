@@ -54,6 +54,9 @@ PAGE = Path(__file__).parents[2] / "studies" / "deployment" / "README.md"
 
 SEVERAL = ["--gait", "trot", "walk"]
 
+AT_REST = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1962, 0.0, 0.0, -1.0])
+"""What the IMU of a level robot at rest measures."""
+
 
 def written(gait, kind):
     expert = load_expert(gait)
@@ -105,7 +108,7 @@ def test_recorded_robots_change_their_gaits_and_agree(several):
     [
         ("trot", "expert"),
         ("trot", "statewise_linear"),
-        ("pace", "sparse_formula"),
+        ("bound", "sparse_formula"),
         pytest.param("bound", "ebm", marks=pytest.mark.slow),
         pytest.param("trot", "gbm", marks=pytest.mark.slow),
     ],
@@ -235,9 +238,9 @@ def test_policies_that_do_not_fit_and_places_that_are_none_are_refused(kind, tmp
     if kind == "onnx":
         pytest.importorskip("onnxruntime")
     export, run = ["export", "--format", kind, "--n-steps", "20"], tmp_path / "run"
-    path = STUDENT_DIRECTORY / "pace" / "sparse_formula.formulas"
+    path = STUDENT_DIRECTORY / "bound" / "sparse_formula.formulas"
     message = refused([*export, "--policy", str(path), "--output", str(run)])
-    assert "made for gait 'pace', not 'trot'" in message
+    assert "made for gait 'bound', not 'trot'" in message
     policy, broken = load_student("trot", "statewise_linear"), tmp_path / "broken.safetensors"
     policy.save(broken)
     arrays, header = load_arrays(broken)
@@ -264,7 +267,7 @@ def test_the_pages_program_runs(compiled_page, written_page, tmp_path):
     own.write_text(program)
     compile_c(own, tmp_path / "program", (*FLAGS, str(source)))
     done = subprocess.run([tmp_path / "program"], check=True, capture_output=True, text=True)
-    sensors = Sensors(A1.default_stance, np.zeros(12), np.ones(4, dtype=bool))
+    sensors = Sensors(A1.default_stance, np.zeros(12), np.ones(4, dtype=bool), AT_REST)
     command = Command(np.array([0.5, 0.0]), np.array(8.0))
     target = compiled_page.step(compiled_page.initial(), sensors, command).targets[2]
     assert done.stdout == f"status 0\nfront left calf to {target:.3f} rad\n"
@@ -284,7 +287,7 @@ def test_the_pages_lines_change_the_gait(switched_pages, tmp_path):
     """They stand in a program that is left out there."""
     text = PAGE.read_text().partition("## Several gaits")[2]
     (lines,) = re.findall(r"^```c\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
-    name = "walk_trot_pace_bound_sparse_formula"
+    (name,) = re.findall(r"^(\w+)_controller controller;$", lines, flags=re.MULTILINE)
     renamed = lines.replace(name, "pages").replace(name.upper(), "PAGES")
     names = {"name": "pages", "policy_name": "sparse_formula", "version": "0"}
     source = write_source(
@@ -298,7 +301,8 @@ def test_the_pages_lines_change_the_gait(switched_pages, tmp_path):
         {{
             const pages_sensors standing = {{
                 .joint_position = {{{", ".join(map(str, A1.default_stance))}}},
-                .foot_contact = {{1, 1, 1, 1}}}};
+                .foot_contact = {{1, 1, 1, 1}},
+                .velocity_change = {{0, 0, 0.1962}}, .gravity = {{0, 0, -1}}}};
             return standing;
         }}
         static void wait_20_ms(void) {{ }}
@@ -319,7 +323,7 @@ def test_the_pages_lines_change_the_gait(switched_pages, tmp_path):
 
 def test_a_step_in_c_is_the_step_that_the_page_describes(switched_pages, compiled_pages):
     """A robot that stands has lost the walk's rhythm after twice the commanded steps."""
-    sensors = Sensors(A1.default_stance, np.zeros(12), np.ones(4, dtype=bool))
+    sensors = Sensors(A1.default_stance, np.zeros(12), np.ones(4, dtype=bool), AT_REST)
     command = Command(np.array([0.3, 0.0]), np.array(8.0))
     memory, ran = compiled_pages.initial(), []
     for _ in range(20):

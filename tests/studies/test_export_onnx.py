@@ -36,6 +36,9 @@ from glassgait.studies.deployment.export.onnx_file import (  # noqa: E402
 
 EXPORT = ["export", "--format", "onnx"]
 
+OF_SHIPPED = {"imu": True, "estimate": True}
+"""What graphs of the policies that ship read: an IMU, and what odometry estimates."""
+
 
 def loaded(gait, kind, real="double"):
     machine, expert = load_gait(gait), load_expert(gait)
@@ -50,7 +53,7 @@ def loaded(gait, kind, real="double"):
         ("trot", "expert"),
         ("trot", "statewise_linear"),
         ("trot", "symbolic"),
-        ("pace", "sparse_formula"),
+        ("bound", "sparse_formula"),
         ("half_bound", "statewise_symbolic"),
         ("three_one", "ebm"),
         pytest.param("walk", "gbm", marks=pytest.mark.slow),
@@ -58,7 +61,7 @@ def loaded(gait, kind, real="double"):
 )
 def test_shipped_policies_agree(gait, kind):
     graph, policy, expert = loaded(gait, kind)
-    rows = random_rows(A1, load_gait(gait), 500, 1)
+    rows = random_rows(A1, load_gait(gait), 500, 1, **OF_SHIPPED)
     found = compare_graph(graph, policy, expert, rows)
     assert found.rows == 500
     assert max(found.target, found.estimate) < 1e-12
@@ -119,7 +122,7 @@ def test_a_graph_that_acts_otherwise_is_not_written(tmp_path, monkeypatch, refus
 
 def test_another_policy_is_message_apart(trot):
     graph, policy, expert = loaded("trot", "sparse_formula")
-    rows = {"random": random_rows(A1, trot, 50, 0)}
+    rows = {"random": random_rows(A1, trot, 50, 0, **OF_SHIPPED)}
     assert len(check_graph(graph, policy, expert, rows)) == 1
     with pytest.raises(InputError, match="nothing was written"):
         check_graph(graph, load_student("trot", "symbolic"), expert, rows)
@@ -127,7 +130,7 @@ def test_another_policy_is_message_apart(trot):
 
 def test_what_is_not_finite_on_one_side_alone_is_message(trot):
     graph, policy, expert = loaded("trot", "statewise_linear")
-    rows = random_rows(A1, trot, 5, 0)
+    rows = random_rows(A1, trot, 5, 0, **OF_SHIPPED)
 
     def broken(observation):
         action = policy(observation)
@@ -141,7 +144,7 @@ def test_what_is_not_finite_on_one_side_alone_is_message(trot):
         acted.action[2, 3] = np.inf
         return acted
 
-    both.dtype, both.reads_estimate = graph.dtype, False
+    both.dtype, both.reads_estimate = graph.dtype, graph.reads_estimate
     assert compare_graph(both, broken, expert, rows).target < 1e-12
 
 
@@ -159,11 +162,11 @@ def test_without_onnx_a_sentence_names_what_to_install(tmp_path, monkeypatch, re
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_gait_of_ones_own_is_exported_too(trot, make_policy):
+def test_a_gait_of_ones_own_is_exported_too(trot, make_policy, learned_expert):
     odd = replace(trot, name="hop")
     policy = make_policy(odd)
-    expert = load_expert("trot")
-    own = type(expert)("hop", expert.observation_names, *expert._networks.values())
+    names, networks = learned_expert.observation_names, learned_expert._networks.values()
+    own = type(learned_expert)("hop", names, *networks)
     file = OnnxFile(Deployment(odd, alone(policy, own), "hop_mine", "mine"), "double")
     rows = random_rows(A1, odd, 20, 0)
     assert compare_graph(LoadedGraph(file.model), policy, own, rows).target < 1e-12

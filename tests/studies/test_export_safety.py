@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.imu import ImuReading
 from glassgait.studies.deployment.export.agreement import random_sequences
 from glassgait.studies.deployment.export.files import (
     compile_c,
@@ -79,7 +81,7 @@ int main(void)
     int count[32] = {{0}};
 
     {name}_init(&controller);
-    for (int k = 0; k < 4000; k++) {{
+    for (int k = 0; k < 20000; k++) {{
         if (rand() % 50 == 0)
             ((unsigned char *)&controller)[rand() % sizeof controller] ^= 1 << rand() % 8;
         memcpy(&before, &controller, sizeof before);
@@ -89,6 +91,11 @@ int main(void)
         }}
         for (int foot = 0; foot < 4; foot++)
             sensors.foot_contact[foot] = rand() % 3 - 1;
+        for (int axis = 0; axis < 3; axis++) {{
+            sensors.angular_velocity[axis] = drawn();
+            sensors.velocity_change[axis] = drawn();
+            sensors.gravity[axis] = drawn();
+        }}
         command.speed = drawn();
         command.yaw_rate = drawn();
         command.dwell = 4.0 * drawn();
@@ -157,8 +164,8 @@ def test_no_input_leads_to_undefined_behaviour(gait, kind, written_pages, tmp_pa
     several = gait == "several"
     source, request = (written_pages, odd) if several else (written(gait, kind), "")
     sound, bad, lost, damaged = sound_and_bad(source, tmp_path, request)
-    assert sound > 1000
-    assert bad > 500
+    assert sound > 5000
+    assert bad > 2500
     assert lost > 0
     assert damaged > 0
 
@@ -223,11 +230,14 @@ def moving(compiled_page, trot):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.1e6])
-@pytest.mark.parametrize("where", ["position", "velocity", "speed", "dwell"])
+@pytest.mark.parametrize(
+    "where",
+    ["position", "velocity", "angular_velocity", "velocity_change", "gravity", "speed", "dwell"],
+)
 def test_bad_input_changes_nothing_and_is_reported(value, where, moving, compiled_page):
     memory, sensors, command = moving
     position, velocity = sensors.joint_position.copy(), sensors.joint_velocity.copy()
-    speeds, dwell = command.velocity.copy(), command.dwell
+    speeds, dwell, imu = command.velocity.copy(), command.dwell, sensors.imu.copy()
     match where:
         case "position":
             position[11] = value
@@ -237,7 +247,9 @@ def test_bad_input_changes_nothing_and_is_reported(value, where, moving, compile
             speeds[0] = value
         case "dwell":
             dwell = value
-    broken = Sensors(position, velocity, sensors.touching)
+        case part:
+            getattr(ImuReading.of(imu), part)[2] = value
+    broken = Sensors(position, velocity, sensors.touching, imu)
     step = compiled_page.step(memory, broken, Command(speeds, dwell))
     assert step.status == BAD_INPUT
     np.testing.assert_array_equal(step.memory, memory)
@@ -312,7 +324,7 @@ def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, tr
     memory = compiled_page.initial()
     assert not memory.any()
     sensors, command, _ = random_sequences(A1, trot, 1, 0)[0][0]
-    broken = Sensors(np.full(12, np.nan), sensors.joint_velocity, sensors.touching)
+    broken = replace(sensors, joint_position=np.full(12, np.nan))
     step = compiled_page.step(memory, broken, command)
     np.testing.assert_array_equal(step.targets, A1.default_stance)
     assert step.memory[MACHINE].tolist() == [0, 0, 0]
@@ -321,7 +333,7 @@ def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, tr
 def test_a_target_that_is_not_finite_is_held_and_reported(trot, tmp_path):
     lines = [f"{joint} = 0.1*q.{joint}" for joint in quadruped.JOINTS]
     lines[5] += " + 1/(cmd.v - 0.5)"
-    text = "format: 1\ngait: trot\nstates: 2\nevery state\n" + "\n".join(lines)
+    text = "format: 1\ngait: trot\nstates: 2\nsenses: imu\nevery state\n" + "\n".join(lines)
     policy = FormulaPolicy.from_file(read_formulas(text))
     names = {"name": "pole", "policy_name": "pole", "version": "0"}
     source = write_controller(trot, alone(policy, load_expert("trot")), **names)

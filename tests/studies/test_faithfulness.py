@@ -10,7 +10,7 @@ from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.importance.faithfulness import AblatedController, losses, rank_correlations
 
-NAMES = ObservationLayout(2).names
+NAMES = ObservationLayout(2, imu=True).names
 N = len(NAMES)
 
 

@@ -1,5 +1,6 @@
 """Refinement: formulas as a network, terms that are dropped, and the command."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -76,7 +77,9 @@ def test_mirror_images_stay_so_while_numbers_change():
     observations, tensor = seen("trot", PAGE)
     network = FormulaNetwork(PAGE)
     with torch.no_grad():
-        network.changes += 0.01 * torch.randn(100, generator=torch.Generator().manual_seed(1))
+        network.changes += 0.01 * torch.randn(
+            PAGE.n_terms(), generator=torch.Generator().manual_seed(1)
+        )
     policy = network.to_policy()
     assert policy.digest() != PAGE.digest()
     reflect = reflect_observation(policy.observation_names, PAGE.mirror)
@@ -91,7 +94,7 @@ def test_a_step_of_any_direction_does_as_much():
     network = FormulaNetwork(PAGE)
     network.balance(tensor)
     directions = torch.nn.functional.normalize(
-        torch.randn((20, 100), generator=torch.Generator().manual_seed(2)), dim=1
+        torch.randn((20, PAGE.n_terms()), generator=torch.Generator().manual_seed(2)), dim=1
     )
     effects = []
     with torch.no_grad():
@@ -109,9 +112,9 @@ def test_the_terms_that_do_least_are_dropped():
     _, tensor = seen("trot", PAGE)
     network = FormulaNetwork(PAGE)
     before = network(tensor).detach()
-    network.prune(90, tensor)
+    network.prune(360, tensor)
     pruned = network.to_policy()
-    assert pruned.n_terms() == network.n_numbers == 90
+    assert pruned.n_terms() == network.n_numbers == 360
     shift = A1.action_scale * (network(tensor).detach() - before)
     assert shift.std(dim=0).max() < 0.05
     # What they added on average is in the constants, whose formula serves an image as well.
@@ -253,5 +256,8 @@ def test_what_cannot_be_refined_is_refused(arguments, message, refused, tmp_path
 
 def test_numbers_within_a_function_are_not_dropped(refused, tmp_path):
     path = tmp_path / "own.formulas"
-    path.write_text(PAGE.to_text().replace("0.7*e.v", "0.7*tanh(2*e.v)"))
-    assert "not weights of terms" in refused(["refine", "--policy", str(path), "--terms", "90"])
+    text, changed = re.subn(r"([0-9]\*)e\.v\b", r"\1tanh(2*e.v)", PAGE.to_text(), count=1)
+    assert changed == 1
+    path.write_text(text)
+    arguments = ["--policy", str(path), "--terms", "90", "--output", str(tmp_path / "run")]
+    assert "not weights of terms" in refused(["refine", *arguments])

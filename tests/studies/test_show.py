@@ -19,7 +19,7 @@ def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr().out
     text = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
     assert printed.startswith(text)
-    assert "# Page of formulas: 100 terms in 12 formulas" in printed
+    assert "# Page of formulas: 400 terms in 12 formulas" in printed
     claims = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
     proved = sum(claim["outcome"] == "proved" for claim in claims)
     assert f"# Claims about it: {proved} proved, " in printed

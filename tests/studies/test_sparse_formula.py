@@ -99,7 +99,7 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     main(["explain", "terms", "--gait", "trot", "--policy", "sparse_formula"])
     message = capsys.readouterr().out
-    assert "format: 1\ngait: trot\nstates: 2\nmirror: 1 0    # " in message
+    assert "format: 1\ngait: trot\nstates: 2\nsenses: imu\nmirror: 1 0    # " in message
 
 
 def test_fewer_terms_than_formulas_are_refused(generator):

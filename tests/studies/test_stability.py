@@ -39,7 +39,9 @@ def entered(strides):
 
 
 def test_a_trotting_robot_enters_again_after_two_dwells(strides, entered):
-    assert entered.shape == (1, len(NAMES)) and len(UNITS) == len(NAMES) == 45
+    assert len(UNITS) == len(NAMES) == 45
+    # Odometry remembers 15 numbers more.
+    assert entered.shape == (1, 60) and len(strides.units) == len(strides.names) == 60
     done = strides.stride(entered, np.array([0]))
     assert done.n_steps.tolist() == [16]
     # It walks: a stride changes little, where one that fell would change all.
@@ -50,7 +52,7 @@ def test_a_stride_is_the_same_again_and_in_any_company(strides, entered):
     problems = np.zeros(3, dtype=np.int64)
     apart = strides.stride(entered, problems[:1]).images
     together = strides.stride(
-        np.concatenate([entered + 0.1, np.full((1, 45), np.nan), entered]), problems
+        np.concatenate([entered + 0.1, np.full_like(entered, np.nan), entered]), problems
     )
     # Matrices are multiplied in another order, no more.
     assert together.images[2] == pytest.approx(apart[0], abs=1e-9)

@@ -39,8 +39,8 @@ DIGITS = 3
 def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
     """Returns the gates of formulas that serve one state of the machine.
 
-    They say where in the gait the robot is, which way its joints were last sent and, as far as it is
-    observed, which course it takes.
+    They say where in the gait the robot is, which way its joints were last sent and, as far as it
+    is observed, which course it takes.
     """
     course = (symbol for symbol in COURSE if symbol in vocabulary.symbols)
     return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *SENT_JOINTS, *course))

@@ -56,8 +56,8 @@ def fastest(measure: Callable[[], Sequence[Times]]) -> tuple[Sequence[Times], fl
     return min(found, key=lambda one: one[0][0].median)
 
 
-def call_times(call: Callable[[Any], Any], rows: np.ndarray, count: int) -> Times:
-    """Times calls on one row after the other (m, n), the first again after the last."""
+def call_times(call: Callable[[Any], Any], rows: np.ndarray | list[Any], count: int) -> Times:
+    """Times calls on one of m rows after the other, the first again after the last."""
     wall, thread = np.empty(count), np.empty(count)
     for k in range(count):
         row = rows[k % len(rows)]
@@ -131,6 +131,8 @@ def _timed(gait: Gait, written: ControllerSource, count: int) -> dict[str, float
             "speed": 0.5 * gait.max_speed,
             "dwell": gait.dwell[0],
             "takes_state": written.takes_state,
+            "has_imu": written.has_imu,
+            "has_odometry": written.has_odometry,
             "n_gaits": len(written.n_states),
         }
         program = compile_harness(folder, "controller_times.c", values)

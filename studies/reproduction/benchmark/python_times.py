@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
+from glassgait.models.export.binding import Sensors
 from glassgait.models.files import read_record
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
@@ -20,9 +21,13 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import N_ESTIMATED
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
 from glassgait.studies.common.policies import EXPERT, Policies
-from glassgait.studies.deployment.export.agreement import recorded_observations
+from glassgait.studies.deployment.export.agreement import (
+    recorded_observations,
+    recorded_sequences,
+)
 from glassgait.studies.deployment.export.files import Deployment
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
@@ -33,11 +38,17 @@ from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.student import TrainingSet
 from glassgait.studies.reproduction.benchmark.controllers import call_times, fastest
 
+if TYPE_CHECKING:
+    from glassgait.models.export.graphs.runtime import LoadedGraph
+
 COUNT = 3000
 """Calls that are timed, in each repetition."""
 
 CALLS = 300
 """Calls that are timed once."""
+
+Timed = tuple[Callable[[Any], Any], Array | list[Any]]
+"""A call, and the rows that it is timed on."""
 
 N_ROBOTS, N_STEPS = 4, 250
 """Robots that the expert moves, and control steps: what they observe is acted on."""
@@ -61,18 +72,23 @@ def peer_times(found: Policies, count: int = COUNT) -> pd.DataFrame:
 
     Returns:
         A row a policy: median and 99.9th percentile (µs) of the policy in Python; of estimator and
-        policy in Python, and, if it is installed, by ONNX Runtime; the machine's load.
+        policy in Python; if it is installed, by ONNX Runtime, of both, or of the policy where
+        odometry estimates; the machine's load.
     """
     observations, expert = observed(found), found.expert
-    own = observations[:, :-N_ESTIMATED]
     rows = []
     for kind, policy in {EXPERT: expert, **found.students}.items():
-        calls: dict[str, tuple[Callable[[Array], Any], Array]] = {
+        calls: dict[str, Timed] = {
             "policy, Python": (policy, observations),
-            "both, Python": (_both(policy, expert), own),
+            "both, Python": _both(found, policy, observations),
         }
         if graph := _graph(Deployment(found.gait, alone(policy, expert), "timed", kind)):
-            calls["both, ONNX"] = (graph, own)
+            own, estimate = np.split(observations, [-N_ESTIMATED], axis=1)
+            if graph.reads_estimate:
+                rows_of_graph = list(zip(own, estimate, strict=True))
+                calls["policy, ONNX"] = (lambda row, graph=graph: graph(*row), rows_of_graph)
+            else:
+                calls["both, ONNX"] = (graph, own)
         row: dict[str, object] = {"policy": kind}
         times, load = fastest(lambda: [call_times(*one, count) for one in calls.values()])  # noqa: B023
         for title, one in zip(calls, times, strict=True):
@@ -81,11 +97,34 @@ def peer_times(found: Policies, count: int = COUNT) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _both(policy: Policy, expert: NeuralPolicy) -> Callable[[Array], Array]:
-    return lambda own: policy(np.concatenate([own, expert.learned_estimator(own)]))
+def _both(found: Policies, policy: Policy, observations: Array) -> Timed:
+    """Returns estimator and policy, and what they are called on."""
+    own, estimator = observations[:, :-N_ESTIMATED], found.expert.estimator
+    if not isinstance(estimator, Odometry):
+        return lambda row: policy(np.concatenate([row, estimator(row)])), own
+    robot = policy.robot
+    begun = estimator.begin(robot, robot.default_stance)
+
+    def estimate_and_act(row: tuple[Array, Sensors]) -> Array:
+        seen, sensors = row
+        assert sensors.imu is not None
+        state = estimator.advance(
+            robot,
+            begun,
+            joint_position=sensors.joint_position,
+            joint_velocity=sensors.joint_velocity,
+            imu=sensors.imu,
+            touching=sensors.touching,
+        )
+        body = estimator.body_state(robot, state, sensors.joint_position)
+        return policy(np.concatenate([seen, body]))
+
+    sequences = recorded_sequences(found.gait, alone(found.expert), len(own), 0)
+    sensors = [moment.sensors for sequence in sequences for moment in sequence]
+    return estimate_and_act, list(zip(own, sensors, strict=False))
 
 
-def _graph(deployment: Deployment) -> Callable[[Array], Any] | None:
+def _graph(deployment: Deployment) -> "LoadedGraph | None":
     try:
         # Imported here: ONNX and its runtime are an extra.
         from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: PLC0415

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -72,12 +73,13 @@ def training_and_physics(
 ) -> list[dict[str, float]]:
     """Times updates of PPO, and physics over the very same states and targets.
 
-    Physics is timed as training steps it, latencies included, and bare. All are timed in turn,
-    `repeats` times, so that they meet the machine's moods alike.
+    Physics is timed as training steps it, latencies included, and bare: Drake's, in all groups. All
+    are timed in turn, `repeats` times, so that they meet the machine's moods alike.
 
     Returns:
         Control steps/s of `training`, `late_physics` and bare `physics`, a row a turn.
     """
+    config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
     with TemporaryDirectory() as temporary:
         folder = checkpoint or Path(temporary)
         gait = load_gait(config.gait)

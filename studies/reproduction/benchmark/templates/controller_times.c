@@ -33,13 +33,21 @@ int main(void)
         }
         for (int foot = 0; foot < 4; foot++)
             sensors.foot_contact[foot] = rand() > RAND_MAX / 2;
+{% if has_imu %}
+        for (int axis = 0; axis < 3; axis++) {
+            const int up = axis == 2;
+            sensors.angular_velocity[axis] = ({{ real }})(2.0 * rand() / RAND_MAX - 1.0);
+            sensors.velocity_change[axis] = ({{ real }})(0.2 * up + 0.1 * rand() / RAND_MAX - 0.05);
+            sensors.gravity[axis] = ({{ real }})(0.2 * rand() / RAND_MAX - 0.1 - 0.9 * up);
+        }
+{% endif %}
 {% if n_gaits > 1 %}
         command.gait = k / 100 % N_GAITS;
 {% endif %}
         TIMED(0, {{ name }}_step(&controller, &sensors, &command, &targets));
 {% if n_gaits == 1 %}
         observe(&controller, &sensors, &command, observation);
-        TIMED(1, estimate(observation, &observation[BASE_VELOCITY]));
+        TIMED(1, estimate({{ '&controller, &sensors' if has_odometry else 'observation' }}, &observation[BASE_VELOCITY]));
         TIMED(2, act({{ 'controller.state, ' if takes_state }}observation, action));
 {% endif %}
     }
