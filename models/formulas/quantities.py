@@ -24,8 +24,8 @@ LATE = 4.0
 LIFTED = 0.02
 """Height of a foot that is neither on the ground nor in the air (m)."""
 
-ASIDE = 0.1
-"""How far from its default stance a hip's last target is clearly to one side (rad)."""
+SENT = 0.2
+"""How far from its default stance a joint's last target is clearly to one side (rad)."""
 
 
 @dataclass(frozen=True)
@@ -182,38 +182,46 @@ COURSE = ("cmd.v", "v.y", "g.x", "w.y")
 On real ground, and commanded to go forward as well as back, they change how all else counts.
 """
 
-OUT = tuple(f"out.{leg}" for leg in quadruped.LEGS)
-"""Whether each hip was last sent outward or inward.
+SENT_JOINTS = tuple(f"sent.{joint}" for joint in quadruped.JOINTS)
+"""To which side of its default stance each joint was last sent.
 
-A network has no memory but its last targets, and those that learned on real ground answer to the
-hips' as to a switch.
+A network has no memory but its last targets, and those that learned on real ground answer to them
+as to switches.
 """
 
 
 def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definition]:
     forward, up = _foot_in_plane(robot, of[f"q.{leg}_thigh"], of[f"q.{leg}_calf"])
-    stance = robot.default_stance[quadruped.joint_index(f"{leg}_hip")]
-    outward = float(robot.side[quadruped.LEGS.index(leg)]) / ASIDE
     return [
         Definition(
             f"lifted.{leg}",
             _turning(of[f"h.{leg}"], slope=100.0, shift=100.0 * LIFTED),
             f"-1 on the ground, 0 at {100.0 * LIFTED:g} cm, 1 in the air",
         ),
-        Definition(
-            f"out.{leg}",
-            _turning(of[f"a.{leg}_hip"], slope=outward, shift=outward * float(stance)),
-            "-1 where its hip was last sent inward, 1 outward",
-        ),
+        *(_sent(robot, leg, part, of) for part in quadruped.LEG_JOINTS),
         Definition(f"x.{leg}", forward, "m, how far the foot is before its hip"),
         Definition(f"z.{leg}", up, "m, how high the foot is over its hip"),
     ]
 
 
+def _sent(robot: Robot, leg: str, part: str, of: dict[str, Expression]) -> Definition:
+    """A hip's sides are out and in, so that a leg and its mirror image share what they mean."""
+    joint = f"{leg}_{part}"
+    slope = (float(robot.side[quadruped.LEGS.index(leg)]) if part == "hip" else 1.0) / SENT
+    stance = float(robot.default_stance[quadruped.joint_index(joint)])
+    below, above = ("inward", "outward") if part == "hip" else ("below its stance", "above it")
+    return Definition(
+        f"sent.{joint}",
+        _turning(of[f"a.{joint}"], slope=slope, shift=slope * stance),
+        f"-1 where last sent {below}, 1 {above}",
+    )
+
+
 def _turning(quantity: Expression, *, slope: float, shift: float) -> Expression:
     """Returns a function that goes from -1 below to 1 above shift ÷ slope."""
     inner = Expression("mul", (constant(slope), quantity))
-    return Expression("tanh", (Expression("sub", (inner, constant(shift))),))
+    shifted = ("add", constant(-shift)) if shift < 0 else ("sub", constant(shift))
+    return Expression("tanh", (Expression(shifted[0], (inner, shifted[1])),))
 
 
 def _foot_in_plane(

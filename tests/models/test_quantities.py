@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import (
     GATES,
     RobotUnits,
@@ -16,8 +17,9 @@ from glassgait.models.formulas.quantities import (
 )
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.robot import load_robot, robot_names
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 A1 = load_robot()
 
@@ -138,9 +140,36 @@ def test_definitions_are_what_they_say(robots, message):
     for leg in quadruped.LEGS:
         height = message(f"h.{leg}")
         np.testing.assert_array_equal(message(f"lifted.{leg}"), np.tanh(100.0 * height - 2.0))
-        side, hip = A1.side[quadruped.LEGS.index(leg)], quadruped.joint_index(f"{leg}_hip")
-        outward = side * (message(f"a.{leg}_hip") - A1.default_stance[hip])
-        np.testing.assert_allclose(message(f"out.{leg}"), np.tanh(outward / 0.1), atol=1e-12)
+        side = A1.side[quadruped.LEGS.index(leg)]
+        for part, sign in zip(quadruped.LEG_JOINTS, (side, 1.0, 1.0), strict=True):
+            joint = f"{leg}_{part}"
+            stance = A1.default_stance[quadruped.joint_index(joint)]
+            above = np.tanh(sign * (message(f"a.{joint}") - stance) / 0.2)
+            np.testing.assert_allclose(message(f"sent.{joint}"), above, atol=1e-12)
+
+
+@pytest.mark.parametrize("imu", [False, True])
+@pytest.mark.parametrize("robot", robot_names())
+def test_every_definition_has_a_mirror_image_among_the_definitions(robot, imu):
+    names = ObservationLayout(2, imu=imu).names
+    vocabulary = Vocabulary(names, known_definitions(load_robot(robot), names))
+    for states in ((0, 1), (1, 0)):
+        mirror = FormulaMirror.of(vocabulary, states)
+        quantities = np.random.default_rng(0).normal(size=(9, len(names)))
+        images = [vocabulary.expanded(image) for image in mirror.variables[len(names) :]]
+        own = [definition.formula for definition in vocabulary.definitions]
+        np.testing.assert_array_equal(
+            Tape(images, len(names))(quantities),
+            Tape(own, len(names))(reflect_observation(names, states)(quantities)),
+        )
+
+
+def test_a_leg_and_its_mirror_image_share_where_their_joints_were_sent():
+    mirror = FormulaMirror.of(VOCABULARY, (1, 0))
+    for joint in quadruped.JOINTS:
+        image = mirror.variables[VOCABULARY.symbols.index(f"sent.{joint}")]
+        other = quadruped.JOINTS[REFLECT_JOINTS.index[quadruped.joint_index(joint)]]
+        assert image == VOCABULARY.variable(f"sent.{other}")
 
 
 def test_feet_are_where_kinematics_puts_them(robots, message):

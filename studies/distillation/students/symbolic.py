@@ -16,7 +16,7 @@ from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import (
     COURSE,
     GATES,
-    OUT,
+    SENT_JOINTS,
     RobotUnits,
     Vocabulary,
     known_definitions,
@@ -39,11 +39,11 @@ DIGITS = 3
 def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
     """Returns the gates of formulas that serve one state of the machine.
 
-    They say where in the gait the robot is, which way its hips were last sent and, as far as it is
-    observed, which course it takes.
+    They say where in the gait the robot is, which way its joints were last sent and, as far as it
+    is observed, which course it takes.
     """
     course = (symbol for symbol in COURSE if symbol in vocabulary.symbols)
-    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *OUT, *course))
+    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *SENT_JOINTS, *course))
 
 
 def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
