@@ -409,6 +409,26 @@ def test_a_bounded_action_is_the_same_to_the_last_bit(switched, tmp_path):
 
 
 @needs_compiler
+def test_an_action_is_bounded_from_the_target_that_joints_followed(switched, tmp_path):
+    def far(gait):
+        own = tables_of(gait)
+        return OpenLoopPolicy(gait.name, own.observation_names, 6.0 * own.table)
+
+    policy = switched(("trot", "walk"), make_student=far, greatest_change=5.0)
+    policy = policy.with_joint_law(JointLaw(limited=True))
+    python, compiled = both(policy, tmp_path)
+    sequences = random_sequences(A1, policy.switch, 500, 4)
+    assert compare_controllers(python, compiled, sequences).target < 1e-12
+    memory, beyond = python.initial(), 0
+    for moment in sequences[0]:
+        after, last = python.step(memory, *moment).memory, A1.limited_action(memory[ACTION])
+        assert np.sum(np.square(after[ACTION] - last)) < 5.0 + 1e-9
+        beyond += np.sum(np.square(after[ACTION] - memory[ACTION])) > 5.0 + 1e-9
+        memory = after
+    assert beyond > 10
+
+
+@needs_compiler
 def test_single_precision_changes_gaits_at_the_same_steps(switched, tmp_path):
     policy = switched(("trot", "pace"))
     sequences = random_sequences(A1, policy.switch, 200, 5)

@@ -243,7 +243,7 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
     act(next.gait, {{ 'next.state, ' if takes_state }}observation, next.action);
     if (!all_sound(next.action, 12))
         return flags | {{ prefix }}_BAD_TARGET;
-    limit_change(controller->action, next.action);
+    limit_change(&observation[PREVIOUS_ACTION], next.action);
     for (int foot = 0; foot < 4; foot++)
         next.foot_height[foot] = observation[N_OBSERVATIONS[next.gait] - 4 + foot];
 {% endblock %}
