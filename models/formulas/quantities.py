@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.formulas.expression import Expression, canonical, constant, variable
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import ObservationEntry, entries_of
@@ -220,8 +220,7 @@ def _sent(robot: Robot, leg: str, part: str, of: dict[str, Expression]) -> Defin
 def _turning(quantity: Expression, *, slope: float, shift: float) -> Expression:
     """Returns a function that goes from -1 below to 1 above shift ÷ slope."""
     inner = Expression("mul", (constant(slope), quantity))
-    shifted = ("add", constant(-shift)) if shift < 0 else ("sub", constant(shift))
-    return Expression("tanh", (Expression(shifted[0], (inner, shifted[1])),))
+    return canonical(Expression("tanh", (Expression("sub", (inner, constant(shift))),)))
 
 
 def _foot_in_plane(

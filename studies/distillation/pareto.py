@@ -39,6 +39,7 @@ from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.sparse_formula import (
     SPARSE_FORMULA,
     condense,
+    possible_terms,
     written_places,
 )
 from glassgait.studies.distillation.students.student import TrainingSet
@@ -63,11 +64,12 @@ class Family:
     mirrored: bool
     refined: bool = False
 
-    def fewest_terms(self, samples: TrainingSet) -> int:
-        """Returns the fewest terms that there can be: one for each formula that is written."""
+    def possible_terms(self, samples: TrainingSet) -> range:
+        """Returns the numbers of terms that the formulas that are written can have in all."""
         names = samples.observation_names
         vocabulary = Vocabulary(names, known_definitions(samples.robot, names))
-        return len(written_places(vocabulary, samples.mirror if self.mirrored else None))
+        places = written_places(vocabulary, samples.mirror if self.mirrored else None)
+        return possible_terms(len(places))
 
     def fit(self, samples: TrainingSet, n_terms: int) -> FormulaPolicy:
         """Fits formulas of so many terms to samples."""
@@ -97,7 +99,8 @@ def families_of(samples: TrainingSet, *, refined: bool) -> dict[str, Family]:
 
 def sizes_of(family: Family, samples: TrainingSet, terms: Sequence[int]) -> list[int]:
     """Leaves, of numbers of terms, those that a family can have."""
-    return [n_terms for n_terms in terms if n_terms >= family.fewest_terms(samples)]
+    possible = family.possible_terms(samples)
+    return [n_terms for n_terms in terms if n_terms in possible]
 
 
 _STYLES = {

@@ -43,7 +43,9 @@ def training_set(data, mirror):
 def test_terms_are_counted(family, samples):
     own = FAMILIES[family]
     data = training_set(samples, (1, 0))
-    assert own.fewest_terms(data) == {"mirrored": 12, "unmirrored": 24}[family]
+    n_formulas = {"mirrored": 12, "unmirrored": 24}[family]
+    assert own.possible_terms(data) == range(n_formulas, 41 * n_formulas + 1)
+    assert sizes_of(own, data, (n_formulas - 1, 41 * n_formulas + 1)) == []
     sizes = sizes_of(own, data, (20, 30, 40))
     assert [own.fit(data, size).n_terms() for size in sizes] == sizes
     assert sizes == {"mirrored": [20, 30, 40], "unmirrored": [30, 40]}[family]

@@ -102,8 +102,9 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     assert "format: 1\ngait: trot\nstates: 2\nsenses: imu\nmirror: 1 0    # " in message
 
 
-def test_fewer_terms_than_formulas_are_refused(generator):
+def test_numbers_of_terms_that_no_page_has_are_refused(generator):
     samples = samples_of_a_sparse_law(generator, MIRRORS["trot"])
-    with pytest.raises(InputError, match="24 formulas"):
-        condense(samples, 23, mirrored=False)
+    for n_terms, mirrored in ((23, False), (11, True), (493, True)):
+        with pytest.raises(InputError, match=f"terms is {n_terms};"):
+            condense(samples, n_terms, mirrored=mirrored)
     assert condense(samples, 12, mirrored=True).n_terms() == 12

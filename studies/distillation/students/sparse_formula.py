@@ -88,7 +88,7 @@ def _with_mirror_images(samples: TrainingSet, mirror: Sequence[int]) -> Training
 
 
 LONGEST = 40
-"""Greatest number of terms of one formula."""
+"""Greatest number of terms of one formula, its constant not counted."""
 
 LOOKED_AHEAD = 4
 """Terms that are weighed together: two may help where neither does alone."""
@@ -109,6 +109,11 @@ class _Growth:
     errors: Array
 
 
+def possible_terms(n_formulas: int) -> range:
+    """Returns the numbers of terms that so many formulas can have in all, a term each at least."""
+    return range(n_formulas, n_formulas * (1 + LONGEST) + 1)
+
+
 def condense(samples: TrainingSet, n_terms: int, *, mirrored: bool) -> FormulaPolicy:
     """Fits the formulas of every joint and state of the machine with so many terms in all.
 
@@ -121,16 +126,16 @@ def condense(samples: TrainingSet, n_terms: int, *, mirrored: bool) -> FormulaPo
             gait's machine has a mirror image.
 
     Raises:
-        InputError: if there are fewer terms than formulas.
+        InputError: if there are fewer terms than formulas, or more than formulas may have.
     """
     names, mirror = samples.observation_names, samples.mirror if mirrored else None
     fit = FormulaFit(samples.robot, names, gates)
     parts = samples_by_state(samples, fit.vocabulary, mirror)
-    n_formulas = sum(len(part.places) for part in parts)
-    if n_terms < n_formulas:
+    possible = possible_terms(sum(len(part.places) for part in parts))
+    if n_terms not in possible:
         raise InputError(
-            f"terms is {n_terms}; the {samples.gait} has {n_formulas} formulas with a term each at "
-            "least, so ask for more"
+            f"terms is {n_terms}; the {samples.gait} has {possible.start} formulas of 1 to "
+            f"{1 + LONGEST} terms, so ask for {possible.start} to {possible.stop - 1}"
         )
     grown = [_grow(part, fit) for part in parts]
     counts = allot([own.errors for growths in grown for own in growths], n_terms)
