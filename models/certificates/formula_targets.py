@@ -7,8 +7,9 @@ from functools import cache
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Relaxation, maximize
+from glassgait.models.certificates.maximum import maximize
 from glassgait.models.certificates.question import BoundQuery, Box, Maximum, with_copy
+from glassgait.models.certificates.relaxation import Relaxation
 from glassgait.models.certificates.rounding import formula_error, sum_error
 from glassgait.models.formulas.expression import Expression, constant, variable
 from glassgait.models.formulas.polynomial import (

@@ -1,8 +1,6 @@
 """The greatest value of a polynomial of observed quantities over a box, and a witness of it."""
 
-from collections.abc import Callable, Collection, Sequence
-from fractions import Fraction
-from functools import cache, cached_property
+from collections.abc import Callable, Collection
 from itertools import product
 
 import numpy as np
@@ -11,196 +9,22 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.branch_and_bound import Cells, greatest_bound
 from glassgait.models.certificates.question import Box, Maximum, Tree
-from glassgait.models.formulas.interval import FUNCTIONS, Interval
-from glassgait.models.formulas.polynomial import Monomial, Polynomial, PolynomialRing
+from glassgait.models.certificates.relaxation import Relaxation
 
-MOST_CELLS = 20_000
+MOST_CELLS = 2_000
 """Cells of a search that gives up: its bound holds, and is less tight."""
 
 SPLIT_AT_ONCE = 64
 
 STARTS = 16
 SWEEPS = 6
-"""How a witness is sought: from as many starts, quantity by quantity, as often."""
+"""How a witness is sought: from as many starts, the best of more, quantity by quantity, as often."""
 
 MOST_GATES = 6
 """Quantities whose ends are combined in all ways to start from."""
 
 INNER_POINTS = 9
 """Values of a curved quantity that are tried; of others the ends, where affine functions peak."""
-
-Element = tuple[int, int]
-"""A factor and its power: what a relaxation takes for a variable of its own."""
-
-MOST_AT_CORNERS = 10
-"""Elements whose ends are combined in all ways; others that meet are bounded by their product."""
-
-BLOCK = 200_000
-"""Numbers of an array that is worked on at once."""
-
-ROUNDING = 2.0**-52
-
-
-class Relaxation:
-    """Bounds a polynomial over boxes of quantities from above.
-
-    Where powers of factors are taken for independent of one another, the polynomial is affine in
-    each, so that its maximum is where some elements are at their ends: the gates, which meet other
-    elements in products. Of the others, with the gates held, it is affine, and its maximum is a
-    sum. What is lost is that two elements may depend on the same quantity; boxes that are narrow
-    in these `shared` quantities lose little.
-
-    Attributes:
-        used: Quantities that the polynomial is of.
-        gates: Those of them that its monomials have in common.
-        curved: Those of them that it may not be affine in.
-        shared: Those that boxes are split by.
-    """
-
-    def __init__(self, ring: PolynomialRing, polynomial: Polynomial) -> None:
-        self._ring = ring
-        self._polynomial = polynomial
-        self._elements = sorted({element for monomial in polynomial for element in monomial})
-        self._corners = _cover(list(polynomial), self._elements)
-        self.used = sorted(
-            frozenset().union(*(ring.variables(factor) for factor, _ in self._elements))
-        )
-        met = [ring.variables(factor) for factor, _ in self._corners]
-        self.gates = sorted(frozenset().union(*met))
-        self.curved = [index for index in self.used if self._is_curved(index)]
-        self.shared = [index for index in self.used if self._is_shared(index)]
-
-    def upper(self, lower: Array, upper: Array) -> Array:
-        """Bounds the polynomial from above over boxes.
-
-        Args:
-            lower: Least quantities of each box (m, n).
-            upper: Greatest quantities of each box (m, n).
-
-        Returns:
-            Bounds (m,), rounded up; infinite where there is none.
-        """
-        size = max(1, BLOCK >> len(self._corners))
-        blocks = [slice(start, start + size) for start in range(0, len(lower), size)]
-        return np.concatenate([self._upper(lower[own], upper[own]) for own in blocks])
-
-    def _upper(self, lower: Array, upper: Array) -> Array:
-        ranges = self._ranges(lower, upper)
-        m = len(lower)
-        # An element at a corner (V, 1) × its two ends (V, m).
-        at_corner = {
-            element: np.where(
-                self._ends[:, place, None] > 0, ranges[element].upper, ranges[element].lower
-            )
-            for place, element in enumerate(self._corners)
-        }
-        whole = np.zeros((len(self._ends), m))
-        with np.errstate(invalid="ignore"):
-            for rest, terms in self._by_rest.items():
-                coefficient = np.zeros_like(whole)
-                for held, number in terms:
-                    part = np.full_like(whole, number)
-                    for element in held:
-                        part *= at_corner[element]
-                    coefficient += part
-                span = _product_of([ranges[element] for element in rest], m)
-                whole += np.maximum(coefficient * span.lower, coefficient * span.upper)
-        found = whole.max(axis=0) + self._rounding(ranges, m)
-        return np.where(np.isnan(found), np.inf, found)
-
-    @cached_property
-    def _ends(self) -> Array:
-        """All corners of the elements that meet others (V, k)."""
-        corners = list(product((0, 1), repeat=len(self._corners)))
-        return np.array(corners).reshape(len(corners), len(self._corners))
-
-    @cached_property
-    def _by_rest(self) -> dict[Monomial, list[tuple[list[Element], float]]]:
-        """Groups monomials by their elements that are at no corner."""
-        groups: dict[Monomial, list[tuple[list[Element], float]]] = {}
-        for monomial, coefficient in self._polynomial.items():
-            rest = tuple(element for element in monomial if element not in self._corners)
-            held = [element for element in monomial if element in self._corners]
-            groups.setdefault(rest, []).append((held, float(coefficient)))
-        return groups
-
-    def _rounding(self, ranges: dict[Element, Interval], m: int) -> Array:
-        """Bounds what rounding can do: each of k operations is off by a share of 2^-53."""
-        operations = 8 + len(self._polynomial) + 2 * max(map(len, self._polynomial), default=0)
-        size = np.zeros(m)
-        for monomial, coefficient in self._polynomial.items():
-            part = np.full(m, abs(float(coefficient)))
-            for element in monomial:
-                part *= ranges[element].magnitude
-            size += part
-        return operations * ROUNDING * size
-
-    def _ranges(self, lower: Array, upper: Array) -> dict[Element, Interval]:
-        @cache
-        def of_factor(number: int) -> Interval:
-            factor = self._ring.factors[number]
-            if factor.function == "variable":
-                return Interval(lower[:, factor.variable], upper[:, factor.variable])
-            return FUNCTIONS[factor.function](of_polynomial(factor.argument))
-
-        def of_polynomial(terms: Sequence[tuple[Monomial, Fraction]]) -> Interval:
-            whole = Interval.point(0.0, (len(lower),))
-            for monomial, coefficient in terms:
-                near = float(coefficient)
-                part = Interval(*(np.full(len(lower), end) for end in _around(near)))
-                for factor, power in monomial:
-                    part = part * of_factor(factor).power(power)
-                whole = whole + part
-            return whole
-
-        return {(factor, power): of_factor(factor).power(power) for factor, power in self._elements}
-
-    def _is_shared(self, index: int) -> bool:
-        own = self._elements_of(index)
-        return len(own) > 1 or any(self._is_loose(number) for number, _ in own)
-
-    def _is_curved(self, index: int) -> bool:
-        return any(
-            power > 1 or self._ring.factors[number].function != "variable"
-            for number, power in self._elements_of(index)
-        )
-
-    def _elements_of(self, index: int) -> list[Element]:
-        return [own for own in self._elements if index in self._ring.variables(own[0])]
-
-    def _is_loose(self, number: int) -> bool:
-        """Returns whether a function's bounds may be wider than its values."""
-        argument = self._ring.factors[number].argument
-        inner = [factor for monomial, _ in argument for factor, _ in monomial]
-        return (
-            len(inner) != len(set(inner))
-            or any(sum(power for _, power in monomial) > 1 for monomial, _ in argument)
-            or any(self._ring.factors[factor].function != "variable" for factor in inner)
-        )
-
-
-def _cover(monomials: Sequence[Monomial], elements: Sequence[Element]) -> list[Element]:
-    """Chooses elements such that every monomial has at most one that is not chosen."""
-    chosen: list[Element] = []
-    while len(chosen) < MOST_AT_CORNERS:
-        rest = [[e for e in monomial if e not in chosen] for monomial in monomials]
-        meeting = [own for own in rest if len(own) > 1]
-        if not meeting:
-            break
-        counts = {element: sum(element in own for own in meeting) for element in elements}
-        chosen.append(max(elements, key=lambda element: counts[element]))
-    return chosen
-
-
-def _product_of(spans: Sequence[Interval], m: int) -> Interval:
-    whole = Interval.point(1.0, (m,))
-    for span in spans:
-        whole = span if whole.lower[0] == whole.upper[0] == 1.0 and m else whole * span
-    return whole
-
-
-def _around(value: float) -> tuple[float, float]:
-    return float(np.nextafter(value, -np.inf)), float(np.nextafter(value, np.inf))
 
 
 def maximize(
@@ -253,7 +77,7 @@ class _Maximization:
         starts = np.concatenate([starts, _gate_starts(relaxation, region)])
         self.witness, self.reached = _ascended(function, relaxation, region, starts)
         self.leaves: list[Tree] = [[]]
-        self.n_cells = 1
+        self.n_cells = self._climbs_at = 1
 
     def enough(self, greatest: float) -> float:
         near = self.reached + self._gap
@@ -265,22 +89,21 @@ class _Maximization:
     def split(self, cells: Cells) -> tuple[Cells, float]:
         """Halves each cell where that lowers its bound most, and climbs from points in one."""
         relaxation, counted = self._relaxation, self._region.counted
-        best = Box(cells.lower[0], cells.upper[0])
-        starts = _starts(best, counted, self._generator, STARTS // 4)
-        witness, value = _ascended(self._function, relaxation, self._region, starts)
-        if value > self.reached:
-            self.witness, self.reached = witness, value
+        if self.n_cells >= self._climbs_at:
+            self._climb(Box(cells.lower[0], cells.upper[0]))
         if not relaxation.shared:
             return cells[np.zeros(len(cells), dtype=bool)], float(cells.bound.max())
         halves = [_halves(cells, index, index in counted) for index in relaxation.shared]
-        bounds, gains = [], []
-        for index, (below, above, splits) in zip(relaxation.shared, halves, strict=True):
-            ends = ((cells.lower, below), (above, cells.upper))
-            bounds.append(np.stack([relaxation.upper(*own) for own in ends]))
-            lowered = cells.bound - bounds[-1]
-            width = (cells.upper - cells.lower)[:, index]
-            gain = lowered.min(0) + 0.3 * lowered.max(0) + 1e-9 * width
-            gains.append(np.where(splits, gain, -np.inf))
+        ends = [((cells.lower, below), (above, cells.upper)) for below, above, _ in halves]
+        lower, upper = (
+            np.concatenate([half[end] for both in ends for half in both]) for end in (0, 1)
+        )
+        # What each quantity's two halves of each cell are bounded by (k, 2, m).
+        bounds = relaxation.upper(lower, upper).reshape(len(halves), 2, len(cells))
+        lowered = cells.bound - bounds
+        width = (cells.upper - cells.lower)[:, relaxation.shared].T
+        gains = lowered.min(axis=1) + 0.3 * lowered.max(axis=1) + 1e-9 * width
+        gains = np.where([splits for _, _, splits in halves], gains, -np.inf)
         place, row = np.argmax(gains, axis=0), np.arange(len(cells))
         splits = np.max(gains, axis=0) > -np.inf
         stuck = cells.bound[~splits].max(initial=-np.inf)
@@ -296,11 +119,19 @@ class _Maximization:
         parts = Cells(
             np.stack([cells.lower[row], above], axis=1).reshape(-1, cells.lower.shape[1]),
             np.stack([below, cells.upper[row]], axis=1).reshape(-1, cells.lower.shape[1]),
-            np.array(bounds)[place, :, row].ravel(),
+            bounds[place, :, row].ravel(),
             np.array(labels, dtype=np.intp).ravel(),
         )
         self.n_cells += len(row)
         return parts, float(stuck)
+
+    def _climb(self, cell: Box) -> None:
+        """Seeks a better witness from points in a cell; the rarer, the more cells there are."""
+        self._climbs_at = 2 * self.n_cells
+        starts = _starts(cell, self._region.counted, self._generator, STARTS // 4)
+        witness, value = _ascended(self._function, self._relaxation, self._region, starts)
+        if value > self.reached:
+            self.witness, self.reached = witness, value
 
     def _cut(self, label: int, index: int, cut: float) -> tuple[int, int]:
         """Splits a cell in the tree, and returns the labels of its parts."""
@@ -365,6 +196,8 @@ def _ascended(
             values = np.where(better, found[np.arange(len(points)), best], values)
         if sweep and np.all(values <= before + 1e-12):
             break
+        highest = np.argsort(-values, kind="stable")[:STARTS]
+        points, values = points[highest], values[highest]
     best = int(np.argmax(values))
     return points[best], float(values[best])
 

@@ -2,12 +2,12 @@
 
 import math
 import operator
-from collections.abc import Mapping
 from itertools import product as ways
 from typing import Any
 
 from flint import arb, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
+from .elimination import Elimination, Factor, Span
 from .robot import (
     COUNTED,
     JOINTS,
@@ -24,11 +24,8 @@ from .text import FormulaText, Node
 
 ctx.prec = 96
 
-MOST_FUNCTIONS, MOST_TERMS, MOST_CORNERS, MOST_FACTORS = 100, 4_000, 10, 100
+MOST_FUNCTIONS, MOST_TERMS, MOST_FACTORS = 100, 4_000, 100
 OPERATORS = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
-
-Span = tuple[arb, arb]
-"""Least and greatest, each a ball about one number."""
 
 
 def exact(number: float) -> fmpq:
@@ -59,6 +56,8 @@ class Formulas:
         self.weights: dict[tuple[int, str], dict[str, float]] = {}
         self.known: dict[Node, fmpq_mpoly] = {}
         self.listed: dict[str, list] = {}
+        self.quantity = {name: i for i, name in enumerate(self.names)}
+        self.origins: dict[str, set[int]] = {}
 
     @classmethod
     def read(cls, robot: Robot, text: FormulaText) -> "Formulas":
@@ -218,7 +217,7 @@ class Formulas:
             case "effect":
                 other = {str(asked.name): self.variables["other"]}
                 formula = formula - self.put(formula, other)
-        plan = self.planned(self.terms(formula * asked.sign))
+        plan = Elimination(self.terms(formula * asked.sign), self.place)
         return self.greatest(plan, box, splits or [], counted)
 
     def terms(self, formula: fmpq_mpoly) -> list:
@@ -234,30 +233,23 @@ class Formulas:
             self.listed[name] = self.terms(self.inner[name][1])
         return self.listed[name]
 
-    def planned(self, terms: list) -> tuple[list, list]:
-        """Chooses the factors whose ends are tried, and groups what is affine in the others.
+    def place(self, factor: Factor) -> tuple[list[int], str, int, str]:
+        """Orders factors as the prover does, which has no names for functions."""
+        name, power = factor
+        if name not in self.inner:
+            return [self.quantity[name]], "variable", power, name
+        return sorted(self.quantities_of(name)), self.inner[name][0], power, name
 
-        Returns:
-            These factors; and by the factors that it holds, what is affine in which others.
-        """
-        factors, corners = sorted({factor for _, term in terms for factor in term}), []
-        while len(corners) < MOST_CORNERS:
-            meeting = [[own for own in term if own not in corners] for _, term in terms]
-            if not (meeting := [own for own in meeting if len(own) > 1]):
-                break
-            corners.append(max(factors, key=lambda own: (sum(own in m for m in meeting), own)))
-        affine: dict = {}
-        for number, term in terms:
-            rest = tuple(own for own in term if own not in corners)
-            held = [corners.index(own) for own in term if own in corners]
-            affine.setdefault(rest, []).append((number, held))
-        groups: dict = {}
-        for rest, own in affine.items():
-            places = tuple(sorted({place for _, held in own for place in held}))
-            groups.setdefault(places, []).append((rest, own))
-        return corners, list(groups.items())
+    def quantities_of(self, name: str) -> set[int]:
+        """Returns by number which quantities a variable is of."""
+        if name not in self.inner:
+            return {self.quantity[name]}
+        if name not in self.origins:
+            inner = (own for _, term in self.inner_terms(name) for own, _ in term)
+            self.origins[name] = set[int]().union(*map(self.quantities_of, inner))
+        return self.origins[name]
 
-    def greatest(self, plan: tuple[list, list], box: Box, splits: list, counted: set[str]) -> arb:
+    def greatest(self, plan: Elimination, box: Box, splits: list, counted: set[str]) -> arb:
         if not splits:
             return self.cell_bound(plan, box)
         name, cut, below, above = splits
@@ -267,36 +259,10 @@ class Formulas:
         first = self.greatest(plan, {**box, name: (low, ends[0])}, below, counted)
         return first.max(self.greatest(plan, {**box, name: (ends[1], high)}, above, counted))
 
-    def cell_bound(self, plan: tuple[list, list], box: Box) -> arb:
+    def cell_bound(self, plan: Elimination, box: Box) -> arb:
         """Bounds a sum over a cell, its factors taken for independent: affine in each."""
-        corners, groups = plan
         self.spans: dict[str, Span] = {}
-        ends = [self.power(own, box) for own in corners]
-        # What a group adds depends on the few factors that it holds alone.
-        added = []
-        for places, members in groups:
-            spans = [(own, spanned([self.power(f, box) for f in rest])) for rest, own in members]
-            choices = ways((0, 1), repeat=len(places))
-            tried = (dict(zip(places, choice, strict=True)) for choice in choices)
-            added.append(
-                (places, {tuple(at.values()): self.summed(spans, ends, at) for at in tried})
-            )
-        greatest = arb("-inf")
-        for choice in ways((0, 1), repeat=len(corners)):
-            parts = (found[tuple(choice[place] for place in places)] for places, found in added)
-            greatest = greatest.max(sum(parts, arb(0)))
-        return greatest
-
-    def summed(self, spans: list, ends: list[Span], at: Mapping[int, int]) -> arb:
-        """Bounds a sum where the factors that it holds are each at one end."""
-        whole = arb(0)
-        for own, (low, high) in spans:
-            parts = (
-                math.prod([ends[i][at[i]] for i in held], start=number) for number, held in own
-            )
-            coefficient = sum(parts, arb(0))
-            whole += (coefficient * low).max(coefficient * high)
-        return whole
+        return plan.greatest([self.power(own, box) for own in plan.factors])
 
     def power(self, factor: tuple[str, int], box: Box) -> Span:
         span, power = self.ranged(factor[0], box), factor[1]

@@ -1,0 +1,251 @@
+"""Upper bounds of a polynomial over many boxes at once."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.interval import FUNCTIONS, Interval
+from glassgait.models.formulas.polynomial import Monomial, Polynomial, PolynomialRing
+
+Element = tuple[int, int]
+"""A factor and its power: what a relaxation takes for a variable of its own."""
+
+MOST_TOGETHER = 10
+"""Elements whose ends are combined in all ways; where more meet, a bound is less tight."""
+
+BLOCK = 200_000
+"""Numbers of an array that is worked on at once."""
+
+ROUNDING = 2.0**-52
+
+Scope = tuple[Element, ...]
+"""The elements that a table has an axis of, in order."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of an elimination: tables are added up, and the sum is maximised over one element.
+
+    Attributes:
+        element: The element.
+        tables: Numbers of the tables; what a step leaves takes the next number.
+        scope: Elements of the sum.
+    """
+
+    element: Element
+    tables: tuple[int, ...]
+    scope: Scope
+
+
+class Relaxation:
+    """Bounds a polynomial over boxes of quantities from above.
+
+    Where powers of factors, its *elements*, are taken for independent of one another, the
+    polynomial is affine in each, so that it is greatest where each is at one of its two ends. Of n
+    elements there are 2^n such corners, but few elements meet in products: what a monomial adds is
+    a table over the ends of its own elements. Tables are added up, and maximised over one element
+    after the other (variable elimination, Bertelè and Brioschi, Nonserial Dynamic Programming,
+    1972). That finds the best corner, unless more than `MOST_TOGETHER` elements meet on the way:
+    then tables of one element are maximised apart (mini-buckets, Dechter and Rish 2003), which is
+    a bound still. What is lost else is that two elements may depend on the same quantity; boxes
+    that are narrow in these `shared` quantities lose little.
+
+    Attributes:
+        used: Quantities that the polynomial is of.
+        gates: Those of them that its monomials have in common.
+        curved: Those of them that it may not be affine in.
+        shared: Those that boxes are split by.
+    """
+
+    def __init__(self, ring: PolynomialRing, polynomial: Polynomial) -> None:
+        self._ring = ring
+        self._polynomial = polynomial
+        # An order that another program finds as well, whatever it calls the factors.
+        self._elements = sorted(
+            {element for monomial in polynomial for element in monomial}, key=self._key
+        )
+        place = {element: index for index, element in enumerate(self._elements)}
+        self._monomials: dict[Scope, float] = {
+            tuple(sorted(monomial, key=place.__getitem__)): float(coefficient)
+            for monomial, coefficient in polynomial.items()
+        }
+        self._steps = eliminated(list(self._monomials), self._elements)
+        self.used = sorted(self._variables_of(self._elements))
+        self.gates = sorted(self._variables_of(_cover(list(polynomial), self._elements)))
+        self.curved = [index for index in self.used if self._is_curved(index)]
+        self.shared = [index for index in self.used if self._is_shared(index)]
+
+    def upper(self, lower: Array, upper: Array) -> Array:
+        """Bounds the polynomial from above over boxes.
+
+        Args:
+            lower: Least quantities of each box (m, n).
+            upper: Greatest quantities of each box (m, n).
+
+        Returns:
+            Bounds (m,), rounded up; infinite where there is none.
+        """
+        together = max((len(step.scope) for step in self._steps), default=0)
+        size = max(1, BLOCK >> together)
+        blocks = [slice(start, start + size) for start in range(0, len(lower), size)]
+        return np.concatenate([self._upper(lower[own], upper[own]) for own in blocks])
+
+    def _upper(self, lower: Array, upper: Array) -> Array:
+        ranges = self._ranges(lower, upper)
+        m = len(lower)
+        with np.errstate(invalid="ignore", over="ignore"):
+            ends = {own: np.stack([span.lower, span.upper]) for own, span in ranges.items()}
+            tables = [_product(scope, c, ends, m) for scope, c in self._monomials.items()]
+            scopes = list(self._monomials)
+            for step in self._steps:
+                whole = sum(_spread(tables[i], scopes[i], step.scope) for i in step.tables)
+                axis = step.scope.index(step.element)
+                tables.append(np.max(whole, axis=axis))
+                scopes.append(step.scope[:axis] + step.scope[axis + 1 :])
+            done = [table for table, scope in zip(tables, scopes, strict=True) if not scope]
+            found = sum(done, np.zeros(m)) + self._rounding(ranges, m)
+        return np.where(np.isnan(found), np.inf, found)
+
+    def _rounding(self, ranges: dict[Element, Interval], m: int) -> Array:
+        """Bounds what rounding can do: each of k operations is off by a share of 2^-53."""
+        operations = 8 + len(self._polynomial) + 2 * max(map(len, self._polynomial), default=0)
+        size = np.zeros(m)
+        for monomial, coefficient in self._polynomial.items():
+            part = np.full(m, abs(float(coefficient)))
+            for element in monomial:
+                part *= ranges[element].magnitude
+            size += part
+        return operations * ROUNDING * size
+
+    def _ranges(self, lower: Array, upper: Array) -> dict[Element, Interval]:
+        @cache
+        def of_factor(number: int) -> Interval:
+            factor = self._ring.factors[number]
+            if factor.function == "variable":
+                return Interval(lower[:, factor.variable], upper[:, factor.variable])
+            return FUNCTIONS[factor.function](of_polynomial(factor.argument))
+
+        def of_polynomial(terms: Sequence[tuple[Monomial, Fraction]]) -> Interval:
+            whole = Interval.point(0.0, (len(lower),))
+            for monomial, coefficient in terms:
+                near = float(coefficient)
+                part = Interval(*(np.full(len(lower), end) for end in _around(near)))
+                for factor, power in monomial:
+                    part = part * of_factor(factor).power(power)
+                whole = whole + part
+            return whole
+
+        return {(factor, power): of_factor(factor).power(power) for factor, power in self._elements}
+
+    def _key(self, element: Element) -> tuple[list[int], str, int, Element]:
+        number, power = element
+        function = self._ring.factors[number].function
+        return sorted(self._ring.variables(number)), function, power, element
+
+    def _variables_of(self, elements: Iterable[Element]) -> frozenset[int]:
+        return frozenset().union(*(self._ring.variables(number) for number, _ in elements))
+
+    def _is_shared(self, index: int) -> bool:
+        own = self._elements_of(index)
+        return len(own) > 1 or any(self._is_loose(number) for number, _ in own)
+
+    def _is_curved(self, index: int) -> bool:
+        return any(
+            power > 1 or self._ring.factors[number].function != "variable"
+            for number, power in self._elements_of(index)
+        )
+
+    def _elements_of(self, index: int) -> list[Element]:
+        return [own for own in self._elements if index in self._ring.variables(own[0])]
+
+    def _is_loose(self, number: int) -> bool:
+        """Returns whether a function's bounds may be wider than its values."""
+        argument = self._ring.factors[number].argument
+        inner = [factor for monomial, _ in argument for factor, _ in monomial]
+        return (
+            len(inner) != len(set(inner))
+            or any(sum(power for _, power in monomial) > 1 for monomial, _ in argument)
+            or any(self._ring.factors[factor].function != "variable" for factor in inner)
+        )
+
+
+def eliminated(scopes: Sequence[Scope], elements: Sequence[Element]) -> list[Step]:
+    """Plans in which order tables are added up and maximised: where fewest elements meet, first.
+
+    Args:
+        scopes: Of the tables to begin with.
+        elements: All elements of these, in order; of equals the first is taken.
+    """
+    tables, steps = list(scopes), []
+    of = {
+        element: {i for i, scope in enumerate(scopes) if element in scope} for element in elements
+    }
+    meeting = {element: _joined(tables[i] for i in of[element]) for element in elements}
+    while of:
+        element = min(of, key=lambda own: len(meeting[own]))
+        changed = meeting[element] - {element}
+        for bucket in _buckets(element, of.pop(element), tables):
+            together = _joined(tables[i] for i in bucket)
+            scope = tuple(own for own in elements if own in together)
+            steps.append(Step(element, bucket, scope))
+            tables.append(tuple(own for own in scope if own != element))
+            for own in tables[-1]:
+                of[own] = of[own] - {*bucket} | {len(tables) - 1}
+        for own in changed:
+            meeting[own] = _joined(tables[i] for i in of[own])
+    return steps
+
+
+def _buckets(
+    element: Element, numbers: Collection[int], tables: Sequence[Scope]
+) -> list[tuple[int, ...]]:
+    """Groups an element's tables such that at most `MOST_TOGETHER` elements meet in each."""
+    groups: list[tuple[list[int], set[Element]]] = []
+    for number in sorted(numbers, key=lambda i: (-len(tables[i]), i)):
+        for group, together in groups:
+            if len(together.union(tables[number])) <= MOST_TOGETHER:
+                group.append(number)
+                together.update(tables[number])
+                break
+        else:
+            groups.append(([number], {element, *tables[number]}))
+    return [tuple(group) for group, _ in groups]
+
+
+def _joined(scopes: Iterable[Scope]) -> frozenset[Element]:
+    return frozenset().union(*scopes)
+
+
+def _product(scope: Scope, coefficient: float, ends: dict[Element, Array], m: int) -> Array:
+    """Returns a monomial at the ends of its elements, (2, ..., 2, m)."""
+    whole = np.full((1,) * len(scope) + (m,), coefficient)
+    for element in scope:
+        whole = whole * _spread(ends[element], (element,), scope)
+    return whole
+
+
+def _spread(table: Array, scope: Scope, wider: Scope) -> Array:
+    """Gives a table an axis of length 1 for each element that it does not depend on."""
+    at = tuple(slice(None) if element in scope else None for element in wider)
+    return table[at]
+
+
+def _cover(monomials: Sequence[Monomial], elements: Sequence[Element]) -> list[Element]:
+    """Chooses elements such that every monomial has at most one that is not chosen."""
+    chosen: list[Element] = []
+    while len(chosen) < MOST_TOGETHER:
+        rest = [[e for e in monomial if e not in chosen] for monomial in monomials]
+        meeting = [own for own in rest if len(own) > 1]
+        if not meeting:
+            break
+        counts = {element: sum(element in own for own in meeting) for element in elements}
+        chosen.append(max(elements, key=lambda element: counts[element]))
+    return chosen
+
+
+def _around(value: float) -> tuple[float, float]:
+    return float(np.nextafter(value, -np.inf)), float(np.nextafter(value, np.inf))
