@@ -18,7 +18,7 @@ SPLIT_AT_ONCE = 64
 
 STARTS = 16
 SWEEPS = 6
-"""How a witness is sought: from as many starts, the best of more, quantity by quantity, as often."""
+"""How a witness is sought: from the best starts, quantity by quantity, as often."""
 
 MOST_GATES = 6
 """Quantities whose ends are combined in all ways to start from."""
