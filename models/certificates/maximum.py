@@ -11,7 +11,7 @@ from glassgait.models.branch_and_bound import Cells, greatest_bound
 from glassgait.models.certificates.question import Box, Maximum, Tree
 from glassgait.models.certificates.relaxation import Relaxation
 
-MOST_CELLS = 2_000
+MOST_CELLS = 500
 """Cells of a search that gives up: its bound holds, and is less tight."""
 
 SPLIT_AT_ONCE = 64
