@@ -39,7 +39,7 @@ ABLATIONS = {
         "without (paper)": "bound_without_curriculum.csv",
     },
     "mirror_and_latency": {
-        "both (as shipped)": "trot_short.csv",
+        "both": "trot_short.csv",
         "without the mirror": "trot_without_mirror.csv",
         "without latency": "trot_without_latency.csv",
     },
