@@ -158,17 +158,28 @@ def imu_expert() -> NeuralPolicy:
 
 
 @pytest.fixture(scope="session")
-def learned_expert() -> NeuralPolicy:
-    """Networks of small random weights: an estimator, and an actor that moves all joints."""
-    layout, generator = ObservationLayout(2), np.random.default_rng(2)
+def make_learned_expert() -> Callable[[Gait], NeuralPolicy]:
+    """Makes networks of small random weights: an estimator, and an actor that moves all joints."""
 
-    def network(*widths: int) -> Network:
-        sizes = [(after, before) for before, after in pairwise(widths)]
-        weights = tuple(0.1 * generator.normal(size=size) for size in sizes)
-        return Network(weights, tuple(np.zeros(size[0]) for size in sizes))
+    def make(gait: Gait) -> NeuralPolicy:
+        layout, generator = ObservationLayout(gait.n_states), np.random.default_rng(2)
 
-    actor = network(layout.size, 32, quadruped.N_JOINTS)
-    return NeuralPolicy("trot", layout.names, actor, network(layout.n_proprioceptive, 32, 7))
+        def network(*widths: int) -> Network:
+            sizes = [(after, before) for before, after in pairwise(widths)]
+            weights = tuple(0.1 * generator.normal(size=size) for size in sizes)
+            return Network(weights, tuple(np.zeros(size[0]) for size in sizes))
+
+        actor = network(layout.size, 32, quadruped.N_JOINTS)
+        estimator = network(layout.n_proprioceptive, 32, 7)
+        return NeuralPolicy(gait.name, layout.names, actor, estimator)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def learned_expert(make_learned_expert: Callable[[Gait], NeuralPolicy]) -> NeuralPolicy:
+    """Such networks for a trot."""
+    return make_learned_expert(load_gait("trot"))
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,7 @@ SLOW = pytest.mark.slow
 )
 def test_experts_stay_inside(gait):
     expert = load_expert(gait)
-    envs = LocomotionVectorEnv(16, gait)
+    envs = LocomotionVectorEnv(16, gait, senses="imu")
     observations, _ = envs.reset(seed=0)
     greatest = 0.0
     for _ in range(100):

@@ -354,7 +354,7 @@ def test_a_policy_of_another_gait_is_refused(page):
 
 
 def test_a_policy_whose_joints_have_other_gains_than_the_robots_end_is_refused(trot, page):
-    firm = page.policy.with_joint_law(JointLaw((40.0, 1.0)))
+    firm = page.policy.with_joint_law(JointLaw((60.0, 1.0)))
     with pytest.raises(InputError, match="learned with joints of gains"):
         MakeLinkedController(A1, trot, alone(firm, page.expert), DrakeLcm("memq://"), CHANNELS)
 

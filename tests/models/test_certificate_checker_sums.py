@@ -33,7 +33,7 @@ RESTATED = Robot.read(yaml.safe_load(Path(A1.path).read_text()), A1.path)
 
 
 GAIT = load_gait("trot")
-NAMES = ObservationLayout(2).names
+NAMES = ObservationLayout(2, imu=True).names
 FEW = ("FL_hip", "RR_calf")
 CLAIMS = (
     Claim("hips", "limits", joints=("FL_hip", "FR_hip")),
@@ -183,7 +183,7 @@ def test_a_policy_with_another_number_is_refused(certified, tmp_path):
 def test_no_observation_reaches_more_than_the_checker_says(certified):
     policy, path, content = certified
     _, arrays = read_arrays(path.read_bytes())
-    own = (Tables if isinstance(policy, AdditivePolicy) else Trees)(RESTATED, arrays, 2)
+    own = (Tables if isinstance(policy, AdditivePolicy) else Trees)(RESTATED, arrays, 2, imu=True)
     box = operating_box(GAIT, A1).in_state(1)
     reported = {name: tuple(ends) for name, ends in content["boxes"]["operating"].items()}
     reported |= {"s0": (0.0, 0.0), "s1": (1.0, 1.0)}
@@ -208,7 +208,7 @@ def test_the_slope_of_a_table_is_its_greatest_step(tmp_path):
     arrays["pair_cuts"] = np.full_like(policy.pair_cuts, np.inf)
     path = tmp_path / "policy.safetensors"
     AdditivePolicy("trot", NAMES, **arrays).save(path)
-    own = Tables(RESTATED, read_arrays(path.read_bytes())[1], 2)
+    own = Tables(RESTATED, read_arrays(path.read_bytes())[1], 2, imu=True)
     wide = dict.fromkeys(own.names, (-20.0, 20.0))
     found = [own.bound(BoundQuery("slope", 0, "FL_hip", sign, "v.x"), wide) for sign in (1, -1)]
     assert found == pytest.approx([-0.25, 0.25], abs=1e-9)
@@ -273,7 +273,7 @@ def test_a_pair_of_one_observation_is_none():
     arrays = {name: getattr(policy, name).copy() for name in policy.array_specs}
     arrays["pairs"][0] = 7
     with pytest.raises(RefusedError, match="pair"):
-        Tables(RESTATED, arrays, 2)
+        Tables(RESTATED, arrays, 2, imu=True)
     with pytest.raises(InputError, match="pair"):
         Prover(AdditivePolicy("trot", NAMES, **arrays), GAIT)
 
@@ -283,11 +283,11 @@ def test_trees_without_questions_and_thresholds_between_numbers_are_refused():
     arrays = {name: getattr(policy, name).copy() for name in policy.array_specs}
     bare = arrays | {"features": arrays["features"][..., :0], "leaves": arrays["leaves"][..., :2]}
     with pytest.raises(RefusedError, match="not complete"):
-        Trees(RESTATED, bare, 2)
+        Trees(RESTATED, bare, 2, imu=True)
     del arrays["thresholds"]
     between = np.full_like(policy.thresholds, 1.0 + 2.0**-40)
     with pytest.raises(RefusedError, match="single precision"):
-        Trees(RESTATED, arrays | {"thresholds_lower_neighbours": between}, 2)
+        Trees(RESTATED, arrays | {"thresholds_lower_neighbours": between}, 2, imu=True)
 
 
 def test_any_step_of_a_table_breaks_the_claim_that_it_never_rises(certified):

@@ -29,17 +29,19 @@ A1 = load_robot()
 
 
 GAIT = load_gait("trot")
-LAYOUT = ObservationLayout(GAIT.n_states)
+LAYOUT = ObservationLayout(GAIT.n_states, imu=True)
 SYMBOLS = [entry.symbol for entry in LAYOUT.entries]
 UNITS = RobotUnits.of(A1, LAYOUT.names)
 TEXT = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
 
 CLAIMS = (
-    Claim("hips", "limits", joints=("FL_hip",), least=-1.4, most=1.4),
-    Claim("calf", "limits", joints=("FL_calf",)),
-    Claim("far", "limits", joints=("FL_hip",), least=-9.0, most=9.0, box="physical"),
-    Claim("torque", "torque", joints=("FL_hip",), states=("q1",), most=60.0),
-    Claim("damped", "never", joints=("FL_hip",), observations=("dq.own",), never="rises"),
+    Claim("thigh", "limits", joints=("FR_thigh",), states=("q0",), least=-1.2, most=2.6),
+    Claim("calf", "limits", joints=("FL_calf",), states=("q0",)),
+    Claim(
+        "far", "limits", joints=("FR_thigh",), states=("q0",), least=-9.0, most=9.0, box="physical"
+    ),
+    Claim("torque", "torque", joints=("FR_thigh",), states=("q0",), most=60.0),
+    Claim("damped", "never", joints=("FL_thigh",), observations=("dq.own",), never="rises"),
     Claim(
         "stuck", "effect", joints=("FL_calf",), observations=("h.FL",), most=1.7, stuck=("h.FL",)
     ),
@@ -61,7 +63,7 @@ def forged_from() -> str:
     """A certificate of some claims about the trot's page, of every kind."""
     path = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
     prover = Prover(load_policy(path), GAIT)
-    prover.range_of(1, 2, "physical")
+    prover.range_of(0, 2, "physical")
     verdicts = [prover.decide(claim) for claim in CLAIMS]
     return json.dumps(certificate(prover, [one for one in verdicts if one], path))
 
@@ -269,7 +271,7 @@ ATTACKS = (
 
 
 def attacked(term: str, joint: str = "FL_hip") -> str:
-    return TEXT.replace(f"{joint} = ", f"{joint} = {term} + ", 1)
+    return TEXT.replace(f"\n{joint} = ", f"\n{joint} = {term} + ", 1)
 
 
 def forge_text(text: str, generator: np.random.Generator) -> str:
@@ -286,7 +288,7 @@ def forge_text(text: str, generator: np.random.Generator) -> str:
                 text = text[:place] + str(generator.choice(list("+-*/(). #\n"))) + text[place + 1 :]
             case 3:
                 joint, term = generator.choice(quadruped.JOINTS), generator.choice(ATTACKS)
-                text = text.replace(f"{joint} = ", f"{joint} = {term} + ", 1)
+                text = text.replace(f"\n{joint} = ", f"\n{joint} = {term} + ", 1)
             case 4:
                 lines[row] += str(
                     generator.choice([" # no", "\u2028", "\nstate 1", "\n    + h.FL"])
@@ -481,13 +483,13 @@ def test_refuses_powers_of_powers(tmp_path):
 
 def test_a_mirror_is_proved_where_its_image_has_values_alone(tmp_path):
     """The operating box need not be its own mirror image."""
-    text = attacked("0*sqrt(v.y + 0.47)")
+    text = attacked("0*sqrt(v.y + 0.71)")
     policy = tmp_path / "sparse_formula.formulas"
     policy.write_text(text)
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)
     claims = [own for own in content["claims"] if own["kind"] == "mirror"]
     content |= {"claims": claims, "statements": []}
-    assert content["boxes"]["operating"]["v.y"] == [-0.4614, 0.5758]
+    assert content["boxes"]["operating"]["v.y"] == [-0.7043, 0.9215]
     with pytest.raises(RefusedError, match="sqrt may be"):
         checked(content, policy, tmp_path)

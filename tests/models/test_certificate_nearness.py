@@ -19,7 +19,7 @@ A1 = load_robot()
 
 
 GAIT = load_gait("trot")
-NAMES = ObservationLayout(2).names
+NAMES = ObservationLayout(2, imu=True).names
 SYMBOLS = [entry.symbol for entry in entries_of(NAMES)]
 BOXES = {
     "operating": operating_box(GAIT, A1),

@@ -1,6 +1,7 @@
 """Counterfactuals: known answers, answers that the policy confirms, and none that is nearer."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,12 +10,14 @@ from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room,
 from glassgait.models.counterfactuals.smooth import FormulaTarget, SmoothSearch, shortest_steps
 from glassgait.models.counterfactuals.trees import Forest
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.file import read_formulas
 from glassgait.models.formulas.interval import Interval, bounds_of
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
@@ -24,8 +27,26 @@ A1 = load_robot()
 
 
 NAMES = load_expert("trot").observation_names
-KINDS = ("sparse_formula", "statewise_symbolic", "statewise_linear", "ebm", "gbm")
+PAGES = ("formulas", "statewise formulas")
+KINDS = (*PAGES, "statewise_linear", "ebm", "gbm")
+SHIPPED_PAGES = ("sparse_formula", "statewise_symbolic")
 CALF = quadruped.joint_index("FR_calf")
+
+CALF_FORMULAS = (
+    "-2.11 + 0.683*a.FL_hip + 1.02*a.FR_hip + 0.131*v.x - 0.557*v.z + 0.205*w.y"
+    " + late*(-0.0105*dq.FL_calf - 0.335*v.y + 0.509*v.z - 2.64*h.RR) - 0.413*lifted.FL*x.FR"
+    " + lifted.FR*(-0.0097*dq.FR_calf - 0.00775*dq.RR_thigh) - 1.96*lifted.RR*h.RL",
+    "-1.62 + 0.014*dq.FR_thigh + 0.333*a.RR_thigh + 0.273*v.y - 0.512*v.z + 0.141*g.x"
+    " + lifted.FR*(0.0478*cmd.yaw - 0.117*a.FR_thigh) - 0.413*lifted.FL*x.FR",
+)
+"""The front right calf's in either state, small enough for searches to end."""
+
+DEFINED = """late = tanh(0.5*t - 2)
+lifted.FL = tanh(100*h.FL - 2)
+lifted.FR = tanh(100*h.FR - 2)
+lifted.RR = tanh(100*h.RR - 2)
+x.FR = -0.2*sin(q.FR_thigh) - 0.2*sin(q.FR_thigh + q.FR_calf)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +68,22 @@ def observations():
 
 def ask(policy, observations, by=0.1, joint=CALF, step=60):
     return Question(policy, joint, observations[step], by, Room.of(NAMES, observations))
+
+
+@cache
+def policy_of(kind):
+    """A student that ships, or a page of the formulas above."""
+    if kind not in PAGES:
+        return load_student("trot", kind)
+    others = "".join(f"{joint} = 0\n" for joint in quadruped.JOINTS if joint != "FR_calf")
+    parts = [f"FR_calf = {formula}\n{others}" for formula in CALF_FORMULAS]
+    whole = (
+        f"every state\n{parts[0]}"
+        if kind == "formulas"
+        else f"state 0\n{parts[0]}\nstate 1\n{parts[1]}"
+    )
+    text = f"format: 1\ngait: trot\nstates: 2\nsenses: imu\n\ndefinitions\n{DEFINED}\n{whole}"
+    return FormulaPolicy.from_file(read_formulas(text))
 
 
 def linear(weights):
@@ -98,7 +135,7 @@ def test_the_fewest_changes_are_one_where_one_is_enough(observations):
 @pytest.mark.parametrize("by", [0.1, -0.1])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_policy_confirms_and_nothing_held_moves(kind, by, observations):
-    policy = load_student("trot", kind)
+    policy = policy_of(kind)
     question = ask(policy, observations, by)
     answers = answer(question)
     for found in filter(None, (answers.nearest, answers.fewest)):
@@ -119,9 +156,21 @@ def test_the_policy_confirms_and_nothing_held_moves(kind, by, observations):
         assert answers.fewest.distance >= answers.nearest.bound
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SHIPPED_PAGES)
+def test_a_search_that_gives_up_says_so(kind, observations):
+    """Pages that ship are so long that no answer is proved to be the nearest."""
+    question = ask(policy_of(kind), observations)
+    answers = answer(question)
+    for found in filter(None, (answers.nearest, answers.fewest)):
+        assert question.change_of_target(found.observation) >= question.by
+        assert 0.0 < found.bound <= found.distance * (1 + 1e-9)
+    assert answers.nearest.gap > TOLERANCE
+    assert not answers.nearest.proved
+
+
+@pytest.mark.parametrize("kind", [*KINDS, *SHIPPED_PAGES])
 def test_no_random_observation_is_nearer(kind, observations):
-    question = ask(load_student("trot", kind), observations)
+    question = ask(policy_of(kind), observations)
     found = answer(question).nearest
     room, generator = question.room, np.random.default_rng(23)
     free = room.free
@@ -141,12 +190,13 @@ def test_no_random_observation_is_nearer(kind, observations):
     enough = change(tried) >= question.by
     distances = np.linalg.norm((tried - question.observation)[:, free] / room.spread[free], axis=1)
     assert (distances[enough] >= found.bound - 1e-9).all()
-    assert (distances[enough] * (1 + TOLERANCE) >= found.distance - 1e-9).all()
+    if kind not in SHIPPED_PAGES:
+        assert (distances[enough] * (1 + TOLERANCE) >= found.distance - 1e-9).all()
 
 
-@pytest.mark.parametrize("kind", ["sparse_formula", "ebm", "gbm"])
+@pytest.mark.parametrize("kind", ["formulas", "ebm", "gbm"])
 def test_the_same_question_has_the_same_answer(kind, observations):
-    question = ask(load_student("trot", kind), observations)
+    question = ask(policy_of(kind), observations)
     first, second = (answer(question).nearest for _ in range(2))
     np.testing.assert_array_equal(first.observation, second.observation)
     assert first.bound == second.bound
@@ -154,7 +204,7 @@ def test_the_same_question_has_the_same_answer(kind, observations):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_cannot_be_reached_is_reported_with_the_most(kind, observations):
-    question = ask(load_student("trot", kind), observations, by=30.0)
+    question = ask(policy_of(kind), observations, by=30.0)
     with pytest.raises(InputError, match="most") as refusal:
         answer(question)
     most = float(str(refusal.value).split("found is ")[1].split(" rad")[0])
@@ -179,9 +229,9 @@ def test_networks_are_refused(observations):
         answer(ask(load_expert("trot"), observations))
 
 
-@pytest.mark.parametrize("kind", ["sparse_formula", "statewise_symbolic"])
+@pytest.mark.parametrize("kind", [*PAGES, *SHIPPED_PAGES])
 def test_slopes_of_formulas_are_bounded(kind, observations, generator):
-    question = ask(load_student("trot", kind), observations)
+    question = ask(policy_of(kind), observations)
     target = FormulaTarget(question)
     count = len(target.curved)
     low = -generator.random((1, count))
@@ -231,7 +281,7 @@ def test_bounds_of_formulas_hold(text, generator):
 
 
 def test_sets_of_observations_are_searched_together(observations):
-    question = ask(load_student("trot", "sparse_formula"), observations)
+    question = ask(policy_of("formulas"), observations)
     target = FormulaTarget(question)
     search = SmoothSearch(question, target)
     singles = [search.nearest(np.eye(target.size, dtype=bool)[[k]]) for k in range(target.size)]

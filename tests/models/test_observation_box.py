@@ -21,7 +21,7 @@ from glassgait.models.task.observation import OVERDUE, ObservationLayout
 A1 = load_robot()
 
 
-NAMES = ObservationLayout(2).names
+NAMES = ObservationLayout(2, imu=True).names
 TROT = load_gait("trot")
 
 
@@ -145,15 +145,20 @@ def test_reports_how_to_measure_a_box_that_is_not_there(tmp_path):
         operating_box(TROT, tmp_path / "none.yaml")
 
 
-def test_a_box_of_robots_that_observe_an_imu_is_loaded_as_one(trot, tmp_path):
-    names = ObservationLayout(2, imu=True).names
+@pytest.mark.parametrize("imu", [False, True])
+def test_a_box_of_robots_is_loaded_as_one_of_what_they_observe(imu, trot, tmp_path):
+    names = ObservationLayout(2, imu=imu).names
     narrow = ObservationBox(A1, names, np.full(len(names), -0.1), np.full(len(names), 0.1))
     box = commanded(narrow, trot)
     assert box.names == names
     path = tmp_path / "trot.yaml"
     box.save(path, trot, "by a test")
     assert load_box(path, trot, A1).names == names
-    assert operating_box(trot, A1).names != names
-    physical = physical_box(trot, box)
+    assert (operating_box(trot, A1).names == names) == imu
+    assert physical_box(trot, box).names == names
+
+
+def test_gravitys_direction_may_be_any_and_its_noise_besides():
+    names, physical = NAMES, physical_box(TROT, box(-0.1, 0.1))
     gravity = [i for i, name in enumerate(names) if name.startswith("Gravity")]
     assert np.all(physical.upper[gravity] > 1.0) and np.all(physical.lower[gravity] < -1.0)

@@ -104,8 +104,8 @@ def test_a_page_with_odometry_walks_alike_in_c_and_has_no_network_in_it(trot, tm
     controller = alone(page())
     written = write_controller(trot, controller, **WRITTEN)
     lines = written.source.splitlines()
-    assert len(lines) <= 700
-    assert max(map(len, lines)) <= 104
+    assert len(lines) <= 840
+    assert max(map(len, lines)) <= 100
     assert not re.search("weight|elu|bias|layer|expm1|network|estimator_", written.source, re.I)
     compiled, python = load_controller(written, tmp_path), PythonController(trot, controller)
     found = compare_controllers(python, compiled, recorded_sequences(trot, controller, 1000, 3))
@@ -158,14 +158,14 @@ def test_a_file_holds_odometry_whose_gain_can_be_edited(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("0.15*(measured", "2*(measured", "line 31, column 17: the gain"),
-        ("0.15*(measured", "nan*(measured", "line 31, column 17: the gain"),
-        ("0.02*9.81", "0.02*9.8", "line 25, column 46: odometry is one program"),
-        ("normal = unit(", "normal = (", "line 33, column 10: odometry is one program"),
-        ("stood = touching", "# stood = touching", "line 28, column 1: odometry is one"),
-        ("h = dot(normal", "# h = dot(normal", "line 36, column 1: odometry lacks"),
-        ("\ndefinitions", "\nh = 2\n\ndefinitions", "line 36, column 1: odometry ends"),
-        ("\ndefinitions", "\nodometry\n\ndefinitions", "line 36, column 1: odometry stands"),
+        ("0.15*(measured", "2*(measured", "line 32, column 17: the gain"),
+        ("0.15*(measured", "nan*(measured", "line 32, column 17: the gain"),
+        ("0.02*9.81", "0.02*9.8", "line 26, column 46: odometry is one program"),
+        ("normal = unit(", "normal = (", "line 34, column 10: odometry is one program"),
+        ("stood = touching", "# stood = touching", "line 29, column 1: odometry is one"),
+        ("h = dot(normal", "# h = dot(normal", "line 37, column 1: odometry lacks"),
+        ("\ndefinitions", "\nh = 2\n\ndefinitions", "line 37, column 1: odometry ends"),
+        ("\ndefinitions", "\nodometry\n\ndefinitions", "line 37, column 1: odometry stands"),
         ("senses: imu", "senses: sonar", "line 4, column 1: senses"),
     ],
 )

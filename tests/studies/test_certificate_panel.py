@@ -64,16 +64,16 @@ def test_every_claim_is_shown_with_its_verdict(panel):
 
 def test_the_policy_answers_a_witness_as_the_certificate_says(panel):
     calves = panel.data["witnesses"][CALVES]
-    assert calves["joint"] == 5
-    assert calves["targets"][0][5] == pytest.approx(CERTIFICATE.verdicts[CALVES].worst, abs=1e-5)
-    assert calves["targets"][0][5] < panel.data["limits"][5][0]
+    assert calves["joint"] == 2
+    assert calves["targets"][0][2] == pytest.approx(CERTIFICATE.verdicts[CALVES].worst, abs=1e-5)
+    assert calves["targets"][0][2] > panel.data["limits"][2][1]
     symbols = [entry.symbol for entry in entries_of(load_policy(PAGE).observation_names)]
     witness = CERTIFICATE.verdicts[CALVES].witnesses[0]
     shown = dict(zip((symbols[k] for k in calves["inputs"]), calves["values"][0], strict=True))
     assert shown == pytest.approx({symbol: witness[symbol] for symbol in shown}, abs=1e-5)
-    # The formula of the front right calf sees the rear left foot's height, not its own hip.
-    assert "h.RL" in shown
-    assert "q.FR_hip" not in shown
+    # The formula of the front left calf sees its own foot's height, not its own angle.
+    assert "h.FL" in shown
+    assert "q.FL_calf" not in shown
 
 
 def test_only_refuted_claims_have_witnesses(panel):
@@ -158,11 +158,11 @@ def test_a_witness_moves_the_timeline_to_the_moment_that_is_nearest(explained, b
     assert own["nearest"] != 40
     button = browser.find_element("css selector", f"button.witness[data-claim='{CALVES}']")
     button.click()
-    assert f"FR calf at step {own['nearest']}:" in shown("local-title").text
+    assert f"FL calf at step {own['nearest']}:" in shown("local-title").text
     assert shown("time").get_attribute("value") == str(own["nearest"])
     assert f"{own['distances'][own['nearest']]:.2f} widths away" in shown("witness").text
     asked = browser.find_element("css selector", "#witness .targets tr.asked")
-    assert asked.text.startswith("FR calf −5.671")
+    assert asked.text.startswith("FL calf +2.011")
     assert shown("nearest").get_attribute("visibility") == "visible"
 
     def differences():

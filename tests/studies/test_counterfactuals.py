@@ -1,5 +1,6 @@
 """The page that asks what a robot would have had to observe."""
 
+import html
 import json
 
 import numpy as np
@@ -42,7 +43,7 @@ def test_page_asks_in_words_and_lists_what_would_differ(page):
     fewest = pd.read_csv(page.parent / "fewest.csv")
     assert len(fewest) in (1, 2) and len(nearest) >= len(fewest)
     for row in nearest.itertuples():
-        assert row.observation in text
+        assert row.observation in html.unescape(text)
     np.testing.assert_allclose(nearest["would be"] - nearest["was"], nearest["difference"])
 
 

@@ -117,7 +117,7 @@ def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp
         assert list(claims.loc[claims["verdict"] == verdict, "claim"]) == names
         assert counts[verdict] == len(names)
     for text in rendered(certified, tmp_path):
-        assert "FR calf in q0: target of −5.67 rad" in text
+        assert "FL calf in q1: target of 2.01 rad" in text
         assert "glassgait explain page --gait trot --policy sparse_formula" in text
     none = certificates(["half_bound"], A1, tmp_path)
     assert not none.tables

@@ -79,9 +79,9 @@ def until_said(lines, pattern, seconds=90.0):
 
 def eventually(condition, seconds=60.0):
     end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
+    while not (met := condition()) and time.monotonic() < end:
         time.sleep(0.2)
-    assert condition()
+    assert met
 
 
 def trunk_place(browser):

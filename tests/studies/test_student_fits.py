@@ -53,10 +53,11 @@ def test_statewise_formulas_are_fitted_to_their_states(generator):
 
 
 def test_r2_is_scikit_learns(generator):
-    observations = generator.normal(size=(200, 49))
+    names = load_expert("trot").observation_names
+    observations = generator.normal(size=(200, len(names)))
     actions = observations[:, :12] + 0.3 * generator.normal(size=(200, 12))
     dataset = Dataset(observations, actions, np.ones(200, dtype=np.int64))
-    policy = fit("linear", load_expert("trot").observation_names, dataset)
+    policy = fit("linear", names, dataset)
     expected = r2_score(actions, policy(observations), multioutput="raw_values")
     np.testing.assert_allclose(r2_scores(policy, dataset), expected)
 

@@ -25,7 +25,7 @@ from glassgait.studies.evaluation.symmetry import (
     mirror_r2,
 )
 
-NAMES = ObservationLayout(2).names
+NAMES = ObservationLayout(2, imu=True).names
 N = len(NAMES)
 REFLECT = reflect_observation(NAMES, (1, 0))
 SMALL = ["--n-robots", "3", "--n-steps", "10", "--n-samples", "20", "--repeats", "2"]
@@ -63,7 +63,7 @@ def row_of(policy, generator, joint, observation, side):
 @pytest.mark.parametrize("gait", ["trot", "bound", "walk", "half_bound"])
 def test_a_policy_that_treats_sides_alike_has_an_r2_of_1(gait, generator):
     machine = load_gait(gait)
-    names = ObservationLayout(machine.n_states).names
+    names = ObservationLayout(machine.n_states, imu=True).names
     reflect = reflect_observation(names, mirrored_states(machine))
     weights = generator.normal(size=(12, len(names)))
     image = (weights[REFLECT_JOINTS.index] * REFLECT_JOINTS.sign[:, None])[:, reflect.index]

@@ -177,7 +177,7 @@ def random_network(n_in, n_out, size, seed):
 @pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
 def test_a_mirrored_network_treats_sides_alike_whatever_its_weights_are(gait, size, generator):
     machine = load_gait(gait)
-    names = ObservationLayout(machine.n_states).names
+    names = ObservationLayout(machine.n_states, imu=True).names
     reflect = reflect_observation(names, mirrored_states(machine))
     network = random_network(len(names), 12, size, seed=3)
     mirrored = Mirrored(network, reflect, REFLECT_JOINTS)
@@ -300,7 +300,8 @@ def test_an_experts_record_gives_back_its_settings(tmp_path):
     training_run(replace(TINY, updates=1), tmp_path).run(silent)
     assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
     shipped = read_config(EXPERT_DIRECTORY / "trot.yaml")
-    assert shipped.worlds.fine_steps == (0.005, 0.0025)
+    assert (shipped.worlds.fine_steps, shipped.worlds.mujoco_share) == ((), 0.875)
+    assert (shipped.senses, shipped.limit_targets) == ("imu", True)
     assert len(shipped.worlds.stations(A1, np.random.default_rng(0))) == 16
     assert shipped.ppo.actor_layers == (256, 128, 64)
 

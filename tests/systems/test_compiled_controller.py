@@ -6,10 +6,13 @@ import pytest
 from glassgait.models.export.binding import ACTION, BAD_INPUT, sensed
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
+from glassgait.models.task.imu import GRAVITY
 from glassgait.systems.compiled_controller import CompiledController
 
 A1 = load_robot()
+AT_REST = np.array([0, 0, 0, 0, 0, CONTROL_PERIOD * GRAVITY, 0, 0, -1.0])
 
 
 @pytest.fixture
@@ -25,8 +28,11 @@ def outputs(system, context):
 def test_takes_the_controllers_step_and_remembers(
     system, compiled_page, fix_inputs, latch, standing
 ):
-    context = fix_inputs(system, state=standing, command=[0.5, 0.1], commanded_dwell=8)
-    sensors, command = sensed(A1, standing), Command(np.array([0.5, 0.1]), np.array(8.0))
+    context = fix_inputs(system, state=standing, imu=AT_REST, command=[0.5, 0.1], commanded_dwell=8)
+    sensors, command = (
+        sensed(A1, standing, imu=AT_REST),
+        Command(np.array([0.5, 0.1]), np.array(8.0)),
+    )
     memory = compiled_page.initial()
     for _ in range(3):
         step = compiled_page.step(memory, sensors, command)
@@ -41,7 +47,7 @@ def test_takes_the_controllers_step_and_remembers(
 
 
 def test_contexts_remember_their_own(system, fix_inputs, latch, standing):
-    context = fix_inputs(system, state=standing, command=[0.5, 0.0], commanded_dwell=8)
+    context = fix_inputs(system, state=standing, imu=AT_REST, command=[0.5, 0.0], commanded_dwell=8)
     clone = context.Clone()
     first, *_ = outputs(system, context)
     latch(system, context)
@@ -50,7 +56,7 @@ def test_contexts_remember_their_own(system, fix_inputs, latch, standing):
 
 
 def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch, standing):
-    context = fix_inputs(system, state=standing, command=[0.5, 0.0], commanded_dwell=8)
+    context = fix_inputs(system, state=standing, imu=AT_REST, command=[0.5, 0.0], commanded_dwell=8)
     before, *_ = outputs(system, context)
     latch(system, context)
     broken = standing.copy()
@@ -70,7 +76,9 @@ def changing(compiled_pages) -> CompiledController:
 def test_changes_the_gait_that_is_requested(
     requested, changing, compiled_pages, fix_inputs, latch, standing
 ):
-    context = fix_inputs(changing, state=standing, command=[0.3, 0.0], commanded_dwell=6)
+    context = fix_inputs(
+        changing, state=standing, imu=AT_REST, command=[0.3, 0.0], commanded_dwell=6
+    )
     if requested is not None:
         fix_inputs(changing, context, requested_gait=requested)
     # Standing on all feet ends no state: a gait that is not left by then has lost its rhythm.
@@ -84,8 +92,8 @@ def test_changes_the_gait_that_is_requested(
 def test_holds_the_target_where_no_such_gait_is_requested(
     number, changing, fix_inputs, latch, standing
 ):
-    inputs = {"state": standing, "command": [0.3, 0.0], "commanded_dwell": 8, "requested_gait": 0}
-    context = fix_inputs(changing, **inputs)
+    inputs = {"state": standing, "imu": AT_REST, "command": [0.3, 0.0], "commanded_dwell": 8}
+    context = fix_inputs(changing, **inputs, requested_gait=0)
     before, *_ = outputs(changing, context)
     latch(changing, context)
     fix_inputs(changing, context, requested_gait=number)

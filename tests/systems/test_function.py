@@ -24,7 +24,7 @@ from glassgait.systems.symbolic_policy import make_symbolic_policy
 A1 = load_robot()
 
 
-LAYOUT = ObservationLayout(2)
+LAYOUT = ObservationLayout(2, imu=True)
 
 
 def saxpy():
@@ -52,7 +52,8 @@ def from_state_to_targets():
     state = builder.ExportInput(sensor.get_state_input_port(), "state")
     builder.ConnectInput(state, joints.get_state_input_port())
     builder.Connect(joints.get_joints_output_port(), proprioception.get_joints_input_port())
-    for name in ("command", "commanded_dwell", "previous_action", "rm_state", "rm_iterations"):
+    inputs = ("command", "commanded_dwell", "previous_action", "rm_state", "rm_iterations", "imu")
+    for name in inputs:
         builder.ExportInput(proprioception.GetInputPort(name), name)
     builder.ExportOutput(targets.get_desired_state_output_port(), "desired_state")
     return builder.Build()
@@ -67,6 +68,7 @@ def desired_state(diagram, state):
         "previous_action": np.full(12, 0.1),
         "rm_state": np.array([0.0, 1.0]),
         "rm_iterations": np.array([3.0]),
+        "imu": np.array([0.1, -0.2, 0.3, 0, 0, 0.2, 0.05, 0.1, -0.99]),
     }
     for name, value in values.items():
         diagram.GetInputPort(name).FixValue(context, value)

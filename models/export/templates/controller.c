@@ -1,7 +1,7 @@
 /* {{ name }}.c - {{ title }}.
  *
- * From what a {{ robot }}'s joints{{ ',' if has_imu else ' and' }} feet{{ ' and IMU' if has_imu }} sense to the targets of its joints, {{ rate }} times a second.
- * It reads no other sensor, and asks for no library but math.h. It takes no memory of its own.
+ * From what a {{ robot }}'s joints{{ ',' if has_imu else ' and' }} feet{{ ' and IMU' if has_imu }} sense to the targets of its joints,
+ * {{ rate }} times a second. It reads no other sensor, needs only math.h, and takes no memory of its own.
  *
 {% block made_of %}
  *   gait       {{ '%-28s' % only.title }} {{ only.digests[0] }}

@@ -58,7 +58,7 @@ typedef struct {
 {% if has_imu %}
     /* What an IMU in the trunk measures, x forward, y to the left, z up. */
     {{ real }} angular_velocity[3]; /* rad/s */
-    {{ real }} velocity_change[3]; /* acceleration, summed since the step before, m/s: at rest 0, 0, {{ '%g' % (period * gravity) }} */
+    {{ real }} velocity_change[3]; /* acceleration, summed over a step, m/s: at rest 0, 0, {{ '%g' % (period * gravity) }} */
     {{ real }} gravity[3]; /* its direction, a unit vector: 0, 0, -1 where the trunk is level */
 {% endif %}
 } {{ name }}_sensors;

@@ -55,7 +55,7 @@
 {% for group in groups %}
 {% if group.members %}
     const struct {
-        {{ real }} {{ group.members | join(', ') }};
+        {{ real }} {{ group.members | join(', ') | wordwrap(84, wrapstring='\n            ') }};
     } {{ group.name }} = {
 {% endif %}
 {% for line in group.lines %}

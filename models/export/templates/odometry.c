@@ -153,7 +153,8 @@ static void measure_heights(const {{ name }}_controller *controller, const Foot 
 
 /* Goes on by a step, or begins with a robot at rest on all feet, and writes what is observed: twice
  * the velocity, then the heights. */
-static void estimate({{ name }}_controller *controller, const {{ name }}_sensors *sensors, {{ real }} body[7])
+static void estimate(
+    {{ name }}_controller *controller, const {{ name }}_sensors *sensors, {{ real }} body[7])
 {
     Foot feet[4];
 

@@ -38,7 +38,7 @@ class targets_t(object):
         self.joint_position = [ 0.0 for dim0 in range(12) ]
         """
         Joint position targets (rad), within the joints' ranges. The robot follows the nearest ones
-        there, and does not hear an answer of which one is farther than 1.675 rad from its range.
+        there, and does not hear an answer of which one is farther than 0.84 rad from its range.
         LCM Type: double[12]
         """
 

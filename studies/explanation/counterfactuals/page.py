@@ -101,6 +101,19 @@ def outcome_in_words(outcome: Mapping[str, Any], by: float) -> str:
     )
 
 
+_AXES = {
+    "v.x": "forward speed",
+    "v.y": "speed to the left",
+    "v.z": "upward speed",
+    "g.x": "gravity's part ahead",
+    "g.y": "gravity's part to the left",
+    "g.z": "gravity's part upward",
+    "w.x": "roll rate",
+    "w.y": "pitch rate",
+    "w.z": "yaw rate",
+}
+
+
 def _side(value: float, more: str, less: str) -> str:
     return f"{1000 * abs(value):.1f} mm {more if value > 0 else less}"
 
@@ -108,8 +121,7 @@ def _side(value: float, more: str, less: str) -> str:
 def _name_in_words(group: str, symbol: str, name: str) -> str:
     pattern = _GROUPS.get(group)
     if pattern is None:
-        axes = {"v.x": "forward speed", "v.y": "speed to the left", "v.z": "upward speed"}
-        return axes.get(symbol, name)
+        return _AXES.get(symbol, name)
     return pattern.format(symbol.split(".")[1].replace("_", " "))
 
 
