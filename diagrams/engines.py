@@ -6,10 +6,10 @@ from itertools import groupby
 import numpy as np
 
 from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.mujoco_physics import MujocoPhysics
 from glassgait.diagrams.physics import Held, Physics, PhysicsStep
 from glassgait.diagrams.station import Engine, StationConfig
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 
 
@@ -21,7 +21,7 @@ def make_physics(robot: Robot, *stations: StationConfig) -> Physics:
         stations: Physics of each group; those of an engine stand side by side.
 
     Raises:
-        InputError: if a station is continuous, or MuJoCo is not installed.
+        InputError: if a station is continuous.
     """
     parts = [
         _physics_of(robot, engine, list(own))
@@ -61,12 +61,4 @@ class MixedPhysics(Physics):
 def _physics_of(robot: Robot, engine: Engine, stations: Sequence[StationConfig]) -> Physics:
     if engine == "drake":
         return BatchPhysics(robot, *stations)
-    try:
-        # Imported here: MuJoCo is an extra.
-        from glassgait.diagrams.mujoco_physics import MujocoPhysics  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            "station: engine is 'mujoco', which is not installed; run pip install "
-            "'glassgait[mujoco]'"
-        ) from error
     return MujocoPhysics(robot, *stations)

@@ -1,7 +1,4 @@
-"""The batch simulator's physics by MuJoCo, a second opinion on what Drake's says.
-
-MuJoCo is an optional package: `pip install "glassgait[mujoco]"`.
-"""
+"""The batch simulator's physics by MuJoCo, a second opinion on what Drake's says."""
 
 from xml.etree import ElementTree
 

@@ -56,8 +56,6 @@ def test_a_lost_robot_is_reported_and_keeps_a_sound_state(trot):
 def test_either_engine_follows_the_nearest_targets_within_the_joints_ranges(
     trot, engine, limited, generator
 ):
-    if engine == "mujoco":
-        pytest.importorskip("mujoco")
     task = TaskConfig(trot, NOMINAL, joint_law=JointLaw(limited=limited))
     physics = make_physics(A1, StationConfig(time_step=0.01, engine=engine))
     simulator = BatchSimulator(

@@ -18,7 +18,6 @@ def drake(*groups, n_threads=1):
 
 
 def mujoco(*groups):
-    pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'glassgait[mujoco]'")
     station = StationConfig(time_step=0.002, engine="mujoco")
     return make_physics(A1, *[station for _ in groups or (None,)])
 

@@ -35,8 +35,6 @@ CALM = Scenario(sensor_noise=0.0, command=FixedCommand(speed=0.5))
 
 
 def station(terrain, engine="drake"):
-    if engine == "mujoco":
-        pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'glassgait[mujoco]'")
     return StationConfig(terrain=terrain, **ENGINES[engine])
 
 

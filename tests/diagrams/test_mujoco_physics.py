@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.mujoco_physics import make_model
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
@@ -19,12 +21,6 @@ from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.terrain import PLANE, Terrain
 
 A1 = load_robot()
-
-
-mujoco = pytest.importorskip(
-    "mujoco", reason="MuJoCo is not installed: pip install 'glassgait[mujoco]'"
-)
-from glassgait.diagrams.mujoco_physics import make_model  # noqa: E402
 
 STATION = StationConfig(time_step=0.002, engine="mujoco")
 DRAKE = StationConfig(time_step=0.002)

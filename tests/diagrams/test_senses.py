@@ -192,8 +192,6 @@ def test_a_student_that_observes_no_imu_is_refused_beside_an_expert_that_does(
 
 @pytest.mark.parametrize("engine", ["drake", "mujoco"])
 def test_odometry_is_near_the_truth_in_either_engine(engine, trot, odometry_expert):
-    if engine == "mujoco":
-        pytest.importorskip("mujoco")
     station = StationConfig(time_step=0.002 if engine == "mujoco" else 0.01, engine=engine)
     scenario = replace(QUIET, sensor_noise=1.0, station=station)
     simulator = BatchSimulator(

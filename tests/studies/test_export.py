@@ -3,7 +3,6 @@
 import json
 import re
 import subprocess
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -123,7 +122,6 @@ def test_shipped_policies_agree(gait, kind, tmp_path):
     assert found.target < 1e-12
 
 
-@pytest.mark.skipif(find_spec("mujoco") is None, reason="needs MuJoCo")
 @pytest.mark.parametrize("gaits", ["one", "several"])
 def test_robots_walk_alike_by_python_and_by_c(gaits, request, monkeypatch):
     monkeypatch.setattr(closed_loop, "REQUEST_STEPS", 30)

@@ -3,7 +3,6 @@
 import builtins
 import json
 from dataclasses import replace
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -102,7 +101,6 @@ def test_the_command_writes_a_checked_file(tmp_path, capsys):
     main([*arguments, "--resume"])
 
 
-@pytest.mark.skipif(find_spec("mujoco") is None, reason="needs MuJoCo")
 def test_robots_walk_alike_by_python_and_by_the_graph(trot):
     graph, policy, expert = loaded("trot", "sparse_formula")
     table = walk_both(
