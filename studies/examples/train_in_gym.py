@@ -26,7 +26,9 @@ def train(seconds: float = 45.0, num_envs: int = 32) -> tuple[float, float, floa
         seconds: Time to train for (s); to score takes some more.
         num_envs: Number of robots.
     """
-    envs = gymnasium.make_vec("glassgait/Locomotion-v0", num_envs=num_envs, gait="trot")
+    envs = gymnasium.make_vec(
+        "glassgait/Locomotion-v0", num_envs=num_envs, gait="trot", senses="imu"
+    )
     expert = load_expert("trot")
 
     def with_one(observations):
