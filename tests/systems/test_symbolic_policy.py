@@ -124,7 +124,7 @@ def test_shipped_policies_act_the_same_on_random_observations(gait, kind):
 @pytest.mark.parametrize(("gait", "kind"), READABLE)
 def test_shipped_policies_act_the_same_on_what_the_robot_observes(gait, kind):
     policy = student(gait, kind)
-    scenario = Scenario(command=FixedCommand(), sensor_noise=0.0)
+    scenario = Scenario(command=FixedCommand(speed=0.25), sensor_noise=0.0)
     controller = alone(policy, load_expert(gait))
     diagram = MakeLocomotion(load_gait(gait), scenario, policy=controller)
     seen = record(make_simulator(diagram), 300, stop_on_failure=False)["observations"]
