@@ -63,7 +63,6 @@ class Relaxation:
 
     def __init__(self, ring: PolynomialRing, polynomial: Polynomial) -> None:
         self._ring = ring
-        self._polynomial = polynomial
         # An order that another program finds as well, whatever it calls the factors.
         self._elements = sorted(
             {element for monomial in polynomial for element in monomial}, key=self._key
@@ -112,10 +111,10 @@ class Relaxation:
 
     def _rounding(self, ranges: dict[Element, Interval], m: int) -> Array:
         """Bounds what rounding can do: each of k operations is off by a share of 2^-53."""
-        operations = 8 + len(self._polynomial) + 2 * max(map(len, self._polynomial), default=0)
+        operations = 8 + len(self._monomials) + 2 * max(map(len, self._monomials), default=0)
         size = np.zeros(m)
-        for monomial, coefficient in self._polynomial.items():
-            part = np.full(m, abs(float(coefficient)))
+        for monomial, coefficient in self._monomials.items():
+            part = np.full(m, abs(coefficient))
             for element in monomial:
                 part *= ranges[element].magnitude
             size += part

@@ -49,31 +49,29 @@ class Elimination:
 
     def plan(self) -> None:
         """Maximises over that factor next which fewest others meet."""
-        tables = {number: {*scope} for number, scope in enumerate(self.scopes)}
         holding: list[set[int]] = [set() for _ in self.factors]
-        for number, scope in tables.items():
+        for number, scope in enumerate(self.scopes):
             for own in scope:
                 holding[own].add(number)
-        met = [self.joined(tables, numbers) for numbers in holding]
+        met = [self.joined(numbers) for numbers in holding]
         left = list(range(len(self.factors)))
         while left:
             factor = min(left, key=lambda own: len(met[own]))
             left.remove(factor)
             for bucket in self.buckets(factor, holding[factor]):
-                scope = sorted(self.joined(tables, bucket))
+                scope = sorted(self.joined(bucket))
                 index = [(i, self.entries(self.scopes[i], scope)) for i in bucket]
                 self.steps.append((scope.index(factor), index))
                 rest = [own for own in scope if own != factor]
                 for own in rest:
                     holding[own] = holding[own] - {*bucket} | {len(self.scopes)}
-                tables[len(self.scopes)] = {*rest}
                 self.scopes.append(rest)
             for own in met[factor] - {factor}:
-                met[own] = self.joined(tables, holding[own])
+                met[own] = self.joined(holding[own])
 
-    @staticmethod
-    def joined(tables: dict[int, set[int]], numbers: Iterable[int]) -> set[int]:
-        return set[int]().union(*(tables[number] for number in numbers))
+    def joined(self, numbers: Iterable[int]) -> set[int]:
+        """Returns the factors of tables."""
+        return set[int]().union(*(self.scopes[number] for number in numbers))
 
     def buckets(self, factor: int, numbers: Iterable[int]) -> list[list[int]]:
         """Groups a factor's tables, so that not too many factors meet in one."""

@@ -31,6 +31,18 @@ _GROUPS = {
     "foot height": "height of the {0} foot",
 }
 
+_AXES = {
+    "v.x": "forward speed",
+    "v.y": "speed to the left",
+    "v.z": "upward speed",
+    "g.x": "gravity's part ahead",
+    "g.y": "gravity's part to the left",
+    "g.z": "gravity's part upward",
+    "w.x": "roll rate",
+    "w.y": "pitch rate",
+    "w.z": "yaw rate",
+}
+
 
 def question_in_words(question: Question, step: int) -> str:
     """Returns the question as a person would ask it."""
@@ -99,19 +111,6 @@ def outcome_in_words(outcome: Mapping[str, Any], by: float) -> str:
     return f"The target changed by {outcome['target']:+.3f} rad; {moved}; " + (
         f"{falls[outcome['fell'], outcome['fell_before']]} within the part that is shown."
     )
-
-
-_AXES = {
-    "v.x": "forward speed",
-    "v.y": "speed to the left",
-    "v.z": "upward speed",
-    "g.x": "gravity's part ahead",
-    "g.y": "gravity's part to the left",
-    "g.z": "gravity's part upward",
-    "w.x": "roll rate",
-    "w.y": "pitch rate",
-    "w.z": "yaw rate",
-}
 
 
 def _side(value: float, more: str, less: str) -> str:
