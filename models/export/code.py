@@ -3,9 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from glassgait.models.errors import InputError
 from glassgait.models.export.language import LINE_LENGTH, CArray, Real
 from glassgait.models.policies.policy import Policy
+from glassgait.models.task.symmetry import Reflection
 
 
 @dataclass(frozen=True)
@@ -46,13 +49,28 @@ class Style:
         """What names of constants begin with."""
         return self.own.upper()
 
-    def signature(self, *, takes_state: bool) -> str:
-        """Declares the function that acts, on as many lines as it takes."""
-        begin = f"static void {self.own}act({'int state, ' if takes_state else ''}"
+    def signature(self, *, takes_state: bool, name: str = "act", writes: str = "action") -> str:
+        """Declares a function of the observation, on as many lines as it takes.
+
+        Args:
+            takes_state: Whether it takes the machine's state first.
+            name: Its name, behind what names of its gait begin with; by default that which acts.
+            writes: What it writes of each joint.
+        """
+        begin = f"static void {self.own}{name}({'int state, ' if takes_state else ''}"
         observed = f"const {self.real} observation[{self.begin}N_OBSERVATIONS],"
-        rest = f"{self.real} action[12])"
+        rest = f"{self.real} {writes}[12])"
         whole = f"{begin}{observed} {rest}"
         return whole if len(whole) <= LINE_LENGTH else f"{begin}{observed}\n    {rest}"
+
+
+def reflection_arrays(prefix: str, reflection: Reflection) -> list[CArray]:
+    """Writes what a vector is in the mirror: two arrays, whose names begin with the prefix."""
+    index, sign = reflection.index, reflection.sign.astype(np.int8)
+    return [
+        CArray.of_indices(f"{prefix}_IMAGE", index, "in the mirror an entry is this one"),
+        CArray(f"{prefix}_SIGN", sign, "signed char", "times this sign"),
+    ]
 
 
 def policy_code(policy: Policy, style: Style) -> Code:

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from glassgait.models.export.code import Code, Style
+from glassgait.models.export.code import Code, Style, reflection_arrays
 from glassgait.models.export.language import (
     LINE_LENGTH,
+    CArray,
     Real,
     commented,
     function,
@@ -19,6 +20,7 @@ from glassgait.models.formulas.text import Notation, written_lines
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 RESERVED = frozenset(
     {"state", "observation", "action", "target", "joints", "feet", "act", "square", "cube"}
@@ -28,41 +30,60 @@ RESERVED = frozenset(
 """Names that a definition cannot have in C."""
 
 
+_TYPES = {"Axes": "xyz", "Feet": quadruped.LEGS, "Joints": quadruped.JOINTS}
+"""Types of C that formulas share, with their members."""
+
+
 @dataclass(frozen=True)
 class Group:
     """Definitions that share what stands before the dot, such as lifted.FL: a struct of C.
 
     Attributes:
         name: What stands before the dot, or the name itself.
-        members: What stands behind it, for each; none of a plain number.
+        type: Type of C that has such members, if the file has one; else nothing.
+        members: What stands behind the dot, for each; none of a plain number.
         lines: Their formulas, with their notes.
     """
 
     name: str
+    type: str
     members: tuple[str, ...]
     lines: tuple[str, ...]
 
 
 def formula_code(policy: FormulaPolicy, style: Style) -> Code:
-    """Writes formulas of each joint, the same always or others in each state."""
+    """Writes formulas of each joint, the same always or others in each state.
+
+    Those that the policy's file leaves out as mirror images are left out as well: the robot is seen
+    in the mirror instead.
+    """
     own, real = style.own, style.real
     statewise = len(policy.dims) == 2
-    vocabulary, rows = policy.vocabulary, policy.formulas_by_state
-    used = frozenset().union(*(formula.variables for row in rows for formula in row))
+    vocabulary = policy.vocabulary
+    written = policy.to_file().written()
+    rows = [
+        {place[-1]: formula for place, formula in written.items() if place[:-1] in ((), (state,))}
+        for state in range(len(policy.formulas_by_state))
+    ]
+    used = frozenset().union(*(formula.variables for formula in written.values()))
     n = len(vocabulary.names)
     definitions = [one for i, one in enumerate(vocabulary.definitions, start=n) if i in used]
     symbols = _symbols(vocabulary)
+    indent = 8 if statewise else 4
     formulas = [
         [
-            _lines(f"target[{joint.upper()}] = ", formula, symbols, real, 8 if statewise else 4)
-            for joint, formula in zip(quadruped.JOINTS, row, strict=True)
+            _lines(f"target[{quadruped.JOINTS[joint].upper()}] = ", formula, symbols, real, indent)
+            for joint, formula in row.items()
         ]
         for row in rows
     ]
     observed = used.union(*(one.formula.variables for one in definitions))
     quantities = _quantities(vocabulary.names, observed)
-    everything = [one.formula for one in definitions] + [one for row in rows for one in row]
+    groups = _groups(definitions, vocabulary, symbols, real)
+    everything = [one.formula for one in definitions] + list(written.values())
     kind = "each state of the machine and joint" if statewise else "each joint"
+    mirror = _mirror(policy, [frozenset(row) for row in rows], style) if policy.mirror else None
+    signature = style.signature(takes_state=statewise)
     return Code(
         f"Formulas of the joints' targets, one for {kind}: {policy.n_terms()} terms"
         + (", and their mirror images." if policy.mirror else "."),
@@ -71,25 +92,70 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
             real,
             OWN=style.begin,
             own=own,
-            signature=style.signature(takes_state=statewise),
+            signature=mirror.inner_signature if mirror else signature,
+            outer_signature=signature,
             statewise=statewise,
-            groups=_groups(definitions, vocabulary, symbols, real),
+            groups=groups,
             quantities=quantities,
-            states=list(zip(style.constants, formulas, strict=False)),
-            mirror=[style.constants[image] for image in policy.mirror] if policy.mirror else None,
+            states=[pair for pair in zip(style.constants, formulas, strict=False) if pair[1]],
+            mirror=mirror,
         ),
         takes_state=statewise,
-        helpers=_helpers(everything, quantities, real),
+        helpers=_helpers(everything, quantities, groups, real),
+    )
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """How formulas that were left out are had from those that stand.
+
+    Attributes:
+        function: Name of the function of the formulas that stand.
+        inner_signature: Its declaration.
+        states: Constant of the state that each state is in the mirror.
+        written: Which joints have a formula of their own in each state, a bit a joint.
+        arrays: What an observation is in the mirror, and what targets are.
+    """
+
+    function: str
+    inner_signature: str
+    states: tuple[str, ...]
+    written: tuple[str, ...]
+    arrays: tuple[CArray, ...]
+
+
+def _mirror(policy: FormulaPolicy, written: Sequence[frozenset[int]], style: Style) -> Mirror:
+    assert policy.mirror is not None
+    statewise = len(policy.dims) == 2
+    reflections = {
+        "OBSERVATION": reflect_observation(policy.vocabulary.names, policy.mirror),
+        "TARGET": REFLECT_JOINTS,
+    }
+    return Mirror(
+        f"{style.own}formulas",
+        style.signature(takes_state=statewise, name="formulas", writes="target"),
+        tuple(style.constants[image] for image in policy.mirror),
+        tuple(f"0x{sum(1 << joint for joint in joints):03x}" for joints in written),
+        tuple(
+            array
+            for what, reflection in reflections.items()
+            for array in reflection_arrays(f"{style.begin}{what}", reflection)
+        ),
     )
 
 
 def _helpers(
-    formulas: Sequence[Expression], quantities: Sequence[str], real: Real
+    formulas: Sequence[Expression], quantities: Sequence[str], groups: Sequence[Group], real: Real
 ) -> tuple[str, ...]:
-    """Writes the functions that formulas call besides those of math.h."""
+    """Writes the types of C that formulas need, and the functions besides those of math.h."""
     powers = [power for power in ("square", "cube") if _asks_for(formulas, power)]
     texts = [rendered("power.c", real, power=power) for power in powers]
-    if {"q", "dq", "a"} & set(quantities):
+    types = {group.type for group in groups}
+    if "Axes" in types or {"v", "g", "w"} & set(quantities):
+        texts.append(rendered("axes.c", real))
+    if "Feet" in types or "h" in quantities:
+        texts.append(rendered("feet.c", real, legs=quadruped.LEGS))
+    if "Joints" in types or {"q", "dq", "a"} & set(quantities):
         texts.append(rendered("joints.c", real, joints=quadruped.JOINTS))
     return tuple(texts)
 
@@ -128,7 +194,7 @@ def _groups(
         by_name.setdefault(symbol.partition(".")[0], []).append((symbol, definition))
     groups = []
     for name, own in by_name.items():
-        members, lines = [], []
+        members, lines, said = [], [], set()
         for symbol, definition in own:
             _, dot, member = symbol.partition(".")
             start, indent = (f".{member} = ", 8) if dot else (f"const {real} {symbol} = ", 4)
@@ -136,9 +202,18 @@ def _groups(
             formula = _lines(start, definition.formula, symbols, real, indent)
             renamed = "" if symbol == definition.symbol else f"{definition.symbol}: "
             note = commented(renamed + definition.note)
-            lines += _noted(formula, "," if dot else ";", note)
-        groups.append(Group(name, tuple(members), tuple(lines)))
+            # What was said of a member is not said again of another.
+            lines += _noted(formula, "," if dot else ";", "" if dot and note in said else note)
+            said.add(note)
+        groups.append(Group(name, _type_of(members), tuple(members), tuple(lines)))
     return groups
+
+
+def _type_of(members: Sequence[str]) -> str:
+    for name, all_members in _TYPES.items():
+        if members and set(members) <= set(all_members):
+            return name
+    return ""
 
 
 def _noted(lines: Sequence[str], end: str, note: str) -> list[str]:

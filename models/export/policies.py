@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.export.code import Code, Style
+from glassgait.models.export.code import Code, Style, reflection_arrays
 from glassgait.models.export.language import CArray, Real, rendered
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.arrays import lower_neighbours
@@ -15,7 +15,6 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.odometry import SLIP, Odometry
-from glassgait.models.task.symmetry import Reflection
 
 ABREAST = 10
 """Greatest number of trees that are walked down side by side, so that a processor need not wait."""
@@ -158,7 +157,7 @@ def network_code(network: Network | MirroredNetwork, name: str, called: str, rea
         n_out, n_in = weight.shape
         layers.append({"n_in": n_in, "n_out": n_out, "weights": matrix.name, "biases": vector.name})
     for what, reflection in zip(("INPUT", "OUTPUT"), reflections, strict=False):
-        arrays += _reflection(f"{prefix}_{what}", reflection)
+        arrays += reflection_arrays(f"{prefix}_{what}", reflection)
     widths = " - ".join(str(layer["n_out"]) for layer in layers[:-1])
     return Code(
         f"A network of {len(layers)} layers ({widths} hidden units)"
@@ -174,14 +173,6 @@ def network_code(network: Network | MirroredNetwork, name: str, called: str, rea
         ),
         tuple(arrays),
     )
-
-
-def _reflection(prefix: str, reflection: Reflection) -> list[CArray]:
-    index, sign = reflection.index, reflection.sign.astype(np.float32)
-    return [
-        CArray.of_indices(f"{prefix}_IMAGE", index, "in the mirror an entry is this one"),
-        CArray(f"{prefix}_SIGN", sign, "float", "times this sign"),
-    ]
 
 
 def odometry_code(odometry: Odometry, robot: Robot, name: str, real: Real) -> str:

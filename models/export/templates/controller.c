@@ -52,6 +52,11 @@
 #error "-ffast-math takes the checks for NaN away; compile without it"
 #endif
 
+typedef {{ name }}_controller Controller;
+typedef {{ name }}_sensors Sensors;
+typedef {{ name }}_command Command;
+typedef {{ name }}_targets Targets;
+
 enum { FL, FR, RL, RR };
 
 enum {
@@ -91,7 +96,7 @@ static const {{ real }} {{ name }}[12] = {
 {% if arrays %}
 /* The numbers of {{ named }}, which stand at the end of this file. */
 {% for array in arrays %}
-{{ '%-56s' % (array.declaration ~ ';') }} /* {{ array.note }} */
+{{ '%-40s' % (array.declaration ~ ';') }} /* {{ array.note }} */
 {% endfor %}
 
 {% endif %}
@@ -122,7 +127,7 @@ typedef struct {
 
 {% endfor %}
 {% endblock %}
-static void step_machine({{ name }}_controller *controller, const int foot_contact[4], {{ real }} dwell
+static void step_machine(Controller *controller, const int foot_contact[4], {{ real }} dwell
 {%- block requested %}{% endblock %})
 {
     Propositions now;
@@ -166,8 +171,8 @@ static {{ real }} nearest({{ real }} value, {{ real }} least, {{ real }} greates
 }
 
 /* Writes all but what is estimated. */
-static void observe(const {{ name }}_controller *controller, const {{ name }}_sensors *sensors,
-    const {{ name }}_command *command, {{ real }} observation[{% block room %}N_OBSERVATIONS{% endblock %}])
+static void observe(const Controller *controller, const Sensors *sensors, const Command *command,
+    {{ real }} observation[{% block room %}N_OBSERVATIONS{% endblock %}])
 {
 {% block n_states %}
 {% endblock %}
@@ -236,7 +241,7 @@ static int all_sound(const {{ real }} *values, int count)
     return 1;
 }
 
-static int sound_input(const {{ name }}_sensors *sensors, const {{ name }}_command *command)
+static int sound_input(const Sensors *sensors, const Command *command)
 {
     const {{ real }} commands[3] = {command->speed, command->yaw_rate, command->dwell};
 
@@ -249,7 +254,7 @@ static int sound_input(const {{ name }}_sensors *sensors, const {{ name }}_comma
 
 {% if odometry %}
 /* Returns whether what odometry remembers is something that a step may have left. */
-static int sound_odometry(const {{ name }}_controller *controller)
+static int sound_odometry(const Controller *controller)
 {
     for (int leg = 0; leg < 4; leg++)
         if (!all_sound(controller->footholds[leg], 3))
@@ -258,8 +263,8 @@ static int sound_odometry(const {{ name }}_controller *controller)
 }
 
 {% endif %}
-/* Tells whether a controller remembers what a step may have left. */
-static int sound_memory(const {{ name }}_controller *controller)
+/* Returns whether a controller remembers what a step may have left. */
+static int sound_memory(const Controller *controller)
 {
     return all_sound(controller->action, 12) && all_sound(controller->foot_height, 4)
         && {% block sound_state %}controller->state >= 0 && controller->state < N_STATES{% endblock %}
@@ -277,7 +282,7 @@ static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greates
 
 {% block limit_change %}
 {% endblock %}
-static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets)
+static void set_targets(const {{ real }} action[12], Targets *targets)
 {
 {% if limits_targets %}
     for (int joint = 0; joint < 12; joint++)
@@ -289,10 +294,10 @@ static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets
 {% endif %}
 }
 
-void {{ name }}_init({{ name }}_controller *controller)
+void {{ name }}_init(Controller *controller)
 {
 {% block standing %}
-    const {{ name }}_controller standing = {
+    const Controller standing = {
         .initialised = INITIALISED,
         .state = {{ initial }},
     };
@@ -301,12 +306,12 @@ void {{ name }}_init({{ name }}_controller *controller)
     *controller = standing;
 }
 
-int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
-    const {{ name }}_command *command, {{ name }}_targets *targets)
+int {{ name }}_step(
+    Controller *controller, const Sensors *sensors, const Command *command, Targets *targets)
 {
     static const {{ real }} standing[12] = {0}; /* the action that asks for the default stance */
-    {{ name }}_controller next;
-    {{ name }}_command within;
+    Controller next;
+    Command within;
 {% block observation %}
     {{ real }} observation[N_OBSERVATIONS];
 {% endblock %}
@@ -323,10 +328,12 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
     set_targets(controller->action, targets);
     if (!sound_input(sensors, command))
         return {{ prefix }}_BAD_INPUT;
-    within.speed = limited(command->speed, -{{ prefix }}_MAX_SPEED, {{ prefix }}_MAX_SPEED, &flags);
-    within.yaw_rate = limited(
-        command->yaw_rate, -{{ prefix }}_MAX_YAW_RATE, {{ prefix }}_MAX_YAW_RATE, &flags);
-    within.dwell = limited(command->dwell, {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
+    within.speed = limited(command->speed,
+        -{{ prefix }}_MAX_SPEED, {{ prefix }}_MAX_SPEED, &flags);
+    within.yaw_rate = limited(command->yaw_rate,
+        -{{ prefix }}_MAX_YAW_RATE, {{ prefix }}_MAX_YAW_RATE, &flags);
+    within.dwell = limited(command->dwell,
+        {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
 
 {% block take %}
     step_machine(&next, sensors->foot_contact, within.dwell);

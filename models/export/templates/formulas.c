@@ -25,35 +25,33 @@
     const {{ real }} t = observation[{{ OWN }}RM_ITERATIONS] / {{ 0.1 | number }}; /* control steps {{ 'in the state' if own else 'since the state began' }} */
 {% endif %}
 {% if 'v' in quantities %}
-    const struct {
-        {{ real }} x, y, z; /* estimated velocity of the trunk, forward, left and up, m/s */
-    } v = {observation[{{ OWN }}BASE_VELOCITY] / {{ 2.0 | number }},{{ '\n        ' if own else ' ' }}observation[{{ OWN }}BASE_VELOCITY + 1] / {{ 2.0 | number }},
+    /* Estimated velocity of the trunk, forward, left and up, m/s. */
+    const Axes v = {observation[{{ OWN }}BASE_VELOCITY] / {{ 2.0 | number }},{{ '\n        ' if own else ' ' }}observation[{{ OWN }}BASE_VELOCITY + 1] / {{ 2.0 | number }},
         observation[{{ OWN }}BASE_VELOCITY + 2] / {{ 2.0 | number }}};
 {% endif %}
 {% if 'g' in quantities %}
-    const struct {
-        {{ real }} x, y, z; /* direction of gravity, forward, left and up */
-    } g = {observation[GRAVITY_DIRECTION], observation[GRAVITY_DIRECTION + 1],
+    /* Direction of gravity, forward, left and up. */
+    const Axes g = {observation[GRAVITY_DIRECTION], observation[GRAVITY_DIRECTION + 1],
         observation[GRAVITY_DIRECTION + 2]};
 {% endif %}
 {% if 'w' in quantities %}
-    const struct {
-        {{ real }} x, y, z; /* angular velocity of the trunk about these axes, rad/s */
-    } w = {observation[ANGULAR_VELOCITY] / {{ 0.25 | number }}, observation[ANGULAR_VELOCITY + 1] / {{ 0.25 | number }},
+    /* Angular velocity of the trunk about these axes, rad/s. */
+    const Axes w = {observation[ANGULAR_VELOCITY] / {{ 0.25 | number }}, observation[ANGULAR_VELOCITY + 1] / {{ 0.25 | number }},
         observation[ANGULAR_VELOCITY + 2] / {{ 0.25 | number }}};
 {% endif %}
 {% if 'h' in quantities %}
-    const struct {
-        {{ real }} FL, FR, RL, RR; /* estimated height of a foot, m */
-    } h = {observation[{{ OWN }}FOOT_HEIGHT],{{ '\n        ' if own else ' ' }}observation[{{ OWN }}FOOT_HEIGHT + 1],{{ '\n        ' if own else ' ' }}observation[{{ OWN }}FOOT_HEIGHT + 2],
-        observation[{{ OWN }}FOOT_HEIGHT + 3]};
+    /* Estimated height of a foot, m. */
+    const Feet h = {observation[{{ OWN }}FOOT_HEIGHT], observation[{{ OWN }}FOOT_HEIGHT + 1],
+        observation[{{ OWN }}FOOT_HEIGHT + 2], observation[{{ OWN }}FOOT_HEIGHT + 3]};
 {% endif %}
 {% if groups %}
 
     /* What the policy defines by these. */
 {% endif %}
 {% for group in groups %}
-{% if group.members %}
+{% if group.type %}
+    const {{ group.type }} {{ group.name }} = {
+{% elif group.members %}
     const struct {
         {{ real }} {{ group.members | join(', ') | wordwrap(84, wrapstring='\n            ') }};
     } {{ group.name }} = {
@@ -65,12 +63,14 @@
     };
 {% endif %}
 {% endfor %}
+{% if not mirror %}
     {{ real }} target[12];
+{% endif %}
 
 {% if statewise %}
     switch (state) {
 {% for constant, formulas in states %}
-    case {{ constant }}:{{ ' default:' if loop.last }}{{ ' /* %s in the mirror */' % mirror[loop.index0] if mirror and mirror[loop.index0] != constant }}
+    case {{ constant }}:{{ ' default:' if loop.last and not mirror }}
 {% for lines in formulas %}
 {% for line in lines %}
 {{ line }}{{ ';' if loop.last }}
@@ -78,6 +78,10 @@
 {% endfor %}
         break;
 {% endfor %}
+{% if mirror %}
+    default:
+        break;
+{% endif %}
     }
 {% else %}
 {% for lines in states[0][1] %}
@@ -86,7 +90,40 @@
 {% endfor %}
 {% endfor %}
 {% endif %}
+{% if not mirror %}
 
+{% endif %}
+{% if mirror %}
+}
+
+/* In the mirror an observation, or a target, is this one times this sign. */
+{% for array in mirror.arrays %}
+{{ array.definition }}
+{% endfor %}
+
+/* Has a joint without a formula do as its image does in the mirror. */
+{{ outer_signature }}
+{
+{% if statewise %}
+    static const int mirrored[] = { {{- mirror.states | join(', ') -}} };
+    static const unsigned has_formula[] = { {{- mirror.written | join(', ') -}} }; /* a bit a joint */
+    const unsigned own = has_formula[state];
+{% else %}
+    const unsigned own = {{ mirror.written[0] }}; /* a bit a joint: has it a formula? */
+{% endif %}
+    {{ real }} target[12] = {0}, image[12] = {0}, seen[{{ OWN }}N_OBSERVATIONS];
+
+    if (own != 0)
+        {{ mirror.function }}({{ 'state, ' if statewise }}observation, target);
+    if (own != 0xfff) {
+        for (int i = 0; i < {{ OWN }}N_OBSERVATIONS; i++)
+            seen[i] = {{ OWN }}OBSERVATION_SIGN[i] * observation[{{ OWN }}OBSERVATION_IMAGE[i]];
+        {{ mirror.function }}({{ 'mirrored[state], ' if statewise }}seen, image);
+    }
+    for (int joint = 0; joint < 12; joint++)
+        if (!(own >> joint & 1))
+            target[joint] = {{ OWN }}TARGET_SIGN[joint] * image[{{ OWN }}TARGET_IMAGE[joint]];
+{% endif %}
     for (int joint = 0; joint < 12; joint++)
         action[joint] = (target[joint] - STANCE[joint]) / ACTION_SCALE;
 }

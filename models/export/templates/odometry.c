@@ -49,8 +49,8 @@ static void cross(const {{ real }} a[3], const {{ real }} b[3], {{ real }} produ
 
 /* Returns which feet touch, and did before, since one that has just come down still moves. Those of
  * them that swing or slip do not stand, unless all do: then it is the prediction that is wrong. */
-static unsigned standing_feet(const {{ name }}_controller *controller,
-    const {{ name }}_sensors *sensors, const {{ real }} predicted[3], {{ real }} soles[4][3])
+static unsigned standing_feet(const Controller *controller, const Sensors *sensors,
+    const {{ real }} predicted[3], {{ real }} soles[4][3])
 {
     unsigned stood = 0, near = 0;
 
@@ -71,8 +71,7 @@ static unsigned standing_feet(const {{ name }}_controller *controller,
 
 /* Predicts the velocity by the accelerometer, and corrects it by the feet that stand. They roll:
  * the lowest point of a foot, its sole, rests, and not its centre. */
-static void advance_velocity({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
-    const Foot feet[4])
+static void advance_velocity(Controller *controller, const Sensors *sensors, const Foot feet[4])
 {
     const {{ real }} *w = sensors->angular_velocity, *dv = sensors->velocity_change;
     const {{ real }} *g = sensors->gravity;
@@ -110,8 +109,7 @@ static void advance_velocity({{ name }}_controller *controller, const {{ name }}
 }
 
 /* A foot that touches stands where it is; where another one stood last moves as the ground does. */
-static void carry_footholds({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
-    const Foot feet[4])
+static void carry_footholds(Controller *controller, const Sensors *sensors, const Foot feet[4])
 {
     const {{ real }} *v = controller->velocity, *w = sensors->angular_velocity;
     {{ real }} turned[3];
@@ -131,8 +129,7 @@ static void carry_footholds({{ name }}_controller *controller, const {{ name }}_
 
 /* Writes the feet's heights above the plane through the mean of the footholds, whose normal is the
  * cross product of their diagonals. */
-static void measure_heights(const {{ name }}_controller *controller, const Foot feet[4],
-    {{ real }} height[4])
+static void measure_heights(const Controller *controller, const Foot feet[4], {{ real }} height[4])
 {
     const {{ real }}(*at)[3] = controller->footholds;
     {{ real }} one[3], other[3], normal[3], mean[3], length;
@@ -154,7 +151,7 @@ static void measure_heights(const {{ name }}_controller *controller, const Foot 
 /* Goes on by a step, or begins with a robot at rest on all feet, and writes what is observed: twice
  * the velocity, then the heights. */
 static void estimate(
-    {{ name }}_controller *controller, const {{ name }}_sensors *sensors, {{ real }} body[7])
+    Controller *controller, const Sensors *sensors, {{ real }} body[7])
 {
     Foot feet[4];
 

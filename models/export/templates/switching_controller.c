@@ -73,7 +73,7 @@ static const unsigned char NEAREST[N_GAITS][N_GAITS] = {
 /* Lets the gait that runs give way to the requested one, if a state has just ended in a stance that
  * is as near to the other gait as any, or if it has lost its rhythm. A gait runs for a step at
  * least. */
-static void change_gait({{ name }}_controller *controller, int requested,
+static void change_gait(Controller *controller, int requested,
     const Propositions *now, int ended)
 {
     const int running = controller->gait;
@@ -220,7 +220,7 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
 
 {% endblock %}
 {% block standing %}
-    const {{ name }}_controller standing = {
+    const Controller standing = {
         .initialised = INITIALISED,
         .gait = {{ prefix }}_GAIT_{{ gaits[0].constant }},
         .state = {{ initial }},

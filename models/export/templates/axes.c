@@ -1,0 +1,2 @@
+typedef struct { {{ real }} x, y, z; } Axes;
+

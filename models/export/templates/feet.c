@@ -1,0 +1,2 @@
+typedef struct { {{ real }} {{ legs | join(', ') }}; } Feet;
+
