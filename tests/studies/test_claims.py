@@ -56,6 +56,8 @@ e.v = cmd.v - v.x
 phase = t/cmd.t
 lifted.FL = tanh(100*h.FL - 2)
 lifted.FR = tanh(100*h.FR - 2)
+sent.RL_calf = tanh(5*a.RL_calf + 7.5)
+sent.RR_calf = tanh(5*a.RR_calf + 7.5)
 
 state 0
 """
@@ -63,6 +65,7 @@ state 0
 FORMULAS = {
     "FL_hip": "0.1 + 0.4*q.FL_hip + 0.5*v.z + lifted.FL*(0.2 + 0.3*v.y)",
     "FL_thigh": "0.8 - 2*e.v + 0.1*late*late*v.x + 0.3*phase + tanh(cmd.v) + cmd.v*v.x",
+    "RL_thigh": "0.9 + 0.2*g.x - 0.1*sent.RL_calf",
     "RL_calf": "-1.5 - late*(0.7*cmd.yaw - 0.1*cmd.yaw) + h.RL*0.5",
 }
 
@@ -105,6 +108,8 @@ def test_terms_are_a_weight_times_one_input_alone_or_in_gates():
         ("FL_hip", "0.5*v.z"),
         ("FL_hip", "0.3*lifted.FL*v.y"),
         ("FL_thigh", "-2*e.v"),
+        ("RL_thigh", "0.2*g.x"),
+        ("RL_thigh", "-0.1*sent.RL_calf"),
         ("RL_calf", "-0.6*late*cmd.yaw"),
         ("RL_calf", "0.5*h.RL"),
     ]
@@ -275,6 +280,8 @@ WORDS = [
     ("FL_hip", "0.3*lifted.FL*v.y", "speed to the left turns the front left hip outward, while "
      "the front left foot is in the air, in state 0"),
     ("FL_thigh", "-2*e.v", "swings the front left thigh forward, in state 0"),
+    ("RL_thigh", "0.2*g.x", "as with a lower nose, swings the rear left thigh back, in state 0"),
+    ("RL_thigh", "-0.1*sent.RL_calf", "of the gate of the rear left knee's last target swings"),
     ("RL_calf", "0.5*h.RL", "height of the rear left foot stretches the rear left knee, in"),
 ]  # fmt: skip
 

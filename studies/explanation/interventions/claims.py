@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, indices_of
 from glassgait.studies.explanation.interventions.terms import Term, readable_terms
 from glassgait.studies.explanation.interventions.walks import Walk
@@ -67,8 +68,8 @@ def refuse_too_few(found: int, count: int) -> None:
     if found < count:
         raise InputError(
             f"--n-claims: {count} claims are asked for, and {found} terms can be read as a weight "
-            "times a command, a speed, a foot's place or a definition; ask for fewer, or name "
-            "another policy"
+            "times a command, gravity, a speed, a foot's place or a definition; ask for fewer, or "
+            "name another policy"
         )
 
 
@@ -131,6 +132,12 @@ INPUTS = {
     "cmd.v": "{step} m/s more commanded speed",
     "cmd.yaw": "{step} rad/s more commanded yaw rate to the left",
     "cmd.t": "{step} control steps more of commanded time in a state",
+    "g.x": "{step} more of gravity ahead, as with a lower nose,",
+    "g.y": "{step} more of gravity to the left, as with a lower left side,",
+    "g.z": "{step} more of gravity upward, as with more lean,",
+    "w.x": "{step} rad/s more roll to the right",
+    "w.y": "{step} rad/s more pitch, nose down,",
+    "w.z": "{step} rad/s more turning to the left",
     "v.x": "{step} m/s more forward speed",
     "v.y": "{step} m/s more speed to the left",
     "v.z": "{step} m/s more upward speed",
@@ -138,8 +145,9 @@ INPUTS = {
     "h": "{step} m more height of the {leg} foot",
     "x": "the {leg} foot {step} m further before its hip",
     "z": "the {leg} foot {step} m higher to its hip",
+    "sent": "{step} more of the gate of the {joint}'s last target",
 }
-"""What is said of an input, by its name, or by that of its kind where each leg has one."""
+"""What is said of an input, by its name, or by that of its kind where each leg or joint has one."""
 
 FOLLOWED = {"going_speed_error": "speed", "yaw_rate_error": "yaw rate"}
 
@@ -171,6 +179,8 @@ def _cause(claim: Claim, vocabulary: Vocabulary) -> str:
         said = INPUTS[symbol].format(step=step)
     elif kind in INPUTS and leg in LEGS:
         said = INPUTS[kind].format(step=step, leg=LEGS[leg])
+    elif kind in INPUTS and leg in quadruped.JOINTS:
+        said = INPUTS[kind].format(step=step, joint=_joint(leg))
     else:
         # A definition of a person's own, whose note says what it is.
         said = f"{step} more of {symbol}"

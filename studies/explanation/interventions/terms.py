@@ -14,10 +14,12 @@ from glassgait.models.task.observation import Group, entries_of
 INPUTS: tuple[Group, ...] = (
     "commanded velocity",
     "commanded iterations",
+    "gravity",
+    "angular velocity",
     "base velocity",
     "foot height",
 )
-"""What a robot is commanded, and how its trunk and feet move.
+"""What a robot is commanded, and how its trunk lies and moves, and its feet.
 
 Readings of joints are left out: they are how a servo goes on, and say little to a person.
 """
