@@ -104,16 +104,6 @@ def gaits_named(names: Sequence[str]) -> tuple[str, ...]:
     return gait_names()
 
 
-def refuse_files_of_several(names: Sequence[str], *files: Path | None) -> None:
-    """Refuses a person's own files, which are of one gait, where several gaits are named.
-
-    Raises:
-        InputError: if there are such files.
-    """
-    if len(names) > 1 and any(files):
-        raise InputError("--gait: several gaits take no files of your own; name one gait for them")
-
-
 def jobs_of(
     names: Sequence[str], first_seed: int, config: SweepConfig, *, root: Path, output: Path | None
 ) -> list[Job]:

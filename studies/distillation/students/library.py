@@ -12,10 +12,8 @@ from glassgait.models.certificates.certificate import (
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.policies.library import (
-    STUDENT_DIRECTORY,
     load_student_of,
     policy_path,
-    shipped_students,
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -51,19 +49,6 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
         )
-    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
-
-
-def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
-    """Loads the students of the expert's gait that ship with the project, by kind.
-
-    They are in the order of tables; of a gait without any there are none.
-
-    Raises:
-        InputError: if a student does not fit the expert.
-    """
-    kinds = [kind for kind in STUDENTS if kind in shipped_students(expert.gait)]
-    folder = STUDENT_DIRECTORY / expert.gait
     return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
