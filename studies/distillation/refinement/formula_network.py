@@ -1,6 +1,7 @@
 """Formulas as a network: PPO changes their numbers, and nothing else."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import torch
@@ -160,10 +161,15 @@ class FormulaNetwork(nn.Module):
         return self.kept * (self.start + self.unit @ self.changes)
 
     def _slopes(self, observations: torch.Tensor) -> torch.Tensor:
-        """Differentiates targets by numbers (m, 12, p; rad)."""
+        """Differentiates targets by numbers (m, 12, p; rad), each by those of its own formula."""
         numbers = self._numbers().detach()
-        slopes = torch.func.jacfwd(lambda own: self._actions(observations, own))(numbers)
-        return self._robot.action_scale * slopes
+        slopes = torch.zeros((len(observations), quadruped.N_JOINTS, len(numbers)))
+        n_states = self._file.n_states
+        for state in [()] if n_states is None else [(index,) for index in range(n_states)]:
+            rows = self._rows((*state, 0), observations)
+            for joint, (own, formula) in enumerate(self._formulas(state, observations[rows])):
+                slopes[rows, joint, own] = torch.func.jacfwd(formula)(numbers[own])
+        return slopes
 
     def _rows(self, place: Place, observations: torch.Tensor) -> torch.Tensor:
         """Finds which samples (m) are in the state that a formula is of."""
@@ -188,20 +194,30 @@ class FormulaNetwork(nn.Module):
         self, state: tuple[int, ...], observation: torch.Tensor, numbers: torch.Tensor
     ) -> torch.Tensor:
         """Evaluates the formulas of a state, or of every state: targets (n, 12; rad)."""
+        formulas = self._formulas(state, observation)
+        return torch.stack([formula(numbers[own]) for own, formula in formulas], dim=1)
+
+    def _formulas(
+        self, state: tuple[int, ...], observation: torch.Tensor
+    ) -> Iterator[tuple[slice, Callable[[torch.Tensor], torch.Tensor]]]:
+        """Yields each joint's formula: where its numbers stand, and what maps them to targets."""
         own = self._variables(observation)
         image = own
         if self._mirror is not None:
             image = self._variables(observation[:, self._reflect_index] * self._reflect_sign)
-        targets = []
         for joint in range(quadruped.N_JOINTS):
             place: Place = (*state, joint)
             if place in self._written:
-                targets.append(self._evaluate(place, own, numbers))
+                yield self._spans[place], partial(self._evaluate, place, own)
             else:
                 assert self._mirror is not None
-                sign = float(REFLECT_JOINTS.sign[joint])
-                targets.append(sign * self._evaluate(self._mirror.place(place), image, numbers))
-        return torch.stack(targets, dim=1)
+                there, sign = self._mirror.place(place), float(REFLECT_JOINTS.sign[joint])
+                yield (
+                    self._spans[there],
+                    lambda numbers, there=there, sign=sign: (
+                        sign * self._evaluate(there, image, numbers)
+                    ),
+                )
 
     def _variables(self, observation: torch.Tensor) -> list[torch.Tensor]:
         quantities = list((observation / self._scale + self._offset).unbind(dim=1))
@@ -214,9 +230,10 @@ class FormulaNetwork(nn.Module):
     def _evaluate(
         self, place: Place, variables: list[torch.Tensor], numbers: torch.Tensor
     ) -> torch.Tensor:
-        own = iter(numbers[self._spans[place]].unbind())
+        """Evaluates a formula with numbers of its own (n; rad)."""
         # A formula that is a number is one for every robot.
-        return _value(self._written[place], variables, own).expand_as(variables[0])
+        value = _value(self._written[place], variables, iter(numbers.unbind()))
+        return value.expand_as(variables[0])
 
 
 def _numbers(formula: Expression) -> Iterator[float]:
