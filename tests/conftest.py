@@ -5,6 +5,7 @@ import random
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import reduce
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,14 @@ from pydrake.systems.framework import Context, LeafSystem
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
+from glassgait.models.formulas.expression import plus
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.formula import parse_formula
@@ -180,6 +184,30 @@ def make_learned_expert() -> Callable[[Gait], NeuralPolicy]:
 def learned_expert(make_learned_expert: Callable[[Gait], NeuralPolicy]) -> NeuralPolicy:
     """Such networks for a trot."""
     return make_learned_expert(load_gait("trot"))
+
+
+@pytest.fixture(scope="session")
+def shorten() -> Callable[[FormulaPolicy], FormulaPolicy]:
+    """Keeps the first five terms of each formula: as many kinds of terms, not hundreds."""
+
+    def run(policy: FormulaPolicy) -> FormulaPolicy:
+        file = policy.to_file()
+        formulas = {
+            place: reduce(plus, formula.terms()[:5]) for place, formula in file.written().items()
+        }
+        if file.mirror is not None:
+            formulas = FormulaMirror.of(file.vocabulary, file.mirror).complete(formulas)
+        return FormulaPolicy.from_file(file.with_formulas(formulas))
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def short_page(shorten: Callable[[FormulaPolicy], FormulaPolicy]) -> FormulaPolicy:
+    """The trot's page of formulas, shortened."""
+    page = load_student("trot", "sparse_formula")
+    assert isinstance(page, FormulaPolicy)
+    return shorten(page)
 
 
 @pytest.fixture(scope="session")

@@ -37,11 +37,12 @@ TINY = RefinementConfig(
     critic_updates=2,
     candidate_updates=2,
     candidate_steps=10,
-    n_robots=8,
+    n_robots=4,
     worlds=DomainRandomization(n_groups=2, fine_steps=()),
     ppo=PPO,
 )
-SMALL = ["--n-robots", "8", "--worlds.n-groups", "2", "--worlds.fine-steps"]
+SMALL = ["--n-robots", "4", "--worlds.n-groups", "2", "--worlds.fine-steps"]
+SMALL += ["--ppo.steps-per-update", "8", "--ppo.epochs", "1", "--ppo.critic-layers", "16"]
 SMALL += ["--candidate-steps", "10", "--updates", "2"]
 PAGE = load_student("trot", "sparse_formula")
 
@@ -53,19 +54,29 @@ def seen(gait, policy, n_robots=6, n_steps=30):
     return data.observations, torch.from_numpy(data.observations).float()
 
 
-def refinement(folder, config=TINY, **resume):
-    trot = load_gait("trot")
-    return RefinementRun(
-        config, trot, load_expert("trot"), PAGE, folder, name="sparse_formula", **resume
-    )
+@pytest.fixture
+def refinement(short_page):
+    def begin(folder, config=TINY, **resume):
+        trot, expert = load_gait("trot"), load_expert("trot")
+        return RefinementRun(config, trot, expert, short_page, folder, name="short", **resume)
+
+    return begin
+
+
+@pytest.fixture(autouse=True)
+def seen_for_a_moment(monkeypatch):
+    """Lets robots walk for few steps before a run, to see what each number does."""
+    monkeypatch.setattr(study, "SEEN_STEPS", 20)
 
 
 @pytest.mark.parametrize(
     ("gait", "kind"),
     [("trot", "sparse_formula"), ("trot", "symbolic"), ("walk", "statewise_symbolic")],
 )
-def test_the_network_acts_as_the_formulas(gait, kind):
+def test_the_network_acts_as_the_formulas(gait, kind, shorten):
     policy = load_student(gait, kind)
+    if kind == "statewise_symbolic":
+        policy = shorten(policy)
     observations, tensor = seen(gait, policy)
     network = FormulaNetwork(policy)
     with torch.no_grad():
@@ -90,7 +101,7 @@ def test_mirror_images_stay_so_while_numbers_change():
 
 
 def test_a_step_of_any_direction_does_as_much():
-    _, tensor = seen("trot", PAGE, n_robots=20)
+    _, tensor = seen("trot", PAGE, n_robots=12)
     network = FormulaNetwork(PAGE)
     network.balance(tensor)
     directions = torch.nn.functional.normalize(
@@ -169,7 +180,7 @@ def test_terms_go_early_and_the_last_ones_slowly():
     assert config.n_terms(80, 50) == 50
 
 
-def test_the_critic_learns_first(tmp_path):
+def test_the_critic_learns_first(refinement, tmp_path):
     run = refinement(tmp_path)
     start = run.policy().to_text()
     run.update()
@@ -179,7 +190,7 @@ def test_the_critic_learns_first(tmp_path):
     assert run.policy().to_text() != start
 
 
-def test_the_best_of_the_candidates_is_the_result(tmp_path, monkeypatch):
+def test_the_best_of_the_candidates_is_the_result(refinement, tmp_path, monkeypatch):
     asked = {}
 
     def rank(candidates, *_):
@@ -194,7 +205,7 @@ def test_the_best_of_the_candidates_is_the_result(tmp_path, monkeypatch):
     run.run(lambda run, row: texts.update({int(row["update"]): run.policy().to_text()}))
     assert list(asked) == ["update 2", "update 4", "as they were"]
     assert texts[2] != texts[4]
-    assert (tmp_path / "sparse_formula.formulas").read_text() == texts[2]
+    assert (tmp_path / "short.formulas").read_text() == texts[2]
     chosen = pd.read_csv(tmp_path / "candidates.csv").query("chosen")
     assert list(chosen["candidate"]) == ["update 2"]
 
@@ -206,8 +217,8 @@ def test_only_formulas_as_short_as_asked_for_are_candidates():
     assert replace(config, terms=None).is_candidate(40, 61)
 
 
-def test_a_run_that_is_continued_ends_with_the_same_text(tmp_path):
-    config = replace(TINY, terms=80)
+def test_a_run_that_is_continued_ends_with_the_same_text(refinement, tmp_path):
+    config = replace(TINY, terms=40)
     whole = refinement(tmp_path / "whole", config)
     whole.run(lambda run, row: None)
     halted = refinement(tmp_path / "halted", config)
@@ -217,27 +228,25 @@ def test_a_run_that_is_continued_ends_with_the_same_text(tmp_path):
     again = refinement(tmp_path / "halted", config, resume=True)
     again.run(lambda run, row: None)
     assert again.policy().to_text() == whole.policy().to_text()
-    for made in ("sparse_formula.formulas", "candidates.csv"):
+    for made in ("short.formulas", "candidates.csv"):
         halted_bytes = (tmp_path / "halted" / made).read_bytes()
         assert halted_bytes == (tmp_path / "whole" / made).read_bytes()
-    assert [row["terms"] for row in again.progress.curve][-1] == 80.0
+    assert [row["terms"] for row in again.progress.curve][-1] == 40.0
 
 
-def test_the_command_writes_the_formulas_and_their_record(tmp_path):
+def test_the_command_writes_the_formulas_and_their_record(short_page, tmp_path):
+    short_page.save(tmp_path / "short.formulas")
     folder = tmp_path / "refined"
-    main(["refine", *SMALL, "--critic-updates", "1", "--terms", "60", "--output", str(folder)])
-    policy = load_policy(folder / "sparse_formula.formulas")
+    arguments = ["refine", *SMALL, "--policy", str(tmp_path / "short.formulas"), "--terms", "40"]
+    arguments += ["--critic-updates", "1", "--output", str(folder)]
+    main(arguments)
+    policy = load_policy(folder / "short.formulas")
     assert isinstance(policy, FormulaPolicy)
-    assert policy.n_terms() == 60
-    assert {path.suffix for path in folder.glob("sparse_formula.*")} == {
-        ".formulas",
-        ".yaml",
-        ".csv",
-    }
+    assert policy.n_terms() == 40
+    assert {path.suffix for path in folder.glob("short.*")} == {".formulas", ".yaml", ".csv"}
     assert list(pd.read_csv(folder / "candidates.csv")["candidate"]) == ["update 2"]
-    more = ["--updates", "3", "--terms", "60", "--critic-updates", "1", "--resume"]
-    main(["refine", *SMALL[:-2], *more, "--output", str(folder)])
-    assert len((folder / "sparse_formula.csv").read_text().splitlines()) == 1 + 3
+    main([*arguments, "--updates", "3", "--resume"])
+    assert len((folder / "short.csv").read_text().splitlines()) == 1 + 3
 
 
 @pytest.mark.parametrize(
