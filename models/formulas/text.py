@@ -23,7 +23,7 @@ import ast
 import math
 import re
 import textwrap
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from glassgait.models.errors import InputError, shown
@@ -267,36 +267,42 @@ class _Writer:
     symbols: Sequence[str]
     notation: Notation
 
-    def tokens(self, formula: Expression) -> Iterator[str]:
+    def tokens(self, formula: Expression) -> list[str]:
+        tokens: list[str] = []
+        self._write(formula, tokens)
+        return tokens
+
+    def _write(self, formula: Expression, tokens: list[str]) -> None:
+        # Generators within generators would hand each token on through all that is around it.
         binding = self._binding(formula)
         match formula:
             case Expression("constant", value=value):
-                yield self.notation.number(value)
+                tokens.append(self.notation.number(value))
             case Expression("variable", variable=index):
-                yield self.symbols[index]
+                tokens.append(self.symbols[index])
             case Expression("neg", (inner,)):
-                yield "-"
-                yield from self._bracketed(inner, least=_POWER)
+                tokens.append("-")
+                self._write_bracketed(inner, tokens, least=_POWER)
             case Expression(operator, (left, right)):
-                yield from self._bracketed(left, least=binding)
-                yield f" {BINARY[operator]} " if binding == _SUM else BINARY[operator]
-                yield from self._bracketed(right, least=binding + 1)
+                self._write_bracketed(left, tokens, least=binding)
+                tokens.append(f" {BINARY[operator]} " if binding == _SUM else BINARY[operator])
+                self._write_bracketed(right, tokens, least=binding + 1)
             case Expression(operator, (inner,)) if binding == _POWER:
-                yield from self._bracketed(inner, least=_POWER + 1)
-                yield f"**{_EXPONENTS[operator]}"
+                self._write_bracketed(inner, tokens, least=_POWER + 1)
+                tokens.append(f"**{_EXPONENTS[operator]}")
             case Expression(operator, (inner,)):
-                yield f"{self.notation.function(operator)}("
-                yield from self.tokens(inner)
-                yield ")"
+                tokens.append(f"{self.notation.function(operator)}(")
+                self._write(inner, tokens)
+                tokens.append(")")
 
-    def _bracketed(self, formula: Expression, *, least: int) -> Iterator[str]:
+    def _write_bracketed(self, formula: Expression, tokens: list[str], *, least: int) -> None:
         """Writes an operand, in brackets where it binds less than its operator asks for."""
         if self._binding(formula) >= least:
-            yield from self.tokens(formula)
+            self._write(formula, tokens)
             return
-        yield "("
-        yield from self.tokens(formula)
-        yield ")"
+        tokens.append("(")
+        self._write(formula, tokens)
+        tokens.append(")")
 
     def _binding(self, formula: Expression) -> int:
         if formula.operator == "constant" and formula.value < 0.0:
