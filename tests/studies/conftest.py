@@ -21,6 +21,7 @@ from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import machine_state_entries
+from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.explanation.page import explain_rollout, render_page
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -38,6 +39,16 @@ FLAGS = (
     "--disable-sync",
     "--window-size=1280,900",
 )
+
+
+@pytest.fixture(autouse=True)
+def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs jobs in this process where a test does not say how many run at once.
+
+    Other tests run beside it, and a worker takes seconds to import what it works with.
+    """
+    here = property(lambda own: max(own.n_workers, 1))
+    monkeypatch.setattr(WorkersConfig, "processes", here)
 
 
 @pytest.fixture(scope="module")
