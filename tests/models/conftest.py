@@ -1,7 +1,8 @@
 """What tests of policies share: policies of every kind, models that they are made from, samples."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.models.arrays import Array
+from glassgait.models.certificates.checker import document
+from glassgait.models.certificates.checker.formulas import Formulas
+from glassgait.models.certificates.checker.tables import Tables, Trees
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
@@ -29,6 +33,30 @@ from glassgait.models.task.symmetry import mirrored_states
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
+
+
+def _once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Makes a function give again what it gave to the same arguments."""
+    given: dict[str, Any] = {}
+
+    def answer(*arguments: Any) -> Any:
+        key = repr(arguments)
+        if key not in given:
+            given[key] = function(*arguments)
+        return given[key]
+
+    return answer
+
+
+@pytest.fixture(scope="module")
+def answered_once() -> Iterator[None]:
+    """What the checker works out of one policy, it works out once for all of a file's tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(document, "read_policy", _once(document.read_policy))
+        for kind in (Formulas, Tables, Trees):
+            for name in ("bound", "rounding"):
+                patch.setattr(kind, name, _once(getattr(kind, name)))
+        yield
 
 
 @pytest.fixture(scope="session")

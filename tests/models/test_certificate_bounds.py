@@ -49,7 +49,7 @@ def greatest(text: str) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("gait", "kind"),
     [
-        ("trot", "sparse_formula"),
+        pytest.param("trot", "sparse_formula", marks=pytest.mark.slow),
         ("bound", "sparse_formula"),
         ("trot", "statewise_linear"),
         ("trot", "ebm"),

@@ -28,6 +28,8 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 
+pytestmark = pytest.mark.usefixtures("answered_once")
+
 A1 = load_robot()
 RESTATED = Robot.read(yaml.safe_load(Path(A1.path).read_text()), A1.path)
 
