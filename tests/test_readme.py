@@ -137,6 +137,13 @@ def policies_of(command, *, default):
     return [name for name in names if name or default]
 
 
+@cache
+def find_shipped(gait, policy):
+    """Loads a policy that ships, by default the one that is explained; many commands name it."""
+    found = find_policies(load_gait(gait))
+    found.policy(policy or default_student(found))
+
+
 @pytest.mark.parametrize(("arguments", "around"), commands())
 def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
     parsed, arguments, around
@@ -152,8 +159,7 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
             assert any(f"> {policy}" in paragraph for paragraph in around)
         else:
             for gait in gaits_of(command):
-                found = find_policies(load_gait(gait))
-                found.policy(policy or default_student(found))
+                find_shipped(gait, policy)
     for argument in arguments:
         if argument.startswith("models/"):
             assert (ROOT / argument).exists()

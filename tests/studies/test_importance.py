@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
@@ -168,8 +169,10 @@ def distilled(tmp_path_factory):
         students=("statewise_linear", "histogram_gbm"),
         episodes=5,
         episode_steps=60,
+        alone_rounds=1,
         alone_episodes=4,
         alone_steps=60,
+        worlds=DomainRandomization(n_groups=1, mujoco_share=0.0),
         settings=StudentsSettings(histogram_gbm=HistogramGbmSettings(n_trees=5)),
         n_workers=1,
     )
@@ -209,6 +212,7 @@ FEW = ["--n-robots", "2", "--n-steps", "5"]
 def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study, "EPISODE_STEPS", 20)
+    monkeypatch.setattr(study, "N_VISITS", 2)
     main(["importance", *SMALL, *FEW])
     table = pd.read_csv("runs/importance/trot_statewise_linear/losses.csv")
     assert set(table["policy"]) == {"statewise_linear"}

@@ -209,8 +209,8 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--speeds", "1.5"], "speed is 1.5"),
-        (["--dwells", "30"], "dwell is 30"),
+        (["--speeds", "1.5", "--policy", "expert"], "speed is 1.5"),
+        (["--dwells", "30", "--policy", "expert"], "dwell is 30"),
         (["--policy", "nobody"], "--policy 'nobody'"),
         (["--step-sizes", "1e-3"], "step_sizes"),
         (["--step-sizes", "0", "0.1"], "step_sizes"),
