@@ -19,7 +19,7 @@ from glassgait.models.policies.controller import Estimator
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
-from glassgait.models.task.contact import FootSense, read_contacts, sense_feet
+from glassgait.models.task.contact import ContactTrust, FootSense, read_contacts, sense_feet
 from glassgait.models.task.imu import N_IMU, measure_imu
 from glassgait.models.task.observation import (
     N_ESTIMATED,
@@ -212,7 +212,9 @@ class BatchSimulator:
         touching = np.where(lost[:, None], s.touching, moved.touching)
         feet = sense_feet(robot, plant, s.touching, touching, self._ground)
         wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
-        contact = read_contacts(feet.contact, wrong, s.stuck)
+        reading = read_contacts(feet.touching, wrong, s.stuck)
+        trust, height = s.trust.after(reading), self._sensed_height(feet, s.estimate)
+        contact = trust.believed(read_contacts(feet.contact, wrong, s.stuck), height)
         machine = self._step_machine(s, feet, contact, command)
         reward = self._rewarded(s, plant, action, command, feet)
         plain = np.where(lost, 0.0, reward.plain)
@@ -230,7 +232,8 @@ class BatchSimulator:
             bias=s.bias,
             imu=s.imu,
             stuck=s.stuck,
-            sensed=read_contacts(feet.touching, wrong, s.stuck),
+            trust=trust,
+            sensed=trust.believed(reading, height),
             latency=s.latency,
             estimate=s.estimate,
             odometry=s.odometry,
@@ -334,6 +337,7 @@ class BatchSimulator:
         feet = sense_feet(self.task.robot, plant, untouched, ground=ground)
         wrong = randomization.wrong_contacts(count, self.generator)
         stuck = randomization.stuck_contacts(count, self.generator)
+        reading = read_contacts(feet.touching, wrong, stuck)
         nothing, no_speed = np.zeros((count, N_ESTIMATED)), np.zeros((count, quadruped.N_LEGS))
         start = self.machine.step(
             self.machine.initial((count,)),
@@ -359,7 +363,8 @@ class BatchSimulator:
             bias=bias,
             imu=np.zeros((count, 1 + randomization.imu.delay, N_IMU)),
             stuck=stuck,
-            sensed=read_contacts(feet.touching, wrong, stuck),
+            trust=ContactTrust.begin((count,)).after(reading),
+            sensed=reading,
             latency=randomization.latencies(count, self.generator),
             estimate=nothing,
             odometry=Odometry().begin(self.task.robot, measured),

@@ -27,6 +27,7 @@ from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.assurance_monitor import AssuranceMonitor
 from glassgait.systems.body_state_sensor import BodyStateSensor
+from glassgait.systems.contact_trust import ContactTrustSystem
 from glassgait.systems.observation_offset import ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
@@ -76,7 +77,7 @@ class Sensed:
         foot_contact: Which feet seem to touch, or did a control step ago (4).
         command: Forward speed and yaw rate (2; m/s, rad/s).
         commanded_dwell: Commanded iterations in a state (1, control steps).
-        touching: Which feet seem to touch at this instant (4), for odometry.
+        touching: Which feet seem to touch at this instant (4).
         imu: The IMU's reading (9), where it is needed.
         state: The plant's state (37), for the true body state where there is no estimator.
         foot_height: True heights of the feet (4, m), for the reward machine where there is no
@@ -88,7 +89,7 @@ class Sensed:
     foot_contact: OutputPort
     command: OutputPort
     commanded_dwell: OutputPort
-    touching: OutputPort | None = None
+    touching: OutputPort
     imu: OutputPort | None = None
     state: OutputPort | None = None
     foot_height: OutputPort | None = None
@@ -147,16 +148,20 @@ def AddController(  # noqa: N802
     for one in policy.policies.values() if policy else ():
         one.check(gait=gait.name, observation_names=layout.names)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
-    builder.Connect(sensed.foot_contact, machine.get_foot_contact_input_port())
+    trust = builder.AddNamedSystem("contact_trust", ContactTrustSystem())
+    builder.Connect(sensed.foot_contact, trust.get_foot_contact_input_port())
+    builder.Connect(sensed.touching, trust.get_touching_input_port())
+    builder.Connect(trust.get_believed_contact_output_port(), machine.get_foot_contact_input_port())
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
     proprioception = builder.AddNamedSystem(
         "proprioception", Proprioception(robot, layout, limited=limited)
     )
     _connect_proprioception(builder, proprioception, layout, sensed, machine, hold)
     body_state, sensed_height = _add_body_state(
-        builder, robot, layout, sensed, senses.estimator, proprioception
+        builder, robot, layout, sensed, senses.estimator, proprioception, trust
     )
     builder.Connect(sensed_height, machine.get_foot_height_input_port())
+    builder.Connect(sensed_height, trust.get_foot_height_input_port())
     observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
     builder.AddNamedSystem("observation", observation)
     builder.Connect(proprioception.get_proprioception_output_port(), observation.get_input_port(0))
@@ -246,6 +251,7 @@ def _add_body_state(
     sensed: Sensed,
     estimator: Estimator | None,
     proprioception: Proprioception,
+    trust: ContactTrustSystem,
 ) -> tuple[OutputPort, OutputPort]:
     """Adds what estimates the body state, or else senses it.
 
@@ -262,7 +268,7 @@ def _add_body_state(
             return sensor.get_body_state_output_port(), heights
         case Odometry():
             system = builder.AddNamedSystem("odometry", OdometrySystem(robot, estimator))
-            touching = _needed(sensed.touching, "feet that touch")
+            touching = trust.get_believed_touching_output_port()
             builder.Connect(sensed.joints, system.get_joints_input_port())
             builder.Connect(_needed(sensed.imu, "an IMU"), system.get_imu_input_port())
             builder.Connect(touching, system.get_touching_input_port())

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
+from glassgait.models.task.contact import ContactTrust
 from glassgait.models.task.odometry import OdometryState
 from glassgait.models.task.reward_machine import MachineState
 
@@ -35,7 +36,8 @@ class TaskState:
             reading).
         imu: Readings of the IMU, the latest first, as many as it is late and one (n, k, 9).
         stuck: Which contact sensors are stuck (n, 4), as `stuck_sensors` returns it.
-        sensed: Which feet seem to press on the ground (n, 4).
+        trust: Which contact sensors are believed.
+        sensed: Which feet seem to press on the ground, as far as sensors are believed (n, 4).
         latency: Time from an observation until its action reaches the joints (n,; s).
         estimate: Body state that the estimator gave at the last observation (n, 7; m/s, m); zeros
             where there is none.
@@ -55,6 +57,7 @@ class TaskState:
     bias: Array
     imu: Array
     stuck: NDArray[np.int8]
+    trust: ContactTrust
     sensed: BoolArray
     latency: Array
     estimate: Array
@@ -80,6 +83,7 @@ class TaskState:
             "bias": self.bias,
             "imu": self.imu,
             "stuck": self.stuck,
+            **{f"contact_{part}": own for part, own in self.trust._asdict().items()},
             "sensed": self.sensed,
             "latency": self.latency,
             "estimate": self.estimate,
@@ -106,6 +110,7 @@ class TaskState:
             bias=arrays["bias"],
             imu=arrays["imu"],
             stuck=arrays["stuck"],
+            trust=ContactTrust(*(arrays[f"contact_{part}"] for part in ContactTrust._fields)),
             sensed=arrays["sensed"],
             latency=arrays["latency"],
             estimate=arrays["estimate"],

@@ -24,7 +24,7 @@ OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 
 NO_GAIT = -1
 """A request for no gait, which every controller of several refuses as bad input."""
 
-N_MEMORY = quadruped.N_JOINTS + 2 * quadruped.N_LEGS + 3
+N_MEMORY = quadruped.N_JOINTS + 4 * quadruped.N_LEGS + 3
 """Numbers that a controller remembers from one step to the next, but for odometry."""
 
 N_ODOMETRY = 1 + 3 + 4 * quadruped.N_LEGS
@@ -32,7 +32,9 @@ N_ODOMETRY = 1 + 3 + 4 * quadruped.N_LEGS
 
 ACTION = slice(0, quadruped.N_JOINTS)
 FOOT_HEIGHT = slice(ACTION.stop, ACTION.stop + quadruped.N_LEGS)
-TOUCHED = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + quadruped.N_LEGS)
+READING = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + quadruped.N_LEGS)
+UNCHANGED = slice(READING.stop, READING.stop + quadruped.N_LEGS)
+TOUCHED = slice(UNCHANGED.stop, UNCHANGED.stop + quadruped.N_LEGS)
 MACHINE = slice(TOUCHED.stop, N_MEMORY)
 ODOMETRY = slice(N_MEMORY, N_MEMORY + N_ODOMETRY)
 """Where its parts stand among them, as `Step` has it."""
@@ -42,10 +44,12 @@ class Step(NamedTuple):
     """What a step of a controller brings.
 
     Attributes:
-        memory: What it remembers (23, or 43): the action (12), estimated foot heights (4; m), which
-            feet touch (4), and the machine's state, iterations and age. States of several gaits are
-            counted as `GaitSwitch` counts them, those of the first gait first. With odometry,
-            whether it has begun, its velocity (3; m/s), footholds (12; m) and which feet touch (4).
+        memory: What it remembers (31, or 51): the action (12), estimated foot heights (4; m), what
+            the contact sensors read (4; -1 before the first step), for how many steps they have not
+            changed (4), which feet touch (4), and the machine's state, iterations and age. States
+            of several gaits are counted as `GaitSwitch` counts them, those of the first gait first.
+            With odometry, whether it has begun, its velocity (3; m/s), footholds (12; m) and which
+            feet touch (4).
         targets: Joint position targets (12; rad).
         status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`.
     """
@@ -129,6 +133,8 @@ class LoadedController:
             initialised=ctypes.c_uint,
             action=joints,
             foot_height=feet,
+            reading=flags,
+            unchanged=flags,
             touched=flags,
             **several,
             state=number,
@@ -154,7 +160,7 @@ class LoadedController:
         self._init.restype = None
 
     def initial(self) -> Array:
-        """Returns what a controller remembers before its first step (23, or 43)."""
+        """Returns what a controller remembers before its first step (31, or 51)."""
         memory = self._memory()
         self._init(ctypes.byref(memory))
         return self._packed(memory)
@@ -203,7 +209,7 @@ class LoadedController:
             INITIALISED,
             tuple(memory[ACTION]),
             tuple(memory[FOOT_HEIGHT]),
-            tuple(memory[TOUCHED].astype(int).tolist()),
+            *(tuple(memory[part].astype(int).tolist()) for part in (READING, UNCHANGED, TOUCHED)),
             *running,
             state - int(self._first_states[gait]),
             iterations,
@@ -217,10 +223,10 @@ class LoadedController:
         return int(begun), tuple(velocity), feet, tuple(touching.astype(int).tolist())
 
     def _packed(self, memory: Any) -> Array:
-        parts = (memory.action, memory.foot_height, memory.touched)
+        feet = (memory.foot_height, memory.reading, memory.unchanged, memory.touched)
         first = self._first_states[memory.gait] if self.n_gaits > 1 else 0
         machine = (first + memory.state, memory.iterations, memory.age)
-        whole = [*(value for part in parts for value in part), *machine]
+        whole = [*memory.action, *(value for part in feet for value in part), *machine]
         if self._has_odometry:
             feet = (value for foot in memory.footholds for value in foot)
             whole += [memory.begun, *memory.velocity, *feet, *memory.touching]

@@ -21,6 +21,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.imu import GRAVITY
@@ -304,6 +305,8 @@ def _common_values(
         "period": CONTROL_PERIOD,
         "rate": round(1.0 / CONTROL_PERIOD),
         "overdue": OVERDUE,
+        "unchanged_steps": UNCHANGED_STEPS,
+        "low": LOW,
     }
 
 

@@ -1,5 +1,6 @@
 """The deployed loop in Python: what the C of a controller has to agree with."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ from glassgait.models.export.binding import (
     N_ODOMETRY,
     ODOMETRY,
     OK,
+    READING,
     TOUCHED,
+    UNCHANGED,
     Sensors,
     Step,
     unpacked_odometry,
@@ -21,6 +24,7 @@ from glassgait.models.export.binding import (
 from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
+from glassgait.models.task.contact import ContactTrust
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import proprioception
@@ -51,9 +55,10 @@ class PythonController:
         self._limited = controller.joint_law.limited
 
     def initial(self) -> Array:
-        """Returns what it remembers before its first step (23, with odometry 43)."""
+        """Returns what it remembers before its first step (31, with odometry 51)."""
         odometry = N_ODOMETRY if isinstance(self._estimator, Odometry) else 0
         memory = np.zeros(N_MEMORY + odometry)
+        memory[READING], memory[UNCHANGED] = ContactTrust.begin()
         memory[MACHINE] = np.ravel(self._machine.initial())
         return memory
 
@@ -66,6 +71,10 @@ class PythonController:
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
             requested: Number of the gait that is to run, of several.
         """
+        reading, unchanged = memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64)
+        trust = ContactTrust(reading, unchanged).after(sensors.touching)
+        touching = trust.believed(sensors.touching, memory[FOOT_HEIGHT])
+        sensors = replace(sensors, touching=touching)
         machine = self._step_machine(
             MachineState(*memory[MACHINE].astype(np.int64)),
             requested,
@@ -94,7 +103,8 @@ class PythonController:
                 body = network(own)
         action = self._policy(np.concatenate([own, body]))
         after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
-        after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
+        after[READING], after[UNCHANGED] = trust
+        after[TOUCHED], after[MACHINE] = touching, np.ravel(machine)
         return Step(after, self._policy.robot.joint_targets(action, limited=self._limited), OK)
 
     def _measured(self, odometry: Odometry, memory: Array, sensors: Sensors) -> tuple[Array, Array]:

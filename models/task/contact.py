@@ -1,7 +1,7 @@
-"""Foot contacts, sensed from the robot's pose above the ground."""
+"""Foot contacts: sensed from the robot's pose above the ground, and believed or not."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,51 @@ from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 STUCK_OPEN, SOUND, STUCK_CLOSED = np.array([-1, 0, 1], dtype=np.int8)
 """States of a foot's contact sensor."""
+
+
+UNCHANGED_STEPS = 50
+"""Control steps without a change after which a contact sensor is not believed: a second, longer
+than the slowest gait holds a foot up or down."""
+
+LOW = 0.005
+"""Height below which the foot of such a sensor is taken to touch (m)."""
+
+
+UNREAD = np.int8(-1)
+"""What is known of a sensor that was not read yet."""
+
+
+class ContactTrust(NamedTuple):
+    """What tells sensors that are stuck from sound ones.
+
+    Attributes:
+        reading: What each sensor read at the step before (..., 4): 0, 1, or `UNREAD`.
+        unchanged: Control steps since it last changed (..., 4), `UNCHANGED_STEPS` at most.
+    """
+
+    reading: NDArray[np.int8]
+    unchanged: NDArray[np.int64]
+
+    @classmethod
+    def begin(cls, shape: tuple[int, ...] = ()) -> Self:
+        """Returns what is known of sensors before they are read, of robots of that shape."""
+        feet = (*shape, quadruped.N_LEGS)
+        return cls(np.full(feet, UNREAD), np.zeros(feet, dtype=np.int64))
+
+    def after(self, reading: NDArray[np.bool_]) -> Self:
+        """Returns what is known once the sensors have been read (..., 4)."""
+        read = reading.astype(np.int8)
+        counted = np.minimum(self.unchanged + 1, UNCHANGED_STEPS)
+        return type(self)(read, np.where(read == self.reading, counted, 0))
+
+    def believed(self, contact: NDArray[np.bool_], height: Array) -> NDArray[np.bool_]:
+        """Returns which feet touch, as sensors that are believed say, and else their heights.
+
+        Args:
+            contact: Which feet touch, as the sensors have it (..., 4).
+            height: Height of each foot, as estimated at the step before (..., 4; m).
+        """
+        return np.where(self.unchanged < UNCHANGED_STEPS, contact, height < LOW)
 
 
 class FootSense(NamedTuple):

@@ -14,7 +14,7 @@ from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
 from glassgait.models.task.command import Command
-from glassgait.models.task.contact import sense_feet
+from glassgait.models.task.contact import ContactTrust, sense_feet
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry, OdometryState
 from glassgait.models.task.reward_machine import MachineState
@@ -180,6 +180,7 @@ class StrideMap:
                     simulator.state,
                     machine=machine,
                     touching=feet.touching,
+                    trust=ContactTrust.begin((n,)),
                     action=action,
                     odometry=self._remembered(simulator.state, remembered, feet.touching),
                     # A new command comes at whole multiples of its period, of which 0 is one.

@@ -1,12 +1,13 @@
-"""Foot contacts from poses."""
+"""Foot contacts from poses, and sensors that are believed or not."""
 
 import numpy as np
+import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
-from glassgait.models.task.contact import sense_feet
+from glassgait.models.task.contact import LOW, UNCHANGED_STEPS, ContactTrust, sense_feet
 
 A1 = load_robot()
 
@@ -53,3 +54,41 @@ def test_touching_is_what_drakes_contact_solver_finds(generator):
             bodies |= {plant.get_body(b).name() for b in (info.bodyA_index(), info.bodyB_index())}
         pressing = [f"{leg}_calf" in bodies for leg in quadruped.LEGS]
         np.testing.assert_array_equal(sense_feet(A1, state, NONE).touching, pressing)
+
+
+HIGH = np.array([0.05, LOW / 2, 0.05, -0.01])
+"""Heights of feet (m): one in the air, one down, on each side of the trunk."""
+
+
+def test_a_sensor_is_believed_as_long_as_it_changes():
+    trust = ContactTrust.begin()
+    for step in range(4 * UNCHANGED_STEPS):
+        reading = np.full(4, step // (UNCHANGED_STEPS // 2) % 2 == 0)
+        trust = trust.after(reading)
+        np.testing.assert_array_equal(trust.believed(reading, HIGH), reading)
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_the_height_of_a_foot_says_more_than_a_sensor_that_is_stuck(stuck):
+    trust, reading = ContactTrust.begin(), np.full(4, stuck)
+    for _ in range(UNCHANGED_STEPS):
+        trust = trust.after(reading)
+        np.testing.assert_array_equal(trust.believed(reading, HIGH), reading)
+    for _ in range(3):
+        trust = trust.after(reading)
+        np.testing.assert_array_equal(trust.believed(reading, HIGH), HIGH < LOW)
+    # One that changes again is sound, and the others are not.
+    reading = reading ^ np.array([True, False, False, False])
+    trust = trust.after(reading)
+    expected = [not stuck, *(HIGH < LOW)[1:]]
+    np.testing.assert_array_equal(trust.believed(reading, HIGH), expected)
+
+
+def test_robots_are_trusted_one_by_one():
+    reading = np.array([[True] * 4, [False] * 4])
+    trust = ContactTrust.begin((2,)).after(reading)
+    for _ in range(UNCHANGED_STEPS):
+        reading = reading ^ np.array([[True], [False]])
+        trust = trust.after(reading)
+    believed = trust.believed(reading, np.tile(HIGH, (2, 1)))
+    np.testing.assert_array_equal(believed, [reading[0], HIGH < LOW])

@@ -100,6 +100,27 @@ static const {{ real }} {{ name }}[12] = {
 {% endfor %}
 
 {% endif %}
+/* ---- Contacts: which feet touch -------------------------------------------------------------- */
+
+#define UNCHANGED {{ unchanged_steps }} /* control steps after which a sensor that reads the same is not believed */
+#define LOW {{ low | number }} /* m, below which the foot of such a sensor is taken to touch */
+
+/* Reads the contact sensors, and takes the feet's heights where one seems to be stuck. */
+static void believe_contacts(Controller *controller, int foot_contact[4])
+{
+    for (int foot = 0; foot < 4; foot++) {
+        const int reading = foot_contact[foot] != 0;
+        int *unchanged = &controller->unchanged[foot];
+
+        if (reading != controller->reading[foot])
+            *unchanged = 0;
+        else if (*unchanged < UNCHANGED)
+            *unchanged += 1;
+        controller->reading[foot] = reading;
+        foot_contact[foot] = *unchanged < UNCHANGED ? reading : controller->foot_height[foot] < LOW;
+    }
+}
+
 /* ---- Reward machine: where in the gait the robot is ------------------------------------------ */
 
 #define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
@@ -252,6 +273,14 @@ static int sound_input(const Sensors *sensors, const Command *command)
         && all_sound(sensors->gravity, 3){% endif %}{% block sound_request %}{% endblock %};
 }
 
+static int sound_counts(const Controller *controller)
+{
+    for (int foot = 0; foot < 4; foot++)
+        if (controller->unchanged[foot] < 0 || controller->unchanged[foot] > UNCHANGED)
+            return 0;
+    return 1;
+}
+
 {% if odometry %}
 /* Returns whether what odometry remembers is something that a step may have left. */
 static int sound_odometry(const Controller *controller)
@@ -270,7 +299,11 @@ static int sound_memory(const Controller *controller)
         && {% block sound_state %}controller->state >= 0 && controller->state < N_STATES{% endblock %}
 
         && controller->iterations >= 0 && controller->iterations <= LONGEST
-        && controller->age >= 0 && controller->age <= LONGEST{{ ' && sound_odometry(controller)' if odometry }};
+        && controller->age >= 0 && controller->age <= LONGEST && sound_counts(controller)
+{%- if odometry %}
+
+        && sound_odometry(controller)
+{%- endif %};
 }
 
 static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greatest, int *flags)
@@ -299,6 +332,7 @@ void {{ name }}_init(Controller *controller)
 {% block standing %}
     const Controller standing = {
         .initialised = INITIALISED,
+        .reading = {-1, -1, -1, -1}, /* nothing yet */
         .state = {{ initial }},
     };
 {% endblock %}
@@ -311,6 +345,7 @@ int {{ name }}_step(
 {
     static const {{ real }} standing[12] = {0}; /* the action that asks for the default stance */
     Controller next;
+    Sensors believed;
     Command within;
 {% block observation %}
     {{ real }} observation[N_OBSERVATIONS];
@@ -335,11 +370,13 @@ int {{ name }}_step(
     within.dwell = limited(command->dwell,
         {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
 
+    believed = *sensors;
+    believe_contacts(&next, believed.foot_contact);
 {% block take %}
-    step_machine(&next, sensors->foot_contact, within.dwell);
-    observe(&next, sensors, &within, observation);
+    step_machine(&next, believed.foot_contact, within.dwell);
+    observe(&next, &believed, &within, observation);
 {% if odometry %}
-    estimate(&next, sensors, &observation[BASE_VELOCITY]);
+    estimate(&next, &believed, &observation[BASE_VELOCITY]);
     if (!all_sound(observation, N_OBSERVATIONS) || !sound_odometry(&next))
 {% else %}
     estimate(observation, &observation[BASE_VELOCITY]);

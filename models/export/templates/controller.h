@@ -80,6 +80,8 @@ typedef struct {
     unsigned int initialised; /* a mark by which a step knows that _init was called */
     {{ real }} action[12]; /* of the step before: (target - default stance) / {{ action_scale }} rad */
     {{ real }} foot_height[4]; /* as estimated at the step before, m */
+    int reading[4]; /* of the contact sensors, at the step before */
+    int unchanged[4]; /* control steps since each sensor changed */
     int touched[4]; /* which feet touched at the step before */
 {% block machine %}
     int state; /* of the reward machine: {{ only.state_names }} */

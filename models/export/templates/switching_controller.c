@@ -222,6 +222,7 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
 {% block standing %}
     const Controller standing = {
         .initialised = INITIALISED,
+        .reading = {-1, -1, -1, -1}, /* nothing yet */
         .gait = {{ prefix }}_GAIT_{{ gaits[0].constant }},
         .state = {{ initial }},
     };
@@ -230,10 +231,10 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
     {{ real }} observation[MOST_OBSERVATIONS];
 {% endblock %}
 {% block take %}
-    step_machine(&next, sensors->foot_contact, within.dwell, command->gait);
-    observe(&next, sensors, &within, observation);
+    step_machine(&next, believed.foot_contact, within.dwell, command->gait);
+    observe(&next, &believed, &within, observation);
 {% if odometry %}
-    estimate(&next, sensors, &observation[N_OBSERVATIONS[next.gait] - 7]);
+    estimate(&next, &believed, &observation[N_OBSERVATIONS[next.gait] - 7]);
     if (!all_sound(observation, N_OBSERVATIONS[next.gait]) || !sound_odometry(&next))
 {% else %}
     estimate(next.gait, observation);

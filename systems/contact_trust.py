@@ -1,0 +1,110 @@
+"""Believes contact sensors that change, and takes the feet's heights for those that do not."""
+
+import numpy as np
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+)
+
+from glassgait.models.robots import quadruped
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import ContactTrust
+
+
+class ContactTrustSystem(LeafSystem):
+    """Returns which feet touch, whatever a contact sensor reads that is stuck.
+
+    A sensor that has not changed for a second is not believed; its foot then touches where it is
+    low. See `ContactTrust`.
+
+    .. pydrake_system::
+
+        name: ContactTrustSystem
+        input_ports:
+        - foot_contact
+        - touching
+        - foot_height
+        output_ports:
+        - believed_contact
+        - believed_touching
+
+    Inputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step. touching (4,
+    {0, 1}), at this instant. foot_height (4, m), as estimated at the previous control step.
+    Outputs: believed_contact (4, {0, 1}) and believed_touching (4, {0, 1}), as the inputs, but for
+    sensors that are not believed.
+    State: what the sensors read, then for how many control steps they have not changed (8),
+    latched every 20 ms (unrestricted update).
+    Feedthrough: touching and foot_height to both outputs, foot_contact to believed_contact.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._memory = self.DeclareDiscreteState(np.concatenate(ContactTrust.begin()).astype(float))
+        n_legs = quadruped.N_LEGS
+        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", n_legs)
+        self._touching_port = self.DeclareVectorInputPort("touching", n_legs)
+        self._foot_height_port = self.DeclareVectorInputPort("foot_height", n_legs)
+        both = {
+            self._touching_port.ticket(),
+            self._foot_height_port.ticket(),
+            self.discrete_state_ticket(self._memory),
+        }
+        self._believed_contact_port = self.DeclareVectorOutputPort(
+            name="believed_contact",
+            size=n_legs,
+            calc=self._calc_believed_contact,
+            prerequisites_of_calc={*both, self._foot_contact_port.ticket()},
+        )
+        self._believed_touching_port = self.DeclareVectorOutputPort(
+            name="believed_touching",
+            size=n_legs,
+            calc=self._calc_believed_touching,
+            prerequisites_of_calc=both,
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+        )
+
+    def get_foot_contact_input_port(self) -> InputPort:
+        """Takes which feet seem to touch, or did a control step ago."""
+        return self._foot_contact_port
+
+    def get_touching_input_port(self) -> InputPort:
+        """Takes which feet seem to touch at this instant."""
+        return self._touching_port
+
+    def get_foot_height_input_port(self) -> InputPort:
+        """Takes how high the feet were estimated to be a control step ago."""
+        return self._foot_height_port
+
+    def get_believed_contact_output_port(self) -> OutputPort:
+        """Returns which feet touch, or did a control step ago."""
+        return self._believed_contact_port
+
+    def get_believed_touching_output_port(self) -> OutputPort:
+        """Returns which feet touch at this instant."""
+        return self._believed_touching_port
+
+    def _trust(self, context: Context) -> ContactTrust:
+        memory = context.get_discrete_state(self._memory).value().astype(np.int64)
+        reading, unchanged = np.split(memory, 2)
+        touching = self._touching_port.Eval(context) > 0.5
+        return ContactTrust(reading.astype(np.int8), unchanged).after(touching)
+
+    def _calc_believed(self, context: Context, port: InputPort, output: BasicVector) -> None:
+        contact, height = port.Eval(context) > 0.5, self._foot_height_port.Eval(context)
+        output.SetFromVector(self._trust(context).believed(contact, height).astype(float))
+
+    def _calc_believed_contact(self, context: Context, output: BasicVector) -> None:
+        self._calc_believed(context, self._foot_contact_port, output)
+
+    def _calc_believed_touching(self, context: Context, output: BasicVector) -> None:
+        self._calc_believed(context, self._touching_port, output)
+
+    def _latch(self, context: Context, state: State) -> None:
+        memory = np.concatenate(self._trust(context)).astype(float)
+        state.get_mutable_discrete_state(self._memory).SetFromVector(memory)
