@@ -6,15 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from glassgait.diagrams import batch
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.neural import MirroredNetwork
-from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import indices_of
+from glassgait.studies.distillation import collection
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.students.baselines import untrained_student
 
@@ -38,7 +39,14 @@ def test_labels_are_the_experts_whoever_acts(expert):
     assert by_expert.tolist() == [step % 3 == 0 for step in range(19)]
 
 
-def commands_of(expert, worlds, speeds=None, n_steps=COMMAND_STEPS + 2):
+@pytest.fixture
+def often(monkeypatch):
+    """Lets commands change every 20 control steps."""
+    for module in (batch, collection):
+        monkeypatch.setattr(module, "COMMAND_STEPS", 20)
+
+
+def commands_of(expert, worlds, speeds=None, n_steps=22):
     """Returns the commanded speeds and yaw rates of 12 robots (12, n_steps, 2)."""
     samples = collect(
         load_gait("trot"),
@@ -57,7 +65,7 @@ WORLDS = [DomainRandomization(n_groups=2, fine_steps=()), Scenario(command=Fixed
 
 
 @pytest.mark.parametrize("worlds", WORLDS, ids=["randomised", "one"])
-def test_speeds_are_drawn_over_the_gaits_range_and_change(expert, worlds):
+def test_speeds_are_drawn_over_the_gaits_range_and_change(expert, worlds, often):
     command = commands_of(expert, worlds)
     greatest = np.array([load_gait("trot").max_speed, load_gait("trot").max_yaw_rate])
     assert np.all(np.abs(command) <= greatest)
@@ -67,10 +75,10 @@ def test_speeds_are_drawn_over_the_gaits_range_and_change(expert, worlds):
     np.testing.assert_array_equal(command[:, 0], command[:, 1])
 
 
-def test_speeds_that_are_named_stay_while_turns_change(expert):
+def test_speeds_that_are_named_stay_while_turns_change(expert, often):
     command = commands_of(expert, Scenario(), np.array([0.0, 0.25, 0.5]))
     speeds = np.tile([0.0, 0.25, 0.5], 4)
-    np.testing.assert_array_equal(command[..., 0], np.broadcast_to(speeds[:, None], (12, 502)))
+    np.testing.assert_array_equal(command[..., 0], np.broadcast_to(speeds[:, None], (12, 22)))
     assert np.all(command[:, 0, 1] != command[:, -1, 1])
 
 

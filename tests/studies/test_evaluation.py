@@ -204,7 +204,7 @@ def expert():
 
 def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     student = untrained_student(expert)
-    config = RolloutConfig(n_robots=2, n_steps=150, n_seeds=2)
+    config = RolloutConfig(n_robots=2, n_steps=100, n_seeds=1)
     jobs = alternation_cases(load_gait("trot"), expert, {"linear": student}, config, (1, 2, 0))
     scores = run_rollouts(jobs, tmp_path, processes=1)
     summary = summarize(scores, ["policy", "ratio"]).set_index(["policy", "ratio"])

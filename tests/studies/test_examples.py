@@ -133,10 +133,10 @@ def test_a_linear_policy_learns_in_gymnasiums_loop(capsys):
     )
 
 
-def test_an_experiment_of_ones_own_runs_from_any_folder_and_resumes(tmp_path):
+def test_an_experiment_of_ones_own_runs_from_any_folder_and_resumes(tmp_path, monkeypatch):
     script = Path(shutil.copy(stopping.__file__, tmp_path / "mine.py"))
     command = [sys.executable, script.name, "--policy", "expert", "gbm", "--n-robots", "2"]
-    command += ["--n-seeds", "2"]
+    command += ["--n-seeds", "2", "--n-workers", "1"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     folder = tmp_path / "runs" / "stopping" / "trot_expert_gbm"
     table = pd.read_csv(folder / "stopping.csv")
@@ -146,7 +146,8 @@ def test_an_experiment_of_ones_own_runs_from_any_folder_and_resumes(tmp_path):
     (folder / "stopping.csv").unlink()
     cases = sorted((folder / "cases").iterdir())
     cases[0].unlink()
-    command += ["--resume", "--n-workers", "1"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [*command[1:], "--resume"])
+    runpy.run_path(script.name, run_name="__main__")
     assert (folder / "stopping.csv").read_bytes() == before
     assert sorted((folder / "cases").iterdir()) == cases

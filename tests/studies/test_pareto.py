@@ -18,9 +18,11 @@ from glassgait.studies.distillation.pareto import (
     sizes_of,
     smallest_that_walk,
 )
+from glassgait.studies.distillation.refinement import study
 from glassgait.studies.distillation.refinement.study import RefinementConfig
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.student import TrainingSet
+from glassgait.studies.training.config import PpoConfig
 
 NAMES = load_expert("trot").observation_names
 
@@ -94,10 +96,12 @@ def test_the_smallest_that_walk_are_named():
 
 def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, monkeypatch):
     few = {
-        "n_robots": 8,
-        "candidate_steps": 20,
-        "worlds": DomainRandomization(n_groups=2, fine_steps=()),
+        "n_robots": 4,
+        "candidate_steps": 10,
+        "worlds": DomainRandomization(n_groups=1, mujoco_share=0.0),
+        "ppo": PpoConfig(steps_per_update=8, critic_layers=(16,), epochs=1, initial_std=0.1),
     }
+    monkeypatch.setattr(study, "SEEN_STEPS", 10)
     monkeypatch.setattr(pareto, "RefinementConfig", partial(RefinementConfig, **few))
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     small = ["--terms", "20", "30", "--refined-updates", "1", "--n-robots", "2", "--n-steps", "20"]

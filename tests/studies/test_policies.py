@@ -2,6 +2,7 @@
 
 import pytest
 
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
@@ -55,7 +56,12 @@ def test_what_ships_is_taken_unless_a_run_is_named(tmp_path, monkeypatch, expert
 
 def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other_expert):
     config = DistillationConfig(
-        students=("linear",), episodes=2, episodes_per_round=1, episode_steps=50, n_workers=1
+        students=("linear",),
+        episodes=5,
+        alone_rounds=0,
+        episode_steps=20,
+        worlds=DomainRandomization(n_groups=1, mujoco_share=0.0),
+        n_workers=1,
     )
     distill(config, TROT, other_expert, tmp_path / "run", lambda line: None)
     (tmp_path / "run").rename(tmp_path / "moved")

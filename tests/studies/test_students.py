@@ -29,21 +29,22 @@ from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.distillation.students.library import default_student, load_students
 from glassgait.studies.distillation.students.registry import STUDENTS
 
-SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
+SHIPPED = [
+    pytest.param(gait, kind, marks=() if gait == "trot" else pytest.mark.slow)
+    for gait in shipped_experts()
+    for kind in shipped_students(gait)
+]
 
 
 def test_the_trot_ships_with_formulas():
     assert {"symbolic", "statewise_symbolic"} <= set(shipped_students("trot")) <= set(STUDENTS)
 
 
-@pytest.mark.parametrize(
-    ("gait", "kind"),
-    [pytest.param(*own, marks=() if own[0] == "trot" else pytest.mark.slow) for own in SHIPPED],
-)
+@pytest.mark.parametrize(("gait", "kind"), SHIPPED)
 def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
-    config = RolloutConfig(n_robots=6, n_steps=150, seed=7)
+    config = RolloutConfig(n_robots=4, n_steps=120, seed=7)
     log = roll_out(load_gait(gait), alone(student, expert), Scenario(), config)
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
@@ -108,12 +109,19 @@ def test_a_student_of_a_folder_is_given_the_expert_that_its_record_names(
             load()
 
 
+OF_GAITS = [
+    pytest.param(gait, marks=() if gait in ("trot", "bound") else pytest.mark.slow)
+    for gait in shipped_experts()
+    if shipped_students(gait)
+]
+
+
 def test_folders_without_students_are_refused(expert, tmp_path):
     with pytest.raises(InputError, match="holds no students"):
         load_students(tmp_path, expert)
 
 
-@pytest.mark.parametrize("gait", [gait for gait in shipped_experts() if shipped_students(gait)])
+@pytest.mark.parametrize("gait", OF_GAITS)
 def test_where_no_student_is_named_a_shipped_one_can_be_explained(gait, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     kind = default_student(find_policies(load_gait(gait)))

@@ -36,7 +36,7 @@ A1 = load_robot()
 TINY = TrainingConfig(
     updates=4,
     n_robots=8,
-    worlds=DomainRandomization(n_groups=4, fine_steps=(0.005,)),
+    worlds=DomainRandomization(n_groups=2, fine_steps=(0.005,)),
     friction_updates=2,
     checkpoint_updates=2,
     ppo=PpoConfig(steps_per_update=8, actor_layers=(16,), critic_layers=(16,), epochs=2),
