@@ -184,12 +184,17 @@ def test_every_option_is_one_of_some_command(parsed, option):
     words = option.split()
     everyone = [tuple(command.split()) for command in COMMANDS]
     reported = [name for name in everyone if words[0] in help_of(name)]
-    # Of a kind that takes a value, one that it may take.
+    # Of a kind that takes a value, one that it may take, those first that its help asks for.
     values = (
         [["x"], ["gbm"], ["loky"], ["100"], ["0.5"], ["64", "64"], ["0", "0"]]
         if len(words) == 1
         else []
     )
+    asked = {
+        kind for name in reported for kind in re.findall(rf"{words[0]} ([A-Z]+)", help_of(name))
+    }
+    numbers = {"INT": ["100"], "FLOAT": ["0.5"]}
+    values = [numbers[kind] for kind in sorted(asked & numbers.keys())] + values
     # Of one that makes a command of another, its own command.
     own = next((name for name in everyone if name[1:] == tuple(words)), None)
     assert (own and takes(own)) or any(

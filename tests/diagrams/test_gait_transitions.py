@@ -27,7 +27,7 @@ A1 = load_robot()
 
 COMMAND = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
 CALM = Scenario(command=COMMAND, sensor_noise=0.0)
-REQUEST, N_STEPS = 90, 200
+REQUEST, N_STEPS = 60, 120
 TOLERANCE = 1e-9
 
 
@@ -72,7 +72,7 @@ def recorded(diagram, state, requested):
     [
         ("walk", "trot", None, 0.0),
         ("trot", "bound", None, 0.02),
-        ("trot", "bound", "sparse_formula", 0.0),
+        pytest.param("trot", "bound", "sparse_formula", 0.0, marks=pytest.mark.slow),
         ("bound", "walk", "sparse_formula", 0.0),
         ("trot", "pace", None, 0.03),
     ],

@@ -112,13 +112,14 @@ def test_a_policy_moves_its_own_robot_and_no_other():
 
 def test_no_file_above_the_models_names_a_robot():
     """The default robot's name stands in one place; pages may name robots in prose."""
+    robots = set(robot_names())
     named = [
         path.relative_to(HOUSE)
         for folder in ("systems", "diagrams", "studies")
         for path in (HOUSE / folder).rglob("*")
         if path.suffix in {".py", ".c", ".h", ".html", ".j2", ".css", ".js"}
         for word in path.read_text().replace("_", " ").replace("-", " ").split()
-        if word.strip("\"'`.,:;()[]{}<>*").lower() in robot_names()
+        if word.strip("\"'`.,:;()[]{}<>*").lower() in robots
     ]
     assert named == []
-    assert DEFAULT_ROBOT in robot_names()
+    assert DEFAULT_ROBOT in robots

@@ -27,7 +27,7 @@ from glassgait.studies.deployment.drive.dropout import (
 A1 = load_robot()
 
 
-@pytest.mark.parametrize("name", ["trot", "bound"])
+@pytest.mark.parametrize("name", ["trot", pytest.param("bound", marks=pytest.mark.slow)])
 def test_no_robot_overturns_whenever_its_controller_vanishes(name, monkeypatch):
     monkeypatch.setattr(silence, "SETTLED", 60)
     gait = load_gait(name)

@@ -65,7 +65,13 @@ def test_experts_treat_left_and_right_alike(gait, generator):
 @pytest.mark.parametrize(
     "scenario", ["training", pytest.param("latency_20ms", marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize("gait", shipped_experts())
+@pytest.mark.parametrize(
+    "gait",
+    [
+        pytest.param(gait, marks=() if gait in ("trot", "bound") else pytest.mark.slow)
+        for gait in shipped_experts()
+    ],
+)
 def test_experts_stay_up_and_keep_their_gait(gait, scenario):
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7)
     policy = alone(load_expert(gait))

@@ -53,7 +53,7 @@ def loaded(gait, kind, real="double"):
         ("trot", "statewise_linear"),
         ("trot", "symbolic"),
         ("bound", "sparse_formula"),
-        ("half_bound", "statewise_symbolic"),
+        pytest.param("half_bound", "statewise_symbolic", marks=pytest.mark.slow),
         ("three_one", "ebm"),
         pytest.param("walk", "gbm", marks=pytest.mark.slow),
     ],

@@ -141,7 +141,7 @@ def _within(value: Any, bound: Any) -> bool:
             return True
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_odd_invocations_are_refused_or_sound(seed, places, accepted, capsys):
     generator = random.Random(seed)
     for _ in range(30):
@@ -150,7 +150,7 @@ def test_odd_invocations_are_refused_or_sound(seed, places, accepted, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 150))
+@pytest.mark.parametrize("seed", range(100, 130))
 def test_many_odd_invocations_are_refused_or_sound(seed, places, accepted, capsys):
     generator = random.Random(seed)
     for _ in range(30):

@@ -107,9 +107,7 @@ def test_operon_finds_what_is_not_linear(generator):
     x = generator.normal(size=(1500, 5))
     x[:, 3] = 0.0
     y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
-    settings = SymbolicSettings(
-        population=200, generations=40, max_samples=1500, shapes=((10, 60),)
-    )
+    settings = SymbolicSettings(population=100, generations=20, max_samples=500, shapes=((10, 60),))
     gate = Expression("variable", variable=3)
     [formula] = fit_formulas(x, y[:, None], 0, settings, gates=(gate,), n_observed=5)
     linear = LinearRegression().fit(x, y).score(x, y)
