@@ -213,8 +213,11 @@ class BatchSimulator:
         feet = sense_feet(robot, plant, s.touching, touching, self._ground)
         wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
         reading = read_contacts(feet.touching, wrong, s.stuck)
-        trust, height = s.trust.after(reading), self._sensed_height(feet, s.estimate)
-        contact = trust.believed(read_contacts(feet.contact, wrong, s.stuck), height)
+        trust, contact = s.trust.after(reading), read_contacts(feet.contact, wrong, s.stuck)
+        sensed = reading
+        if trust.doubted.any():
+            height = self._expected_height(s, plant, joint_noise, feet)
+            sensed, contact = trust.believed(reading, height), trust.believed(contact, height)
         machine = self._step_machine(s, feet, contact, command)
         reward = self._rewarded(s, plant, action, command, feet)
         plain = np.where(lost, 0.0, reward.plain)
@@ -233,7 +236,7 @@ class BatchSimulator:
             imu=s.imu,
             stuck=s.stuck,
             trust=trust,
-            sensed=trust.believed(reading, height),
+            sensed=sensed,
             latency=s.latency,
             estimate=s.estimate,
             odometry=s.odometry,
@@ -435,6 +438,15 @@ class BatchSimulator:
             case network:
                 estimate = network(self._proprioception(state))
         return replace(state, estimate=estimate)
+
+    def _expected_height(
+        self, before: TaskState, plant: Array, joint_noise: Array, feet: FootSense
+    ) -> Array:
+        """Returns how high feet are (n, 4; m) before it is known which of them touch."""
+        if not isinstance(self.estimator, Odometry):
+            return self._sensed_height(feet, before.estimate)
+        position = plant[:, quadruped.JOINT_POSITION] + joint_noise[:, : quadruped.N_JOINTS]
+        return self.estimator.expected_heights(self.task.robot, before.odometry, position)
 
     def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
         # The estimator sees the machine's state, so the machine reads what it estimated before.

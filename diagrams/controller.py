@@ -157,11 +157,11 @@ def AddController(  # noqa: N802
         "proprioception", Proprioception(robot, layout, limited=limited)
     )
     _connect_proprioception(builder, proprioception, layout, sensed, machine, hold)
-    body_state, sensed_height = _add_body_state(
+    body_state, sensed_height, expected_height = _add_body_state(
         builder, robot, layout, sensed, senses.estimator, proprioception, trust
     )
     builder.Connect(sensed_height, machine.get_foot_height_input_port())
-    builder.Connect(sensed_height, trust.get_foot_height_input_port())
+    builder.Connect(expected_height, trust.get_foot_height_input_port())
     observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
     builder.AddNamedSystem("observation", observation)
     builder.Connect(proprioception.get_proprioception_output_port(), observation.get_input_port(0))
@@ -252,11 +252,12 @@ def _add_body_state(
     estimator: Estimator | None,
     proprioception: Proprioception,
     trust: ContactTrustSystem,
-) -> tuple[OutputPort, OutputPort]:
+) -> tuple[OutputPort, OutputPort, OutputPort]:
     """Adds what estimates the body state, or else senses it.
 
     Returns:
-        The body state (7), and the foot heights (4) that the reward machine reads.
+        The body state (7), the foot heights (4) that the reward machine reads, and those by which a
+        foot touches whose sensor is not believed.
     """
     match estimator:
         case None:
@@ -265,13 +266,14 @@ def _add_body_state(
             )
             builder.Connect(_needed(sensed.state, "the state"), sensor.get_state_input_port())
             heights = _needed(sensed.foot_height, "true heights of the feet")
-            return sensor.get_body_state_output_port(), heights
+            return sensor.get_body_state_output_port(), heights, heights
         case Odometry():
             system = builder.AddNamedSystem("odometry", OdometrySystem(robot, estimator))
             touching = trust.get_believed_touching_output_port()
             builder.Connect(sensed.joints, system.get_joints_input_port())
             builder.Connect(_needed(sensed.imu, "an IMU"), system.get_imu_input_port())
             builder.Connect(touching, system.get_touching_input_port())
+            expected = system.get_expected_foot_height_output_port()
         case _:
             system = StateEstimator(estimator, layout.n_proprioceptive)
             builder.AddNamedSystem("state_estimator", system)
@@ -279,7 +281,9 @@ def _add_body_state(
                 proprioception.get_proprioception_output_port(),
                 system.get_proprioception_input_port(),
             )
-    return system.get_body_state_output_port(), system.get_previous_foot_height_output_port()
+            expected = system.get_previous_foot_height_output_port()
+    heights = system.get_previous_foot_height_output_port()
+    return system.get_body_state_output_port(), heights, expected
 
 
 def _needed(port: OutputPort | None, what: str) -> OutputPort:

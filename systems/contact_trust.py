@@ -33,7 +33,7 @@ class ContactTrustSystem(LeafSystem):
         - believed_touching
 
     Inputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step. touching (4,
-    {0, 1}), at this instant. foot_height (4, m), as estimated at the previous control step.
+    {0, 1}), at this instant. foot_height (4, m), estimated before it is known which feet touch.
     Outputs: believed_contact (4, {0, 1}) and believed_touching (4, {0, 1}), as the inputs, but for
     sensors that are not believed.
     State: what the sensors read, then for how many control steps they have not changed (8),
@@ -78,7 +78,7 @@ class ContactTrustSystem(LeafSystem):
         return self._touching_port
 
     def get_foot_height_input_port(self) -> InputPort:
-        """Takes how high the feet were estimated to be a control step ago."""
+        """Takes how high the feet are."""
         return self._foot_height_port
 
     def get_believed_contact_output_port(self) -> OutputPort:

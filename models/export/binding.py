@@ -27,7 +27,7 @@ NO_GAIT = -1
 N_MEMORY = quadruped.N_JOINTS + 4 * quadruped.N_LEGS + 3
 """Numbers that a controller remembers from one step to the next, but for odometry."""
 
-N_ODOMETRY = 1 + 3 + 4 * quadruped.N_LEGS
+N_ODOMETRY = 1 + 3 + 4 * quadruped.N_LEGS + 3
 """Numbers that its odometry remembers: whether it has begun, then an `OdometryState`."""
 
 ACTION = slice(0, quadruped.N_JOINTS)
@@ -44,12 +44,12 @@ class Step(NamedTuple):
     """What a step of a controller brings.
 
     Attributes:
-        memory: What it remembers (31, or 51): the action (12), estimated foot heights (4; m), what
+        memory: What it remembers (31, or 54): the action (12), estimated foot heights (4; m), what
             the contact sensors read (4; -1 before the first step), for how many steps they have not
             changed (4), which feet touch (4), and the machine's state, iterations and age. States
             of several gaits are counted as `GaitSwitch` counts them, those of the first gait first.
-            With odometry, whether it has begun, its velocity (3; m/s), footholds (12; m) and which
-            feet touch (4).
+            With odometry, whether it has begun, its velocity (3; m/s), footholds (12; m), which
+            feet touch (4) and how the trunk turns (3; rad/s).
         targets: Joint position targets (12; rad).
         status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`.
     """
@@ -96,9 +96,12 @@ def sensed(
 
 
 def unpacked_odometry(memory: Array) -> tuple[bool, OdometryState]:
-    """Returns whether odometry has begun, and its state, of what it remembers (20)."""
-    begun, velocity, footholds, touching = np.split(memory, [1, 4, 4 + 3 * quadruped.N_LEGS])
-    return bool(begun[0]), OdometryState(velocity, footholds.reshape(-1, 3), touching > 0.5)
+    """Returns whether odometry has begun, and its state, of what it remembers (23)."""
+    begun, velocity, footholds, touching, turning = np.split(
+        memory, [1, 4, 4 + 3 * quadruped.N_LEGS, 4 + 4 * quadruped.N_LEGS]
+    )
+    state = OdometryState(velocity, footholds.reshape(-1, 3), touching > 0.5, turning)
+    return bool(begun[0]), state
 
 
 class LoadedController:
@@ -160,7 +163,7 @@ class LoadedController:
         self._init.restype = None
 
     def initial(self) -> Array:
-        """Returns what a controller remembers before its first step (31, or 51)."""
+        """Returns what a controller remembers before its first step (31, or 54)."""
         memory = self._memory()
         self._init(ctypes.byref(memory))
         return self._packed(memory)
@@ -218,9 +221,10 @@ class LoadedController:
         )
 
     def _odometry_memory(self, memory: Array) -> tuple[Any, ...]:
-        begun, (velocity, footholds, touching) = unpacked_odometry(memory[ODOMETRY])
+        begun, (velocity, footholds, touching, turning) = unpacked_odometry(memory[ODOMETRY])
         feet = tuple(map(tuple, footholds))
-        return int(begun), tuple(velocity), feet, tuple(touching.astype(int).tolist())
+        touched = tuple(touching.astype(int).tolist())
+        return int(begun), tuple(velocity), feet, touched, tuple(turning)
 
     def _packed(self, memory: Any) -> Array:
         feet = (memory.foot_height, memory.reading, memory.unchanged, memory.touched)
@@ -229,7 +233,7 @@ class LoadedController:
         whole = [*memory.action, *(value for part in feet for value in part), *machine]
         if self._has_odometry:
             feet = (value for foot in memory.footholds for value in foot)
-            whole += [memory.begun, *memory.velocity, *feet, *memory.touching]
+            whole += [memory.begun, *memory.velocity, *feet, *memory.touching, *memory.turning]
         return np.array(whole, dtype=float)
 
 
@@ -237,7 +241,13 @@ def _odometry_fields(real: Any) -> dict[str, Any]:
     """Returns the fields of what odometry remembers, as `ODOMETRY` has them."""
     feet = (real * 3) * quadruped.N_LEGS
     flags = ctypes.c_int * quadruped.N_LEGS
-    return {"begun": ctypes.c_int, "velocity": real * 3, "footholds": feet, "touching": flags}
+    return {
+        "begun": ctypes.c_int,
+        "velocity": real * 3,
+        "footholds": feet,
+        "touching": flags,
+        "turning": real * 3,
+    }
 
 
 def _struct(**fields: Any) -> type[ctypes.Structure]:

@@ -55,7 +55,7 @@ class PythonController:
         self._limited = controller.joint_law.limited
 
     def initial(self) -> Array:
-        """Returns what it remembers before its first step (31, with odometry 51)."""
+        """Returns what it remembers before its first step (31, with odometry 54)."""
         odometry = N_ODOMETRY if isinstance(self._estimator, Odometry) else 0
         memory = np.zeros(N_MEMORY + odometry)
         memory[READING], memory[UNCHANGED] = ContactTrust.begin()
@@ -73,7 +73,7 @@ class PythonController:
         """
         reading, unchanged = memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64)
         trust = ContactTrust(reading, unchanged).after(sensors.touching)
-        touching = trust.believed(sensors.touching, memory[FOOT_HEIGHT])
+        touching = trust.believed(sensors.touching, self._expected_height(memory, sensors))
         sensors = replace(sensors, touching=touching)
         machine = self._step_machine(
             MachineState(*memory[MACHINE].astype(np.int64)),
@@ -108,7 +108,7 @@ class PythonController:
         return Step(after, self._policy.robot.joint_targets(action, limited=self._limited), OK)
 
     def _measured(self, odometry: Odometry, memory: Array, sensors: Sensors) -> tuple[Array, Array]:
-        """Advances odometry; returns the body state (7) and what odometry then remembers (20)."""
+        """Advances odometry; returns the body state (7) and what odometry then remembers (23)."""
         robot, position = self._policy.robot, sensors.joint_position
         begun, state = unpacked_odometry(memory)
         if not begun:
@@ -123,8 +123,18 @@ class PythonController:
                 imu=sensors.imu,
                 touching=sensors.touching,
             )
-        kept = [np.ones(1), state.velocity, state.footholds.ravel(), state.touching]
+        kept = [np.ones(1), state.velocity, state.footholds.ravel(), state.touching, state.turning]
         return odometry.body_state(robot, state, position), np.concatenate(kept)
+
+    def _expected_height(self, memory: Array, sensors: Sensors) -> Array:
+        """Returns how high the feet are (4; m) before it is known which of them touch."""
+        if not isinstance(self._estimator, Odometry):
+            return memory[FOOT_HEIGHT]
+        begun, before = unpacked_odometry(memory[ODOMETRY])
+        if not begun:
+            return np.zeros(quadruped.N_LEGS)
+        robot = self._policy.robot
+        return self._estimator.expected_heights(robot, before, sensors.joint_position)
 
     def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
         if self._switch is None:

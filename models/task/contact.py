@@ -19,7 +19,7 @@ UNCHANGED_STEPS = 50
 """Control steps without a change after which a contact sensor is not believed: a second, longer
 than the slowest gait holds a foot up or down."""
 
-LOW = 0.005
+LOW = 0.0075
 """Height below which the foot of such a sensor is taken to touch (m)."""
 
 
@@ -50,14 +50,19 @@ class ContactTrust(NamedTuple):
         counted = np.minimum(self.unchanged + 1, UNCHANGED_STEPS)
         return type(self)(read, np.where(read == self.reading, counted, 0))
 
+    @property
+    def doubted(self) -> NDArray[np.bool_]:
+        """Which sensors are not believed (..., 4)."""
+        return self.unchanged >= UNCHANGED_STEPS
+
     def believed(self, contact: NDArray[np.bool_], height: Array) -> NDArray[np.bool_]:
         """Returns which feet touch, as sensors that are believed say, and else their heights.
 
         Args:
             contact: Which feet touch, as the sensors have it (..., 4).
-            height: Height of each foot, as estimated at the step before (..., 4; m).
+            height: Height of each foot above the ground (..., 4; m).
         """
-        return np.where(self.unchanged < UNCHANGED_STEPS, contact, height < LOW)
+        return np.where(self.doubted, height < LOW, contact)
 
 
 class FootSense(NamedTuple):

@@ -37,11 +37,13 @@ class OdometryState(NamedTuple):
         velocity: The trunk's velocity (..., 3; m/s, trunk frame).
         footholds: Where each foot stands, or stood last (..., 4, 3; m, trunk frame).
         touching: Which feet seemed to press on the ground (..., 4).
+        turning: The trunk's angular velocity (..., 3; rad/s, trunk frame).
     """
 
     velocity: Array
     footholds: Array
     touching: NDArray[np.bool_]
+    turning: Array
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,8 @@ class Odometry(Settings):
         """Returns the state of robots (..., 12; rad) at rest, which stand on all feet."""
         feet = kinematics.foot_positions(robot, joint_position)
         nowhere = np.zeros(feet.shape[:-1], dtype=bool)
-        return OdometryState(np.zeros((*feet.shape[:-2], 3)), feet, nowhere)
+        rest = np.zeros((*feet.shape[:-2], 3))
+        return OdometryState(rest, feet, nowhere, rest)
 
     def advance(
         self,
@@ -91,12 +94,12 @@ class Odometry(Settings):
             imu: The IMU's reading (..., 9).
             touching: Which feet seem to press on the ground (..., 4).
         """
-        turning, change, gravity = ImuReading.of(imu)
+        turned_by, change, gravity = ImuReading.of(imu)
         feet, swept, rolling = kinematics.foot_motion(robot, joint_position, joint_velocity)
         # What turning does to all of them at once: a call takes longer than its numbers.
         vectors = [feet, before.footholds, before.velocity[..., None, :]]
-        turned = cross(turning[..., None, :], np.concatenate(vectors, axis=-2))
-        turning = rolling + turning[..., None, :]
+        turned = cross(turned_by[..., None, :], np.concatenate(vectors, axis=-2))
+        turning = rolling + turned_by[..., None, :]
         rolled = kinematics.rolling_velocity(robot, turning, gravity[..., None, :])
         sole = swept + turned[..., : quadruped.N_LEGS, :] + rolled
 
@@ -111,7 +114,24 @@ class Odometry(Settings):
         drift = velocity[..., None, :] + turned[..., quadruped.N_LEGS : -1, :]
         carried = before.footholds - CONTROL_PERIOD * drift
         footholds = np.where(touching[..., None], feet, carried)
-        return OdometryState(velocity, footholds, touching)
+        return OdometryState(velocity, footholds, touching, turned_by)
+
+    def expected_heights(self, robot: Robot, before: OdometryState, joint_position: Array) -> Array:
+        """Returns how high feet are (..., 4; m) before it is known which of them touch.
+
+        The ground is that of the state one control step before, carried along as the trunk then
+        moved.
+
+        Args:
+            robot: What robots they are.
+            before: That state.
+            joint_position: Measured joint positions (..., 12; rad).
+        """
+        drift = before.velocity[..., None, :] + cross(
+            before.turning[..., None, :], before.footholds
+        )
+        carried = before.footholds - CONTROL_PERIOD * drift
+        return _heights(kinematics.foot_positions(robot, joint_position), carried)
 
     def body_state(self, robot: Robot, state: OdometryState, joint_position: Array) -> Array:
         """Returns what is observed of the estimate.
@@ -128,14 +148,18 @@ class Odometry(Settings):
             Velocity scaled by 2 (m/s, trunk frame), and the feet's heights above the ground (m):
             (..., 7).
         """
-        feet = kinematics.foot_positions(robot, joint_position)
-        # Of the front feet those of the rear ones on the other side.
-        diagonals = state.footholds[..., :2, :] - state.footholds[..., :1:-1, :]
-        normal = cross(diagonals[..., 1, :], diagonals[..., 0, :])
-        normal = normal / np.sqrt(np.add.reduce(np.square(normal), axis=-1, keepdims=True))
-        middle = np.add.reduce(state.footholds, axis=-2, keepdims=True) / quadruped.N_LEGS
-        heights = np.add.reduce((feet - middle) * normal[..., None, :], axis=-1)
+        heights = _heights(kinematics.foot_positions(robot, joint_position), state.footholds)
         return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)
+
+
+def _heights(feet: Array, footholds: Array) -> Array:
+    """Returns the heights of feet (..., 4; m) above the plane of footholds (..., 4, 3; m)."""
+    # Of the front feet those of the rear ones on the other side.
+    diagonals = footholds[..., :2, :] - footholds[..., :1:-1, :]
+    normal = cross(diagonals[..., 1, :], diagonals[..., 0, :])
+    normal = normal / np.sqrt(np.add.reduce(np.square(normal), axis=-1, keepdims=True))
+    middle = np.add.reduce(footholds, axis=-2, keepdims=True) / quadruped.N_LEGS
+    return np.add.reduce((feet - middle) * normal[..., None, :], axis=-1)
 
 
 def _standing(stood: NDArray[np.bool_], over: Array) -> NDArray[np.bool_]:

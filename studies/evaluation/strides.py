@@ -199,7 +199,9 @@ class StrideMap:
         if not self._odometry:
             return state.odometry
         velocity, footholds = np.split(coordinates, [3], axis=1)
-        return OdometryState(velocity, footholds.reshape(-1, quadruped.N_LEGS, 3), touching)
+        places = footholds.reshape(-1, quadruped.N_LEGS, 3)
+        # By turning alone feet are judged whose sensors are stuck, of which there are none.
+        return OdometryState(velocity, places, touching, np.zeros_like(velocity))
 
     def _until_entered(
         self, n: int, begin: Callable[[Episode, BoolArray], None], not_before: int

@@ -328,7 +328,7 @@ def test_a_gait_alone_has_the_file_that_it_always_had(written_by_a_short_name):
     """
     written = written_by_a_short_name
     whole = (written.header + written.source).encode()
-    message = "dec10f663f3e1f5a58cda1df34bfa3e52a312ebab0cf54db59b8b93152d7eeab"
+    message = "9e48e4440923e0b5f14e6cc302ac878e98e1c0e8103bc5bc6709c331e4a86c90"
     assert hashlib.sha256(whole).hexdigest() == message
 
 
@@ -342,7 +342,7 @@ def test_no_line_before_the_numbers_is_long(
         assert max(map(len, [*readable, *written.header.splitlines()])) <= 100
         counts.append(len(readable))
     # A page of 400 terms and its odometry are most of its file.
-    assert counts[0] < 740
+    assert counts[0] < 800
     assert counts[2] < 510
 
 

@@ -204,3 +204,27 @@ def test_the_estimate_is_scaled_as_it_is_observed():
 def test_gains_that_cannot_be_are_refused(gain):
     with pytest.raises(InputError, match="odometry: gain"):
         Odometry(gain)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "turning", "rise"),
+    [
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.zeros(4)),
+        ((0.7, -0.2, 0.0), (0.0, 0.0, 2.0), np.zeros(4)),
+        ((0.0, 0.0, 0.5), (0.0, 0.0, 0.0), np.full(4, 0.01)),
+        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), np.array([1.0, -1.0, 1.0, -1.0])),
+        ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), np.array([-1.0, -1.0, 1.0, 1.0])),
+    ],
+    ids=["at rest", "along the ground", "upward", "rolling to the right", "nose down"],
+)
+def test_heights_are_expected_as_the_trunk_was_moving(velocity, turning, rise):
+    odometry = Odometry()
+    before = odometry.begin(A1, A1.default_stance)._replace(
+        velocity=np.array(velocity), turning=np.array(turning)
+    )
+    heights = odometry.expected_heights(A1, before, A1.default_stance)
+    if np.any(turning[:2]):
+        np.testing.assert_array_equal(np.sign(heights), rise)
+    else:
+        # The default stance leans by a degree, so that along the ground is a little up.
+        np.testing.assert_allclose(heights, rise, atol=5e-4)

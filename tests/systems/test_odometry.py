@@ -29,6 +29,10 @@ def previous_heights(system, context):
     return system.get_previous_foot_height_output_port().Eval(context)
 
 
+def expected_heights(system, context):
+    return system.get_expected_foot_height_output_port().Eval(context)
+
+
 def test_it_begins_at_rest_and_goes_on_as_the_model(generator, fix_inputs, latch):
     odometry = Odometry(gain=0.3)
     system = OdometrySystem(A1, odometry)
@@ -38,8 +42,9 @@ def test_it_begins_at_rest_and_goes_on_as_the_model(generator, fix_inputs, latch
         fix_inputs(system, context, **now)
         position, velocity = np.split(now["joints"], 2)
         if state is None:
-            state = odometry.begin(A1, position)
+            ahead, state = np.zeros(4), odometry.begin(A1, position)
         else:
+            ahead = odometry.expected_heights(A1, state, position)
             state = odometry.advance(
                 A1,
                 state,
@@ -51,6 +56,7 @@ def test_it_begins_at_rest_and_goes_on_as_the_model(generator, fix_inputs, latch
         expected = odometry.body_state(A1, state, position)
         np.testing.assert_allclose(estimated(system, context), expected, atol=1e-12)
         np.testing.assert_allclose(previous_heights(system, context), heights, atol=1e-12)
+        np.testing.assert_allclose(expected_heights(system, context), ahead, atol=1e-12)
         heights = expected[-4:]
         latch(system, context)
 

@@ -190,8 +190,11 @@ PORTS: dict[Any, Ports] = {
     OdometrySystem: Ports(
         lambda: OdometrySystem(A1, Odometry()),
         {"joints": 24, "imu": 9, "touching": 4},
-        {"body_state": 7, "previous_foot_height": 4},
-        {(source, "body_state") for source in ("joints", "imu", "touching")},
+        {"body_state": 7, "previous_foot_height": 4, "expected_foot_height": 4},
+        {
+            *((source, "body_state") for source in ("joints", "imu", "touching")),
+            ("joints", "expected_foot_height"),
+        },
     ),
     PolicySystem: Ports(lambda: PolicySystem(POLICY), {"observation": 49}, {"action": 12}),
     Proprioception: Ports(

@@ -100,27 +100,6 @@ static const {{ real }} {{ name }}[12] = {
 {% endfor %}
 
 {% endif %}
-/* ---- Contacts: which feet touch -------------------------------------------------------------- */
-
-#define UNCHANGED {{ unchanged_steps }} /* control steps after which a sensor that reads the same is not believed */
-#define LOW {{ low | number }} /* m, below which the foot of such a sensor is taken to touch */
-
-/* Reads the contact sensors, and takes the feet's heights where one seems to be stuck. */
-static void believe_contacts(Controller *controller, int foot_contact[4])
-{
-    for (int foot = 0; foot < 4; foot++) {
-        const int reading = foot_contact[foot] != 0;
-        int *unchanged = &controller->unchanged[foot];
-
-        if (reading != controller->reading[foot])
-            *unchanged = 0;
-        else if (*unchanged < UNCHANGED)
-            *unchanged += 1;
-        controller->reading[foot] = reading;
-        foot_contact[foot] = *unchanged < UNCHANGED ? reading : controller->foot_height[foot] < LOW;
-    }
-}
-
 /* ---- Reward machine: where in the gait the robot is ------------------------------------------ */
 
 #define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
@@ -252,6 +231,62 @@ static {{ real }} elu({{ real }} x)
 
 {{ helpers | join }}{{ only.policy.functions }}
 {% endblock %}
+/* ---- Contacts: which sensors are believed ---------------------------------------------------- */
+
+#define UNCHANGED {{ unchanged_steps }} /* control steps after which a sensor that reads the same is not believed */
+#define LOW {{ low | number }} /* m, below which the foot of such a sensor is taken to touch */
+
+{% if odometry %}
+/* Writes how high the feet are, by the ground of the step before, carried along. */
+static void expect_heights(const Controller *controller, const Sensors *sensors, {{ real }} height[4])
+{
+    const {{ real }} *v = controller->velocity, *w = controller->turning;
+    Controller carried = *controller;
+    {{ real }} turned[3];
+    Foot feet[4];
+
+    for (int leg = 0; leg < 4; leg++) {
+        feet[leg] = foot_of(
+            leg, &sensors->joint_position[3 * leg], &sensors->joint_velocity[3 * leg]);
+        cross(w, controller->footholds[leg], turned);
+        for (int axis = 0; axis < 3; axis++)
+            carried.footholds[leg][axis] -= PERIOD * (v[axis] + turned[axis]);
+    }
+    measure_heights(&carried, feet, height);
+}
+
+{% endif %}
+/* Reads the contact sensors, and takes the heights of feet whose sensors seem to be stuck. */
+static void believe_contacts(Controller *controller, Sensors *sensors)
+{
+    {{ real }} height[4] = {0};
+    int doubted = 0;
+
+    for (int foot = 0; foot < 4; foot++) {
+        const int reading = sensors->foot_contact[foot] != 0;
+        int *unchanged = &controller->unchanged[foot];
+
+        if (reading != controller->reading[foot])
+            *unchanged = 0;
+        else if (*unchanged < UNCHANGED)
+            *unchanged += 1;
+        controller->reading[foot] = reading;
+        doubted |= *unchanged == UNCHANGED;
+    }
+    if (!doubted)
+        return;
+{% if odometry %}
+    if (controller->begun)
+        expect_heights(controller, sensors, height);
+{% else %}
+    for (int foot = 0; foot < 4; foot++)
+        height[foot] = controller->foot_height[foot];
+{% endif %}
+    for (int foot = 0; foot < 4; foot++)
+        if (controller->unchanged[foot] == UNCHANGED)
+            sensors->foot_contact[foot] = height[foot] < LOW;
+}
+
 /* ---- Controller ------------------------------------------------------------------------------ */
 
 static int all_sound(const {{ real }} *values, int count)
@@ -288,7 +323,7 @@ static int sound_odometry(const Controller *controller)
     for (int leg = 0; leg < 4; leg++)
         if (!all_sound(controller->footholds[leg], 3))
             return 0;
-    return all_sound(controller->velocity, 3);
+    return all_sound(controller->velocity, 3) && all_sound(controller->turning, 3);
 }
 
 {% endif %}
@@ -371,7 +406,7 @@ int {{ name }}_step(
         {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
 
     believed = *sensors;
-    believe_contacts(&next, believed.foot_contact);
+    believe_contacts(&next, &believed);
 {% block take %}
     step_machine(&next, believed.foot_contact, within.dwell);
     observe(&next, &believed, &within, observation);

@@ -93,6 +93,7 @@ typedef struct {
     {{ real }} velocity[3]; /* of the trunk, as odometry has it, m/s, in the trunk's frame */
     {{ real }} footholds[4][3]; /* where each foot stands, or stood last, m, in the trunk's frame */
     int touching[4]; /* which feet touched at odometry's step before */
+    {{ real }} turning[3]; /* angular velocity of the trunk at that step, rad/s */
 {% endif %}
 } {{ name }}_controller;
 

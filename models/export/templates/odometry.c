@@ -125,6 +125,8 @@ static void carry_footholds(Controller *controller, const Sensors *sensors, cons
                 at[axis] -= PERIOD * (v[axis] + turned[axis]);
         controller->touching[leg] = sensors->foot_contact[leg] != 0;
     }
+    for (int axis = 0; axis < 3; axis++)
+        controller->turning[axis] = w[axis];
 }
 
 /* Writes the feet's heights above the plane through the mean of the footholds, whose normal is the
