@@ -328,7 +328,7 @@ def test_a_gait_alone_has_the_file_that_it_always_had(written_by_a_short_name):
     """
     written = written_by_a_short_name
     whole = (written.header + written.source).encode()
-    message = "9e48e4440923e0b5f14e6cc302ac878e98e1c0e8103bc5bc6709c331e4a86c90"
+    message = "f59f4175e092447abe5a173b8321eaa3a68f951961e48c247021afd0077d8514"
     assert hashlib.sha256(whole).hexdigest() == message
 
 

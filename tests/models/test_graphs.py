@@ -15,6 +15,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import ObservationLayout
 
@@ -199,6 +200,8 @@ def test_metadata_hold_what_a_robot_needs(name, make_policy, small_expert):
     assert scales == [1.0, 1.0, 0.05, 1.0, 1.0, 0.1, 0.1]
     assert float(metadata["control_period"]) == 0.02
     assert metadata["gait"] == name
+    trust = json.loads(metadata["contact_trust"])
+    assert trust == {"unchanged_steps": UNCHANGED_STEPS, "low": LOW}
     machine = json.loads(metadata["reward_machine"])
     assert machine["states"] == list(gait.states)
     assert len(machine["transitions"]) == len(gait.transitions)

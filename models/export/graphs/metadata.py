@@ -7,6 +7,7 @@ from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import OVERDUE, Group, ObservationEntry, ObservationLayout
 from glassgait.models.task.odometry import Odometry
@@ -77,6 +78,7 @@ def metadata(
         ),
         "gait": gait.name,
         "reward_machine": json.dumps(_machine(gait)),
+        "contact_trust": json.dumps({"unchanged_steps": UNCHANGED_STEPS, "low": LOW}),
         "policy": policy_name,
         "policy_kind": policy.kind,
         "gait_digest": gait.digest(),

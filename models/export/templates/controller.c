@@ -15,7 +15,7 @@
  * One step:
  *
 {% block diagram %}
- *   feet ----> contact memory ----> reward machine <---- heights estimated at the step before
+ *   feet ----> contacts believed --> reward machine <---- heights estimated at the step before
  *                                        |
  *   joints, {{ 'IMU, command, action' if observes_imu else 'command, last action' }} ----> observation ----> {{ 'policy' if odometry else 'estimator ----> policy' }} ----> targets
 {% if odometry %}

@@ -6,7 +6,7 @@
 {% endfor %}
 {% endblock %}
 {% block diagram %}
- *   feet ----> contact memory ----> machine of the gait that runs <---- heights estimated before
+ *   feet ----> contacts believed --> machine of the gait that runs <---- heights estimated before
  *                                        |                ^
  *                                        |                +---- requested gait
  *   joints, {{ 'IMU, command, action' if observes_imu else 'command, last action' }} ----> observation ----> {{ 'policy' if odometry else 'estimator ----> policy' }} ----> targets
