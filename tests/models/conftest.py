@@ -42,8 +42,9 @@ def _once(function: Callable[..., Any]) -> Callable[..., Any]:
     def answer(*arguments: Any) -> Any:
         key = repr(arguments)
         if key not in given:
-            given[key] = function(*arguments)
-        return given[key]
+            # The arguments are kept: of another object at the same place the key would be the same.
+            given[key] = arguments, function(*arguments)
+        return given[key][1]
 
     return answer
 
