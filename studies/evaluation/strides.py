@@ -240,8 +240,9 @@ class _Images(Observer):
         came = self._going & entered(step, self._state) & (number > self._not_before)
         if came.any():
             coordinates = to_heading_frame(after.plant[came])
-            velocity, footholds, _ = after.odometry
-            remembered = [velocity[came], footholds[came].reshape(-1, 3 * quadruped.N_LEGS)]
+            odometry = after.odometry
+            footholds = odometry.footholds[came].reshape(-1, 3 * quadruped.N_LEGS)
+            remembered = [odometry.velocity[came], footholds]
             entry = np.concatenate([coordinates, after.action[came], *remembered], axis=1)
             self.stride.images[came] = entry[:, : len(self._units)] / self._units
             self.stride.n_steps[came] = number

@@ -17,6 +17,7 @@ from glassgait.models.export.binding import (
     FOOT_HEIGHT,
     MACHINE,
     NOT_INITIALISED,
+    READING,
     Sensors,
 )
 from glassgait.models.export.controller import write_controller
@@ -27,6 +28,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
+from glassgait.models.task.contact import UNREAD
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.imu import ImuReading
 from glassgait.studies.deployment.export.agreement import random_sequences
@@ -322,7 +324,9 @@ def test_commands_beyond_the_gaits_range_are_limited(moving, compiled_page):
 
 def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, trot):
     memory = compiled_page.initial()
-    assert not memory.any()
+    # No contact sensor was read yet.
+    assert (memory[READING] == UNREAD).all()
+    assert not np.delete(memory, READING).any()
     sensors, command, _ = random_sequences(A1, trot, 1, 0)[0][0]
     broken = replace(sensors, joint_position=np.full(12, np.nan))
     step = compiled_page.step(memory, broken, command)
