@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import ContactTrust
+from glassgait.systems.cached_value import CachedValue
 
 
 class ContactTrustSystem(LeafSystem):
@@ -48,10 +49,17 @@ class ContactTrustSystem(LeafSystem):
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", n_legs)
         self._touching_port = self.DeclareVectorInputPort("touching", n_legs)
         self._foot_height_port = self.DeclareVectorInputPort("foot_height", n_legs)
+        # Both outputs and the update come from one look at the sensors.
+        self._trust = CachedValue(
+            self,
+            "contact trust",
+            self._calc_trust,
+            {self._touching_port.ticket(), self.xd_ticket()},
+        )
         both = {
+            self._trust.ticket(),
             self._touching_port.ticket(),
             self._foot_height_port.ticket(),
-            self.discrete_state_ticket(self._memory),
         }
         self._believed_contact_port = self.DeclareVectorOutputPort(
             name="believed_contact",
@@ -89,7 +97,7 @@ class ContactTrustSystem(LeafSystem):
         """Returns which feet touch at this instant."""
         return self._believed_touching_port
 
-    def _trust(self, context: Context) -> ContactTrust:
+    def _calc_trust(self, context: Context) -> ContactTrust:
         memory = context.get_discrete_state(self._memory).value().astype(np.int64)
         reading, unchanged = np.split(memory, 2)
         touching = self._touching_port.Eval(context) > 0.5
@@ -97,7 +105,7 @@ class ContactTrustSystem(LeafSystem):
 
     def _calc_believed(self, context: Context, port: InputPort, output: BasicVector) -> None:
         contact, height = port.Eval(context) > 0.5, self._foot_height_port.Eval(context)
-        output.SetFromVector(self._trust(context).believed(contact, height).astype(float))
+        output.SetFromVector(self._trust.Eval(context).believed(contact, height).astype(float))
 
     def _calc_believed_contact(self, context: Context, output: BasicVector) -> None:
         self._calc_believed(context, self._foot_contact_port, output)
@@ -106,5 +114,5 @@ class ContactTrustSystem(LeafSystem):
         self._calc_believed(context, self._touching_port, output)
 
     def _latch(self, context: Context, state: State) -> None:
-        memory = np.concatenate(self._trust(context)).astype(float)
+        memory = np.concatenate(self._trust.Eval(context)).astype(float)
         state.get_mutable_discrete_state(self._memory).SetFromVector(memory)

@@ -28,7 +28,7 @@ UNREAD = np.int8(-1)
 
 
 class ContactTrust(NamedTuple):
-    """What tells sensors that are stuck from sound ones.
+    """What distinguishes stuck sensors from sound ones.
 
     Attributes:
         reading: What each sensor read at the step before (..., 4): 0, 1, or `UNREAD`.

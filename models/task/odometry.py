@@ -111,8 +111,7 @@ class Odometry(Settings):
         correction = self.gain * (of_feet - predicted)
         velocity = predicted + np.where(count > 0, correction, 0.0)
 
-        drift = velocity[..., None, :] + turned[..., quadruped.N_LEGS : -1, :]
-        carried = before.footholds - CONTROL_PERIOD * drift
+        carried = _carried(before.footholds, velocity, turned[..., quadruped.N_LEGS : -1, :])
         footholds = np.where(touching[..., None], feet, carried)
         return OdometryState(velocity, footholds, touching, turned_by)
 
@@ -127,10 +126,8 @@ class Odometry(Settings):
             before: That state.
             joint_position: Measured joint positions (..., 12; rad).
         """
-        drift = before.velocity[..., None, :] + cross(
-            before.turning[..., None, :], before.footholds
-        )
-        carried = before.footholds - CONTROL_PERIOD * drift
+        turned = cross(before.turning[..., None, :], before.footholds)
+        carried = _carried(before.footholds, before.velocity, turned)
         return _heights(kinematics.foot_positions(robot, joint_position), carried)
 
     def body_state(self, robot: Robot, state: OdometryState, joint_position: Array) -> Array:
@@ -150,6 +147,17 @@ class Odometry(Settings):
         """
         heights = _heights(kinematics.foot_positions(robot, joint_position), state.footholds)
         return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)
+
+
+def _carried(footholds: Array, velocity: Array, turned: Array) -> Array:
+    """Moves footholds (..., 4, 3; m) as the ground moves under the trunk in a control step.
+
+    Args:
+        footholds: Where they are.
+        velocity: The trunk's velocity (..., 3; m/s).
+        turned: How fast the trunk's turning alone moves them (..., 4, 3; m/s).
+    """
+    return footholds - CONTROL_PERIOD * (velocity[..., None, :] + turned)
 
 
 def _heights(feet: Array, footholds: Array) -> Array:
