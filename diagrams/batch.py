@@ -20,7 +20,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.contact import ContactTrust, FootSense, read_contacts, sense_feet
-from glassgait.models.task.imu import N_IMU, measure_imu
+from glassgait.models.task.imu import N_IMU, ImuReading, measure_imu
 from glassgait.models.task.observation import (
     N_ESTIMATED,
     ObservationLayout,
@@ -31,6 +31,8 @@ from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward import Reward, fall_speeds, step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import MachineStep, RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
+
+NOT_FINITE = FAILURES.index("not_finite")
 
 
 class BatchStep(NamedTuple):
@@ -96,7 +98,8 @@ class BatchSimulator:
         """Share of the pushes' speed that they have."""
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
-        self._has_imu = task.observes_imu or isinstance(estimator, Odometry)
+        needs_imu = isinstance(estimator, Odometry) or task.joint_law.limits is not None
+        self._has_imu = task.observes_imu or needs_imu
         self._weights = task.weights
         self._is_commanded = False
         self._all_robots = np.arange(n_robots)
@@ -186,9 +189,28 @@ class BatchSimulator:
         body = self.body_state() if self.estimator is None else self._state.estimate
         return np.concatenate([self.proprioception(), body], axis=-1)
 
-    def step(self, action: Array) -> BatchStep:
-        """Holds actions (n, 12) for one control step and moves the task on."""
+    def limited(self, action: Array) -> Array:
+        """Returns what the controllers' limits leave of actions (n, 12) that are asked for now."""
+        limits, s = self.task.joint_law.limits, self._state
+        if limits is None:
+            return action
+        position, _ = s.measured_joints()
+        gravity = ImuReading.of(s.imu[:, -1]).gravity
+        return limits.applied(
+            self.task.robot, action, before=s.action, position=position, gravity=gravity
+        )
+
+    def step(self, action: Array, *, silent: BoolArray | None = None) -> BatchStep:
+        """Holds actions (n, 12), within limits, for one control step and moves the task on.
+
+        Args:
+            action: What controllers ask for.
+            silent: Which controllers ask for nothing (n,): those joints keep their targets.
+        """
         s, task, robot = self._state, self.task, self.task.robot
+        asked, action = action, self.limited(action)
+        if silent is not None and silent.any():
+            action = np.where(silent[:, None], s.action, action)
         moved = self._moved(s, action)
         plant = moved.states
         shown = failures(
@@ -199,8 +221,10 @@ class BatchSimulator:
             limits=task.limits,
             ground=self._ground,
         )
-        # A lost robot keeps its last sound state, so that nothing below meets a NaN.
-        lost = shown[:, FAILURES.index("not_finite")]
+        # A lost robot keeps its last sound state, so that nothing below meets a NaN. So does one
+        # whose limits kept its targets, because not all that was asked is finite.
+        shown[:, NOT_FINITE] |= ~np.isfinite(asked).all(axis=1)
+        lost = shown[:, NOT_FINITE]
         plant = np.where(lost[:, None], s.plant, plant)
         action = np.where(lost[:, None], s.action, action)
 

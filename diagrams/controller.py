@@ -19,6 +19,7 @@ from glassgait.models.policies.controller import (
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
@@ -34,6 +35,7 @@ from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.state_estimator import StateEstimator
+from glassgait.systems.target_limits import TargetLimitsSystem
 
 
 @dataclass(frozen=True)
@@ -43,10 +45,12 @@ class Senses:
     Attributes:
         observes_imu: Whether policies observe gravity's direction and the angular velocity.
         estimator: What estimates the body state; None where the true one is observed.
+        limits: What limits the policies' targets; None where nothing does.
     """
 
     observes_imu: bool = False
     estimator: Estimator | None = None
+    limits: TargetLimits | None = None
 
     @classmethod
     def of(cls, policy: Controller | Policy, *, true_body_state: bool = False) -> "Senses":
@@ -60,12 +64,12 @@ class Senses:
             InputError: if it has no estimator, and the true body state is not asked for.
         """
         estimator = estimator_in_loop(policy, true_body_state=true_body_state)
-        return cls(expert_of(policy).layout.imu, estimator)
+        return cls(expert_of(policy).layout.imu, estimator, policy.joint_law.limits)
 
     @property
     def need_imu(self) -> bool:
         """Whether an IMU is needed."""
-        return self.observes_imu or isinstance(self.estimator, Odometry)
+        return self.observes_imu or isinstance(self.estimator, Odometry) or self.limits is not None
 
 
 @dataclass(frozen=True)
@@ -170,6 +174,10 @@ def AddController(  # noqa: N802
     if policy is not None:
         given = _given_observation(builder, observation.get_output_port(), intervention)
         acting = AddPolicies(builder, policy, given)
+        if senses.limits is not None:
+            acting["actions"] = _limited(
+                builder, robot, senses.limits, acting["actions"], sensed, hold
+            )
         builder.Connect(acting["actions"], hold.get_action_input_port())
     return ControllerPorts(hold, observation.get_output_port(), acting)
 
@@ -284,6 +292,23 @@ def _add_body_state(
             expected = system.get_previous_foot_height_output_port()
     heights = system.get_previous_foot_height_output_port()
     return system.get_body_state_output_port(), heights, expected
+
+
+def _limited(
+    builder: DiagramBuilder,
+    robot: Robot,
+    limits: TargetLimits,
+    asked: OutputPort,
+    sensed: Sensed,
+    hold: ActionHold,
+) -> OutputPort:
+    """Returns what limits leave of the actions that policies ask for."""
+    system = builder.AddNamedSystem("target_limits", TargetLimitsSystem(robot, limits))
+    builder.Connect(asked, system.get_action_input_port())
+    builder.Connect(hold.get_held_action_output_port(), system.get_previous_action_input_port())
+    builder.Connect(sensed.joints, system.get_joints_input_port())
+    builder.Connect(_needed(sensed.imu, "an IMU"), system.get_imu_input_port())
+    return system.get_limited_action_output_port()
 
 
 def _needed(port: OutputPort | None, what: str) -> OutputPort:

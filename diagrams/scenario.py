@@ -90,7 +90,8 @@ class Scenario(Settings):
             of a discrete plant.
         pushes: Pushes of the trunk; of discrete plants alone.
         limit_targets: Whether joints follow targets within their ranges alone, the nearest ones
-            there; by default they do where the policy is to be run so, as formulas are.
+            there; by default they do where the policy is to be run so, as formulas are. What a
+            policy's own limits leave lies there in any case.
         true_body_state: Whether policies observe the true body state, and the reward machine reads
             the true heights of the feet. Both are the estimator's otherwise: the loop is closed on
             sensors only.
@@ -199,7 +200,9 @@ class Scenario(Settings):
         """
         law = OWN_LAW if policy is None else policy.joint_law
         gains = self.station.gains(self.robot_of(policy), law)
-        return JointLaw(gains, law.limited if self.limit_targets is None else self.limit_targets)
+        limited = law.limited if self.limit_targets is None else self.limit_targets
+        # What a controller limits itself, it limits wherever it is.
+        return JointLaw(gains, limited, law.limits)
 
     def station_of(self, policy: Controller | Policy | None) -> StationConfig:
         """Returns the station whose joints have the gains by which a policy's are to be driven."""

@@ -20,6 +20,7 @@ from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.task.gait import Gait
@@ -142,7 +143,8 @@ def write_controller(
     estimator = controller.estimator
     odometry = estimator if isinstance(estimator, Odometry) else None
     has_odometry = odometry is not None
-    has_imu = has_odometry or policy.layout.imu
+    limits = controller.joint_law.limits
+    has_imu = has_odometry or policy.layout.imu or limits is not None
     gaits = _gait_codes(gait, controller, real)
     codes = [code for own in gaits for code in (own.policy, own.estimator) if code]
     first = gait.gaits[0] if isinstance(gait, GaitSwitch) else gait
@@ -296,7 +298,8 @@ def _common_values(
         "legs": list(quadruped.LEGS),
         "stance": robot.default_stance.tolist(),
         "limits_targets": controller.joint_law.limited,
-        **_ranges(robot),
+        "limits": controller.joint_law.limits,
+        **_ranges(robot, controller.joint_law.limits),
         "mark": INITIALISED,
         "action_scale": robot.action_scale,
         "stiffness": stiffness,
@@ -339,12 +342,15 @@ def _constants_of_robot(
     ]
 
 
-def _ranges(robot: Robot) -> dict[str, Any]:
-    """Returns the joints' ranges, three where all legs have the same."""
-    low, high = robot.lower_limits, robot.upper_limits
-    shared = all(np.array_equal(own, np.tile(own[:3], quadruped.N_LEGS)) for own in (low, high))
+def _ranges(robot: Robot, limits: TargetLimits | None) -> dict[str, Any]:
+    """Returns the joints' ranges and their reach, three where all legs have the same."""
+    values = {"lowest": robot.lower_limits, "highest": robot.upper_limits}
+    if limits is not None:
+        values["reach"] = robot.effort / limits.stiffness
+    legs = (np.tile(own[:3], quadruped.N_LEGS) for own in values.values())
+    shared = all(map(np.array_equal, values.values(), legs))
     count, index = (3, "joint % 3") if shared else (quadruped.N_JOINTS, "joint")
-    return {"lowest": low[:count].tolist(), "highest": high[:count].tolist(), "limit": index}
+    return {"limit": index, **{name: own[:count].tolist() for name, own in values.items()}}
 
 
 def _efforts(robot: Robot) -> list[tuple[str, float, str]]:

@@ -27,6 +27,7 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.contact import ContactTrust
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.imu import ImuReading
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
@@ -52,7 +53,7 @@ class PythonController:
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
         self._policy = controller.policy
         self._estimator = estimator_in_loop(controller)
-        self._limited = controller.joint_law.limited
+        self._law = controller.joint_law
 
     def initial(self) -> Array:
         """Returns what it remembers before its first step (31, with odometry 54)."""
@@ -92,7 +93,7 @@ class PythonController:
             rm_iterations=machine.iterations.astype(float),
             commanded_dwell=command.dwell,
             imu=sensors.imu if self._policy.layout.imu else None,
-            limited=self._limited,
+            limited=self._law.limited,
         )
         after = np.empty(len(memory))
         match self._estimator:
@@ -101,11 +102,25 @@ class PythonController:
             case network:
                 assert network is not None
                 body = network(own)
-        action = self._policy(np.concatenate([own, body]))
+        action = self._within(self._policy(np.concatenate([own, body])), memory[ACTION], sensors)
         after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
         after[READING], after[UNCHANGED] = trust
         after[TOUCHED], after[MACHINE] = touching, np.ravel(machine)
-        return Step(after, self._policy.robot.joint_targets(action, limited=self._limited), OK)
+        targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
+        return Step(after, targets, OK)
+
+    def _within(self, action: Array, before: Array, sensors: Sensors) -> Array:
+        """Returns what limits leave of an action (12), given the one before."""
+        if self._law.limits is None:
+            return action
+        assert sensors.imu is not None
+        return self._law.limits.applied(
+            self._policy.robot,
+            action,
+            before=before,
+            position=sensors.joint_position,
+            gravity=ImuReading.of(sensors.imu).gravity,
+        )
 
     def _measured(self, odometry: Odometry, memory: Array, sensors: Sensors) -> tuple[Array, Array]:
         """Advances odometry; returns the body state (7) and what odometry then remembers (23)."""

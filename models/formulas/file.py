@@ -24,13 +24,15 @@ one beyond, and that these are the last targets that formulas read. `gains: 40 1
 follow with a stiffness of 40 N·m/rad and a damping of 1 N·m·s/rad, where those are not the robot's
 own. `robot: …` names the robot, where it is not the default one. `senses: imu` says that formulas
 may hold gravity's direction and the angular velocity, and `odometry` that the robot's velocity and
-its feet's heights are estimated by the program that stands there, with its gain.
+its feet's heights are estimated by the program that stands there, with its gain. What stands under
+`limits` comes last, between what formulas ask for and the joints.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
 with a space goes on with the line before.
 
     file       = header [ "odometry" program ] [ "definitions" { name "=" formula } ] targets
+                 [ "limits" program ]
     header     = "format: 1" "gait: " text [ "robot: " text ] "states: " number
                  [ "senses: imu" ] [ "mirror: " { number } ] [ "targets: limited" ]
                  [ "gains: " real real ]
@@ -38,7 +40,8 @@ with a space goes on with the line before.
     target     = joint "=" formula
 
 Each of these stands at the beginning of a line. What is defined is of observed quantities alone,
-and is given once, as is each target. What a formula is, `text.py` says; the program, `odometry.py`.
+and is given once, as is each target. What a formula is, `text.py` says; the programs, `odometry.py`
+and `limits.py`.
 """
 
 import re
@@ -48,8 +51,10 @@ from keyword import iskeyword
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.limits import LIMITS, limits_lines, limits_of
 from glassgait.models.formulas.mirror import FormulaMirror, Place
-from glassgait.models.formulas.odometry import STATEMENTS, odometry_lines, read_statement
+from glassgait.models.formulas.odometry import ODOMETRY, odometry_lines
+from glassgait.models.formulas.program import Program
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.formulas.text import (
     TextError,
@@ -72,9 +77,11 @@ SUFFIX = ".formulas"
 LIMITED = "limited"
 IMU = "imu"
 
-ODOMETRY = "odometry"
 EVERY_STATE = "every state"
 DEFINITIONS = "definitions"
+
+_PROGRAMS: dict[str, Program] = {program.title: program for program in (ODOMETRY, LIMITS)}
+"""The programs that a file may hold, by the titles of their sections."""
 
 MAX_TEXT = 1_000_000
 """Greatest number of characters of a file."""
@@ -175,16 +182,12 @@ def _lines(file: FormulaFile) -> Iterator[str]:
         yield f"senses: {IMU}"
     if file.mirror is not None:
         yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"
-    law = file.joint_law
-    if law.limited:
-        yield f"targets: {LIMITED}"
-    if law.gains is not None:
-        yield f"gains: {' '.join(map(written_number, law.gains))}    # {_GAINS}"
+    yield from _law_lines(file.joint_law)
     yield ""
     held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
     yield from _legend(held, names)
     if file.odometry is not None:
-        yield from ("", ODOMETRY, *odometry_lines(file.odometry))
+        yield from ("", ODOMETRY.title, *odometry_lines(file.odometry))
     if file.vocabulary.definitions:
         yield from ("", DEFINITIONS)
     for definition in file.vocabulary.definitions:
@@ -199,6 +202,15 @@ def _lines(file: FormulaFile) -> Iterator[str]:
             yield from ("", title)
             section = title
         yield from formula_lines(file, place)
+    if (limits := file.joint_law.limits) is not None:
+        yield from ("", LIMITS.title, *limits_lines(limits))
+
+
+def _law_lines(law: JointLaw) -> Iterator[str]:
+    if law.limited:
+        yield f"targets: {LIMITED}"
+    if law.gains is not None:
+        yield f"gains: {' '.join(map(written_number, law.gains))}    # {_GAINS}"
 
 
 def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[str]:
@@ -254,8 +266,9 @@ class _Reader:
     observed: tuple[str, ...] = ()
     mirror: tuple[int, ...] | None = None
     law: JointLaw = OWN_LAW
+    program: dict[str, float] = field(default_factory=dict)
+    n_statements: int = 0
     odometry: Odometry | None = None
-    n_odometry: int = 0
     section: str = ""
 
     def read(self, text: str) -> FormulaFile:
@@ -280,15 +293,16 @@ class _Reader:
             self.lines[key] = line
         elif _is_title(bare):
             self._begin(bare, line)
-        elif self.section == ODOMETRY:
-            found = read_statement(self.n_odometry, " ".join([bare, *more]), line)
-            self.odometry, self.n_odometry = found or self.odometry, self.n_odometry + 1
+        elif program := _PROGRAMS.get(self.section):
+            self.program |= program.read(self.n_statements, " ".join([bare, *more]), line)
+            self.n_statements += 1
         elif assigned := _STATEMENT.fullmatch(statement):
             self._assign(assigned, line)
         else:
             raise TextError(
                 f"{shown(bare)} is no line of a formula file; write 'FL_hip = …', 'state 0', "
-                "'every state', 'definitions', 'odometry', or a header such as 'gait: trot'",
+                "'every state', 'definitions', 'odometry', 'limits', or a header such as 'gait: "
+                "trot'",
                 line,
                 1,
             )
@@ -296,11 +310,16 @@ class _Reader:
     def _begin(self, title: str, line: int) -> None:
         if not self.section:
             self._take_header(line)
-        elif title == ODOMETRY:
+        elif title == ODOMETRY.title:
             raise TextError("odometry stands before all else but the header; move it up", line, 1)
-        elif title == DEFINITIONS and self.section != ODOMETRY:
+        elif title == DEFINITIONS and self.section != ODOMETRY.title:
             raise TextError("definitions stand before all formulas; move them up", line, 1)
-        self._refuse_incomplete_odometry(line)
+        elif self.section == LIMITS.title:
+            raise TextError("limits come last; move them down", line, 1)
+        self._end_program(line)
+        if title == LIMITS.title:
+            self.section = title
+            return
         state = _SECTION.fullmatch(title)
         if state and int(state[1]) >= self._n_states:
             raise TextError(f"there are states 0 to {self._n_states - 1}; name one", line, 7)
@@ -311,10 +330,16 @@ class _Reader:
             )
         self.section = title
 
-    def _refuse_incomplete_odometry(self, line: int) -> None:
-        if self.section == ODOMETRY and self.n_odometry < len(STATEMENTS):
-            missing = STATEMENTS[self.n_odometry]
-            raise TextError(f"odometry lacks {missing!r}; add it above", line, 1)
+    def _end_program(self, line: int) -> None:
+        program = _PROGRAMS.get(self.section)
+        if program is None:
+            return
+        program.refuse_end(self.n_statements, line)
+        if program is ODOMETRY:
+            self.odometry = Odometry(gain=self.program["GAIN"])
+        else:
+            self.law = replace(self.law, limits=limits_of(self.program))
+        self.program, self.n_statements = {}, 0
 
     @property
     def _n_states(self) -> int:
@@ -416,7 +441,7 @@ class _Reader:
         return (int(state[1]), joint) if state else (joint,)
 
     def _finished(self, last: int) -> FormulaFile:
-        self._refuse_incomplete_odometry(last)
+        self._end_program(last)
         vocabulary = Vocabulary(self.names, tuple(self.definitions))
         formulas = self.formulas
         if formulas and self.mirror is not None:
@@ -441,7 +466,7 @@ class _Reader:
 
 
 def _is_title(line: str) -> bool:
-    return line in (ODOMETRY, DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
+    return line in (*_PROGRAMS, DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
 
 
 def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:

@@ -142,6 +142,11 @@ def shipped_experts(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in folder.glob("*.safetensors")))
 
 
+def shipped_expert(gait: str, robot: str = DEFAULT_ROBOT) -> Path:
+    """Returns where a gait's expert for a robot ships, or would ship."""
+    return robot_folder(EXPERT_DIRECTORY, robot) / f"{gait}.safetensors"
+
+
 def shipped_students(gait: str, robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
     """Lists the kinds of students of a gait for a robot that ship with the project."""
     folder = robot_folder(STUDENT_DIRECTORY, robot) / gait
@@ -234,7 +239,7 @@ def load_expert(
     gait = machine.name
     if path is None:
         robot = robot or load_robot()
-        path = robot_folder(EXPERT_DIRECTORY, robot.name) / f"{gait}.safetensors"
+        path = shipped_expert(gait, robot.name)
         if not path.exists():
             raise InputError(
                 f"no expert for gait {gait!r} of the {robot.name} ships with the project; train "

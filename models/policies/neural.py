@@ -193,20 +193,6 @@ class NeuralPolicy(Policy):
         """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
         return self._estimator
 
-    @property
-    def learned_estimator(self) -> Network | MirroredNetwork:
-        """Maps proprioception (..., 40 + n_states) to the body state (..., 7).
-
-        Raises:
-            InputError: if it observes by odometry.
-        """
-        if isinstance(self._estimator, Odometry):
-            raise InputError(
-                f"the expert of the {self.gait} observes by odometry, which has no network; take "
-                "one that was trained with --senses learned"
-            )
-        return self._estimator
-
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         layers: dict[str, NDArray[Any]] = {}
         for name, network in self._networks.items():

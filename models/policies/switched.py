@@ -176,6 +176,8 @@ def _common_odometry(controllers: Sequence[AlternatingController]) -> Odometry |
 def _common_law(controllers: Sequence[AlternatingController]) -> JointLaw:
     """Returns the law of the joints in every gait, which limits targets if that of each does.
 
+    Limits of one gait's policy are kept where all have the same.
+
     Raises:
         InputError: if gains differ: they cannot change while robots walk.
     """
@@ -185,7 +187,9 @@ def _common_law(controllers: Sequence[AlternatingController]) -> JointLaw:
             "switched policy: the policies' joints have different gains; give policies that were "
             "trained with the same stiffness and damping"
         )
-    return replace(laws[0], limited=all(law.limited for law in laws))
+    same = all(law.limits == laws[0].limits for law in laws)
+    limited = all(law.limited for law in laws)
+    return replace(laws[0], limited=limited, limits=laws[0].limits if same else None)
 
 
 def _columns(layout: ObservationLayout, mine: NDArray[np.bool_]) -> NDArray[np.intp]:

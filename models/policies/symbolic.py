@@ -5,6 +5,7 @@ import json
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any, ClassVar
@@ -206,6 +207,8 @@ class FormulaPolicy(Policy):
             own.append("limited")
         if self.joint_law.gains is not None:
             own.append(list(self.joint_law.gains))
+        if self.joint_law.limits is not None:
+            own.append(asdict(self.joint_law.limits))
         if self._odometry is not None:
             own.append(self._odometry.digest())
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]

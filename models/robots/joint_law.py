@@ -1,12 +1,13 @@
 """How joints follow a policy's targets: with which gains, and which of its targets."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.settings import Settings
 
 Stiffness = Annotated[float, Gt(0.0), Le(1000.0)]
@@ -26,12 +27,15 @@ class JointLaw(Settings):
         limited: Whether joints follow targets within their ranges alone: where a policy asks for
             more, the nearest target there. It is shown its previous action as it asked for it all
             the same.
+        limits: Limits that come last, and are what a policy is shown as its previous action; none
+            by default.
     """
 
     title: ClassVar[str] = "joint_law"
 
     gains: Gains | None = None
     limited: bool = False
+    limits: TargetLimits | None = None
 
     def gains_of(self, robot: Robot) -> tuple[float, float]:
         """Returns stiffness and damping of a robot's joints (N·m/rad, N·m·s/rad)."""
@@ -55,12 +59,21 @@ class JointLaw(Settings):
 
     def over(self, other: "JointLaw") -> "JointLaw":
         """Returns this law with another's gains where it has none; either may limit targets."""
-        return JointLaw(self.gains or other.gains, self.limited or other.limited)
+        limits = self.limits or other.limits
+        return JointLaw(self.gains or other.gains, self.limited or other.limited, limits)
+
+    def with_limits(self, robot: Robot) -> "JointLaw":
+        """Returns this law with limits that count torques by its own stiffness."""
+        stiffness, _ = self.gains_of(robot)
+        limits = TargetLimits(stiffness)
+        limits.check(robot)
+        return replace(self, limited=True, limits=limits)
 
     def to_plain(self) -> dict[str, Any]:
         """Returns what differs from the robot's own law, as values that JSON can hold."""
         gains = {} if self.gains is None else {"gains": list(self.gains)}
-        return gains | ({"limited": True} if self.limited else {})
+        limits = {} if self.limits is None else {"limits": asdict(self.limits)}
+        return gains | ({"limited": True} if self.limited else {}) | limits
 
 
 OWN_LAW = JointLaw()

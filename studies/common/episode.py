@@ -70,7 +70,8 @@ class ControlStep(NamedTuple):
         before: The task's state before the step.
         observation: Observations (n, n_obs).
         output: What the controller returned.
-        action: Actions (n, 12) that were taken: 0 of fallen robots.
+        action: Actions (n, 12) that were asked for: 0 of fallen robots. What limits left of them is
+            `after.action`.
         outcome: What the simulator returned.
         after: The task's state after the step.
         fallen: Which robots had fallen by the end of the step (n,).
@@ -265,7 +266,7 @@ def episode(
             action = np.where(fallen[:, None], 0.0, action)
         if running.silent.any():
             action = np.where(running.silent[:, None], before.action, action)
-        outcome = simulator.step(action)
+        outcome = simulator.step(action, silent=running.silent)
         fell[robots[outcome.terminated & ~fallen]] = step
         fallen = fallen | outcome.terminated
         after = simulator.state

@@ -15,7 +15,6 @@ from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
@@ -68,7 +67,7 @@ def collect(
         task = TaskConfig(
             gait,
             worlds.randomization,
-            joint_law=JointLaw(worlds.station.gains(robot, law), law.limited),
+            joint_law=replace(law, gains=worlds.station.gains(robot, law)),
             robot=robot,
             observes_imu=controller.expert.layout.imu,
         )

@@ -26,6 +26,7 @@ from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.symbolic_policy import make_symbolic_policy
+from glassgait.systems.target_limits import TargetLimitsSystem
 
 
 def make_diagram() -> Diagram:
@@ -44,6 +45,7 @@ def make_diagram() -> Diagram:
     body = builder.AddSystem(BodyStateSensor(robot))
     observation = builder.AddSystem(Multiplexer([layout.n_proprioceptive, N_ESTIMATED]))
     policy = builder.AddSystem(make_symbolic_policy(student))
+    limits = builder.AddSystem(TargetLimitsSystem(robot, law.limits))
     hold = builder.AddSystem(ActionHold())
     targets = builder.AddSystem(JointTargets(robot, actuated_joints(plant), limited=law.limited))
 
@@ -55,17 +57,19 @@ def make_diagram() -> Diagram:
     ]:
         for port in ports:
             builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
-    builder.Connect(joints.get_output_port(), sensed.GetInputPort("joints"))
-    builder.Connect(imu.get_output_port(), sensed.GetInputPort("imu"))
+    for system in (sensed, limits):
+        builder.Connect(joints.get_output_port(), system.GetInputPort("joints"))
+        builder.Connect(imu.get_output_port(), system.GetInputPort("imu"))
+        builder.Connect(hold.GetOutputPort("held_action"), system.GetInputPort("previous_action"))
     for system in (machine, sensed):
         builder.Connect(dwell.get_output_port(), system.GetInputPort("commanded_dwell"))
     builder.Connect(command.get_output_port(), sensed.GetInputPort("command"))
     builder.Connect(sensed.get_output_port(), observation.get_input_port(0))
     builder.Connect(body.get_output_port(), observation.get_input_port(1))
     builder.Connect(observation.get_output_port(), policy.get_input_port())
-    builder.Connect(policy.get_output_port(), hold.get_input_port())
-    for port in (sensed.GetInputPort("previous_action"), targets.GetInputPort("action")):
-        builder.Connect(hold.GetOutputPort("held_action"), port)
+    builder.Connect(policy.get_output_port(), limits.GetInputPort("action"))
+    builder.Connect(limits.get_output_port(), hold.get_input_port())
+    builder.Connect(hold.GetOutputPort("held_action"), targets.GetInputPort("action"))
     builder.Connect(targets.get_output_port(), plant.get_desired_state_input_port(instance))
     builder.ExportOutput(plant.get_state_output_port(), "state")
     return builder.Build()

@@ -193,9 +193,19 @@ class TrainingConfig(Settings):
 
     @property
     def joint_law(self) -> JointLaw:
-        """How joints follow targets in training, and the expert's from then on."""
+        """How joints follow targets in training, where exploration may ask for anything."""
         gains = self.worlds.station.gains(load_robot(self.robot))
         return JointLaw(gains, self.limit_targets)
+
+    @property
+    def expert_law(self) -> JointLaw:
+        """How joints follow the expert's targets: with limits that come last, if it has an IMU.
+
+        Raises:
+            InputError: if the robot's default stance is beyond the limits.
+        """
+        limited = self.limit_targets and self.senses == "imu"
+        return self.joint_law.with_limits(load_robot(self.robot)) if limited else self.joint_law
 
     def __post_init__(self) -> None:
         super().__post_init__()

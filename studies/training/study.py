@@ -20,6 +20,8 @@ class TrainingRun(LearningRun):
 
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
         config = self.config
+        # Refuses a robot that it does not fit before anything is learned.
+        self._law = config.expert_law
         imu = config.senses == "imu"
         layout = ObservationLayout(self.gait.n_states, imu=imu)
         self._mirrored_states = mirrored_states(self.gait) if config.mirrored else None
@@ -51,5 +53,5 @@ class TrainingRun(LearningRun):
             self.estimator if isinstance(self.estimator, Odometry) else self.estimator.to_network(),
             self._mirrored_states,
             robot=load_robot(self.config.robot),
-        ).with_joint_law(self.config.joint_law)
+        ).with_joint_law(self._law)
         write_learned(policy, self.gait.name, self.config, self.progress, self.folder)

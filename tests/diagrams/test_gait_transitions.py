@@ -105,7 +105,7 @@ def test_diagram_and_batch_agree_while_the_gait_changes(source, target, student,
             close(outcome.served_dwell, "served_dwell", step)
             close(outcome.failures[0], "failures", step)
         action = policy(observation)
-        close(action[0], "actions", step)
+        close(simulator.limited(action)[0], "actions", step)
         # An update sees what is requested at the end of its control step.
         simulator.requested = np.array([int(step + 1 >= REQUEST)])
         changed.append(int(simulator.running[0]))

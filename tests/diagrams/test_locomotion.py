@@ -117,7 +117,7 @@ def assert_same_steps(simulator, rollout, policy):
             close(outcome.failures[0], "failures", step)
             fired += int(outcome.fired[0])
         action = policy(observation)
-        close(action[0], "actions", step)
+        close(simulator.limited(action)[0], "actions", step)
         outcome = simulator.step(action)
     return fired
 
@@ -214,7 +214,7 @@ def test_they_agree_where_a_policy_asks_for_targets_beyond_the_joints_ranges(
     page = load_student("trot", "sparse_formula")
     weights = 0.4 * generator.normal(size=(12, len(page.observation_names)))
     wild = LinearPolicy("trot", page.observation_names, weights, np.ones(12))
-    wild.joint_law = page.joint_law
+    wild.joint_law = replace(page.joint_law, limits=None)
     scenario = replace(CALM, true_body_state=True, limit_targets=limit_targets)
     assert_agreement(trot, wild, scenario)
     diagram = MakeLocomotion(trot, scenario, policy=wild)
@@ -302,7 +302,7 @@ def test_they_agree_while_expert_and_student_act_under_assurance(trot):
         for found, port in [
             (simulator.state.plant, "state"),
             (observation, "observations"),
-            (output.action, "actions"),
+            (simulator.limited(output.action), "actions"),
             (policy.region.overrun(observation), "overrun"),
         ]:
             np.testing.assert_allclose(

@@ -19,6 +19,8 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
@@ -108,14 +110,18 @@ def batch_beside(gait, policy, scenario, drawn, state):
 
 
 def assert_agreement(gait, policy, scenario, seed):
-    """Steps both side by side, with a push, and returns the estimates (n, 7)."""
+    """Steps both side by side, with a push.
+
+    Returns:
+        The estimates (n, 7), and which actions were limited (n, 12).
+    """
     (state,) = NOMINAL.initial_states(A1, 1, np.random.default_rng(seed))
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     running = make_simulator(diagram, state=state, seed=seed)
     context = running.get_mutable_context()
     drawn = Replayed(scenario, diagram, context)
     simulator = batch_beside(gait, policy, scenario, drawn, state)
-    estimates = []
+    estimates, limited = [], []
     for step in range(1, N_STEPS + 1):
         observation = simulator.observe()
         for found, port in [
@@ -135,8 +141,10 @@ def assert_agreement(gait, policy, scenario, seed):
         running.AdvanceTo(step * CONTROL_PERIOD)
         drawn.push = PUSH * (step == PUSHED_AT)
         push(diagram, context, drawn.push)
-        simulator.step(policy(observation))
-    return np.array(estimates)
+        asked = policy(observation)
+        simulator.step(asked)
+        limited.append(simulator.state.action[0] != asked[0])
+    return np.array(estimates), np.array(limited)
 
 
 # With other seeds the robot of stuck sensors stumbles, and what rounding leaves grows beyond 1e-9.
@@ -154,7 +162,7 @@ ALIKE = ("blocks", "40 ms late")
     ],
 )
 def test_they_agree_with_odometry_in_the_loop(world, seed, trot, odometry_expert):
-    estimates = assert_agreement(trot, odometry_expert, WORLDS[world], seed)
+    estimates, _ = assert_agreement(trot, odometry_expert, WORLDS[world], seed)
     assert np.ptp(estimates[:, 0]) > 0.1 and estimates[:, 3:].max() > 0.02
 
 
@@ -164,6 +172,16 @@ def test_they_agree_with_odometry_in_the_loop(world, seed, trot, odometry_expert
 )
 def test_they_agree_where_the_imu_is_observed(world, trot, imu_expert):
     assert_agreement(trot, imu_expert, WORLDS[world], seed=3)
+
+
+@pytest.mark.parametrize("world", [pytest.param("quiet", marks=pytest.mark.slow), "all at once"])
+def test_they_agree_where_limits_hold_a_policy_back(world, trot, imu_expert, generator):
+    layout = imu_expert.layout
+    weights = 0.6 * generator.normal(size=(12, layout.size))
+    asking = LinearPolicy("trot", layout.names, weights, np.zeros(12))
+    limited = asking.with_estimator_of(imu_expert).with_joint_law(JointLaw().with_limits(A1))
+    _, limited = assert_agreement(trot, limited, WORLDS[world], seed=3)
+    assert limited.any(axis=0).all() and not limited.all()
 
 
 def test_biases_are_drawn_by_the_seed_and_hold(trot, odometry_expert):

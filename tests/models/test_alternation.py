@@ -92,7 +92,7 @@ def test_joints_have_the_gains_of_the_policy_that_acts_or_else_of_its_expert(tro
 @pytest.mark.parametrize("gait", PAGES)
 def test_shipped_pages_are_limited_and_have_gains_as_their_experts(gait):
     for policy in (load_student(gait, "sparse_formula"), load_expert(gait)):
-        assert policy.joint_law == JointLaw((40.0, 1.0), limited=True)
+        assert policy.joint_law == JointLaw((40.0, 1.0)).with_limits(policy.robot)
 
 
 def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_policy):

@@ -328,7 +328,7 @@ def test_a_gait_alone_has_the_file_that_it_always_had(written_by_a_short_name):
     """
     written = written_by_a_short_name
     whole = (written.header + written.source).encode()
-    message = "f59f4175e092447abe5a173b8321eaa3a68f951961e48c247021afd0077d8514"
+    message = "983d0a6b5d251e97d36827d0db9e0957fa6177ccd9f8d05cfa2fbd4ccff19273"
     assert hashlib.sha256(whole).hexdigest() == message
 
 
@@ -342,7 +342,7 @@ def test_no_line_before_the_numbers_is_long(
         assert max(map(len, [*readable, *written.header.splitlines()])) <= 100
         counts.append(len(readable))
     # A page of 400 terms and its odometry are most of its file.
-    assert counts[0] < 800
+    assert counts[0] < 830
     assert counts[2] < 510
 
 

@@ -21,6 +21,7 @@ from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -62,6 +63,7 @@ from glassgait.systems.sensors_receiver import SensorsReceiver
 from glassgait.systems.sensors_sender import SensorsSender
 from glassgait.systems.state_estimator import StateEstimator
 from glassgait.systems.symbolic_policy import make_symbolic_policy
+from glassgait.systems.target_limits import TargetLimitsSystem
 from glassgait.systems.targets_sender import TargetsSender
 from glassgait.systems.world_state import WorldState
 
@@ -255,6 +257,11 @@ PORTS: dict[Any, Ports] = {
         {"proprioception": 42},
         {"body_state": 7, "previous_foot_height": 4},
         {("proprioception", "body_state")},
+    ),
+    TargetLimitsSystem: Ports(
+        lambda: TargetLimitsSystem(A1, TargetLimits(40.0)),
+        {"action": 12, "previous_action": 12, "joints": 24, "imu": 9},
+        {"limited_action": 12},
     ),
     TargetsSender: Ports(
         lambda: TargetsSender(A1), {"action": 12, "sensors": ABSTRACT}, {"message": ABSTRACT}

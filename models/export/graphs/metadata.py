@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable
 
+from glassgait.models.formulas.limits import limits_lines
 from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import quadruped
@@ -46,6 +47,7 @@ def metadata(
         groups.setdefault(entry.group, []).append(entry)
     robot, n = policy.robot, quadruped.N_JOINTS
     stiffness, damping = controller.joint_law.gains_of(robot)
+    limits = controller.joint_law.limits
     # The last action is observed as it was given, where formulas hold its target.
     scales = [
         1.0 if group == "previous action" else entries[0].factor
@@ -60,6 +62,7 @@ def metadata(
         "joint_pos_lower_limit": _listed(robot.lower_limits.tolist()),
         "joint_pos_upper_limit": _listed(robot.upper_limits.tolist()),
         "limit_targets": json.dumps(controller.joint_law.limited),
+        **({} if limits is None else {"limits": "\n".join(limits_lines(limits))}),
         "default_joint_pos": _listed(robot.default_stance.tolist()),
         "action_scale": _listed([robot.action_scale] * n),
         "command_names": "twist,rm_iterations",

@@ -39,7 +39,12 @@
  * made; without it last digits differ on some machines.
  *
 {% if limits_targets %}
+{% if limits %}
+ * Targets stay within the joints' ranges, move by so much in a step and ask for so much torque,
+ * whatever the policy asks for: see Limits.
+{% else %}
  * Targets stay within the joints' ranges, however far beyond the policy asks them to be.
+{% endif %}
 {% else %}
  * Targets may lie beyond the range of a joint: that is how the policy asks for torque.
 {% endif %}
@@ -65,13 +70,15 @@ enum {
 {% endfor %}
 };
 
-/* The default stance, rad: observed positions and actions are counted from it. */
-static const {{ real }} STANCE[12] = {
+{% macro of_joints(name, values) %}
+static const {{ real }} {{ name }}[12] = {
 {% for leg in legs %}
-    {{ stance[3 * loop.index0:][:3] | map('number') | join(', ') }}, /* {{ leg }} hip, thigh, calf */
+    {{ values[3 * loop.index0:][:3] | map('number') | join(', ') }}, /* {{ leg }} hip, thigh, calf */
 {% endfor %}
 };
-
+{% endmacro %}
+/* The default stance, rad: observed positions and actions are counted from it. */
+{{ of_joints('STANCE', stance) }}
 {% if limits_targets %}
 {% if lowest | length == 3 %}
 /* The ranges of every leg's hip, thigh and calf, rad: targets stay within. */
@@ -79,14 +86,8 @@ static const {{ real }} LOWEST[3] = { {{- lowest | map('number') | join(', ') -}
 static const {{ real }} HIGHEST[3] = { {{- highest | map('number') | join(', ') -}} };
 {% else %}
 /* The ranges of the joints, rad: targets stay within. */
-{% for name, limits in [('LOWEST', lowest), ('HIGHEST', highest)] %}
-static const {{ real }} {{ name }}[12] = {
-{% for leg in legs %}
-    {{ limits[3 * loop.index0:][:3] | map('number') | join(', ') }}, /* {{ leg }} hip, thigh, calf */
-{% endfor %}
-};
-{% endfor %}
-{% endif %}
+{{ of_joints('LOWEST', lowest) }}{{ of_joints('HIGHEST', highest) }}
+{%- endif %}
 
 {% endif %}
 #define ACTION_SCALE {{ action_scale | number }} /* rad of joint target for an action of 1 */
@@ -287,6 +288,36 @@ static void believe_contacts(Controller *controller, Sensors *sensors)
             sensors->foot_contact[foot] = height[foot] < LOW;
 }
 
+{% if limits %}
+/* ---- Limits: what comes last, whatever the policy asks for ----------------------------------- */
+
+#define UPRIGHT {{ limits.upright | number }} /* gravity's upward part where the trunk leans by {{ '%g' % limits.lean }} degrees */
+#define MARGIN {{ limits.margin | number }} /* rad, that targets stay away from the ends of the joints' ranges */
+
+/* How far targets may be from joints, and from those before, rad: from there a joint at rest asks
+ * its motor for all that it has. */
+{% if reach | length == 3 %}
+static const {{ real }} REACH[3] = { {{- reach | map('number') | join(', ') -}} };
+{% else %}
+{{ of_joints('REACH', reach) }}
+{%- endif %}
+
+static void limit(const Controller *controller, const Sensors *sensors, {{ real }} action[12])
+{
+    for (int joint = 0; joint < 12; joint++) {
+        const {{ real }} here = (sensors->joint_position[joint] - STANCE[joint]) / ACTION_SCALE;
+        const {{ real }} before = controller->action[joint], reach = REACH[{{ limit }}] / ACTION_SCALE;
+        /* A joint that is sent to where it is, is damped alone. */
+        {{ real }} target = sensors->gravity[2] < UPRIGHT ? action[joint] : here;
+
+        target = nearest(target, here - reach, here + reach);
+        target = nearest(target, before - reach, before + reach);
+        action[joint] = nearest(target, (LOWEST[{{ limit }}] + MARGIN - STANCE[joint]) / ACTION_SCALE,
+            (HIGHEST[{{ limit }}] - MARGIN - STANCE[joint]) / ACTION_SCALE);
+    }
+}
+
+{% endif %}
 /* ---- Controller ------------------------------------------------------------------------------ */
 
 static int all_sound(const {{ real }} *values, int count)
@@ -425,6 +456,9 @@ int {{ name }}_step(
         next.foot_height[foot] = observation[FOOT_HEIGHT + foot];
 {% endblock %}
 
+{% if limits %}
+    limit(controller, sensors, next.action);
+{% endif %}
     *controller = next;
     set_targets(controller->action, targets);
     return flags;

@@ -144,7 +144,7 @@ class _LastAnswers(Observer):
     def observe(self, step: ControlStep) -> None:
         now = self._moment == step.step
         self.left.states[now] = step.before.plant[now]
-        action = step.output.action[now]
+        action = step.after.action[now]
         self.left.targets[now] = self._robot.joint_targets(action, limited=self._limited)
         self.left.walked[now] = ~self._fallen[now]
         self._fallen = step.fallen
