@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from glassgait.models.certificates.claims import Claim, ClaimKind
+from glassgait.models.certificates.claims import Claim, ClaimKind, Kept
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import OUTCOMES, Outcome, Prover, Verdict
 from glassgait.models.certificates.question import Statement, Tree
@@ -26,7 +26,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_of
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_keys import MOST_STATES
-from glassgait.models.task.observation import ObservationLayout, indices_of
+from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import mirrored_states
 
 FORMAT = 1
@@ -46,7 +46,7 @@ def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) 
     """Returns the certificate of a policy.
 
     Args:
-        prover: The prover, with all its statements.
+        prover: The prover, with all that it proved.
         verdicts: The claims that were decided.
         policy_file: The policy's file, whose every byte counts.
     """
@@ -67,7 +67,7 @@ def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) 
             name: _ranges(prover.symbols, box.quantities) for name, box in prover.boxes.items()
         },
         "claims": [_verdict(verdict) for verdict in verdicts],
-        "statements": [_statement(own, prover) for own in prover.statements.values()],
+        "statements": [_statement(own, prover) for own in prover.proofs.values()],
     }
     return {**content, "sha256": content_digest(content)}
 
@@ -106,7 +106,6 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 def _statement(statement: Statement, prover: Prover) -> dict[str, Any]:
     question, place, found = statement.question, statement.place, statement.found
     symbols = prover.symbols
-    region = prover.region(place, question.state)
     written: dict[str, Any] = {
         "of": question.of,
         "state": question.state,
@@ -114,31 +113,14 @@ def _statement(statement: Statement, prover: Prover) -> dict[str, Any]:
         "sign": question.sign,
         "box": place.box,
         "bound": statement.bound,
-        "reached": found.reached,
     }
     if question.observation is not None:
         written["observation"] = symbols[question.observation]
     if place.stuck:
         written["stuck"] = [symbols[index] for index in place.stuck]
-    positions = indices_of("joint position", prover.policy.observation_names)
-    used = prover.targets.used(question.state, question.joint)
-    written["witness"] = {
-        symbols[index]: float(found.witness[index])
-        for index in sorted(used | _asked(statement, positions))
-        if region.lower[index] < region.upper[index]
-    }
-    if len(found.witness) > len(symbols):
-        written["other"] = float(found.witness[-1])
     if found.splits:
         written["splits"] = _splits(found.splits, [*symbols, "other"])
     return written
-
-
-def _asked(statement: Statement, positions: Sequence[int]) -> frozenset[int]:
-    """Returns the observations that a question itself names: the joint's own angle, for one."""
-    question = statement.question
-    own = {question.observation} if question.observation is not None else set()
-    return frozenset(own | ({positions[question.joint]} if question.of == "offset" else set()))
 
 
 def _splits(tree: Tree, symbols: Sequence[str]) -> list[Any]:
@@ -244,6 +226,15 @@ def _read_verdict(written: dict[str, Any], symbols: Sequence[str]) -> Verdict:
 
 OUTCOME_WORDS: dict[Outcome, str] = {"proved": "proved", "refuted": "refuted", "undecided": "open"}
 
+_KEPT: dict[Kept | None, tuple[str, str]] = {
+    "range": ("target", " rad"),
+    "rate": ("change of the target in a step", " rad"),
+    "torque": ("torque at rest", " N·m"),
+    "finite": ("change of the target", " rad"),
+    "lean": ("lean at which the policy acts", "°"),
+}
+"""What limits keep, and its unit."""
+
 _BOUNDED: dict[ClaimKind, tuple[str, str]] = {
     "limits": ("target", " rad"),
     "torque": ("torque at rest", " N·m"),
@@ -266,6 +257,8 @@ def claimed_joint(verdict: Verdict) -> int | None:
 
 def box_in_words(claim: Claim) -> str:
     """Returns which observations a claim is about."""
+    if claim.kind == "kept":
+        return "whatever the policy asks for"
     stuck = f", {', '.join(claim.stuck)} anywhere in the physical box" if claim.stuck else ""
     return f"over the {claim.box} box{stuck}"
 
@@ -280,6 +273,8 @@ def finding_in_words(verdict: Verdict, *, steps: bool = False) -> str:
         steps: Whether targets are of tables or trees, whose slopes are the greatest steps.
     """
     place, by = _place_in_words(verdict)
+    if verdict.outcome == "proved" and verdict.claim.keeps == "finite":
+        return "The last of its limits sees to it."
     if verdict.outcome == "proved" and not place:
         return f"{verdict.where[0].upper()}{verdict.where[1:]}."
     noun, unit = _noun_and_unit(verdict, steps)
@@ -301,6 +296,8 @@ def finding_in_words(verdict: Verdict, *, steps: bool = False) -> str:
 
 
 def _noun_and_unit(verdict: Verdict, steps: bool) -> tuple[str, str]:
+    if verdict.claim.kind == "kept":
+        return _KEPT[verdict.claim.keeps]
     if verdict.claim.kind != "never":
         return _BOUNDED[verdict.claim.kind]
     if steps:

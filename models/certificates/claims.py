@@ -27,9 +27,14 @@ OWN = ".own"
 
 Names = Annotated[tuple[str, ...], FEW, DISTINCT]
 
-ClaimKind = Literal["limits", "torque", "never", "effect", "independent", "mirror", "change"]
+ClaimKind = Literal[
+    "kept", "limits", "torque", "never", "effect", "independent", "mirror", "change"
+]
+
+Kept = Literal["range", "rate", "torque", "finite", "lean"]
 
 _KEYS: dict[ClaimKind, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "kept": (("keeps",), ("most",)),
     "limits": ((), ("least", "most", "stuck")),
     "torque": ((), ("most", "stuck")),
     "never": (("observations", "never"), ("most", "limit", "stuck")),
@@ -47,14 +52,22 @@ class Claim(Settings):
 
     Attributes:
         name: What it says, in words.
-        kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
-            `torque`: the torque at rest that targets ask for stays within `most` N·m, by default
-            the motors' limit. `never`: a target never rises (or falls) as an observation rises, or
-            by `most` rad for each of its units at most; any step of a table or a tree breaks it.
+        kind: `kept`: the targets that joints follow keep to what `keeps` says, because limits come
+            last; all other kinds are about what the policy asks for. `limits`: targets stay from
+            `least` to `most` rad, by default in the joints' ranges. `torque`: the torque at rest
+            that targets ask for stays within `most` N·m, by default the motors' limit. `never`: a
+            target never rises (or falls) as an observation rises, or by `most` rad for each of its
+            units at most; any step of a table or a tree breaks it.
             `effect`: an observation alone moves a target by `most` rad at most. `independent`:
             targets do not depend on observations. `mirror`: left and right are treated alike.
             `change`: where observations change by `changes`, the squared change of the action stays
             within `most`, by default the bound beyond which an episode ends.
+        keeps: `range`: targets stay in the joints' ranges. `rate`: a target moves in a step by no
+            more than `most` rad, by default what asks a motor at rest for its full torque.
+            `torque`: no target asks for more than `most` N·m at rest, by default the motor's limit,
+            while the joint's reading moves by no more in a step than a target may. `finite`: where
+            not all that is asked is finite every joint keeps its target. `lean`: beyond a lean of
+            `most` degrees, by default a fall's, joints are sent to where they are.
         joints: The joints; all by default.
         states: Names of the machine's states; all by default.
         box: Where it holds: the `operating` box that robots were measured in, or the `physical`.
@@ -74,6 +87,7 @@ class Claim(Settings):
 
     name: Annotated[str, MinLen(1), MaxLen(200)]
     kind: ClaimKind
+    keeps: Kept | None = None
     joints: Names = ()
     states: Names = ()
     box: Literal["operating", "physical"] = "operating"
@@ -94,7 +108,7 @@ class Claim(Settings):
         for joint in self.joints:
             quadruped.joint_index(joint)
         needed, allowed = _KEYS[self.kind]
-        for key in ("stuck", "observations", "never", "least", "most", "limit", "changes"):
+        for key in ("keeps", "stuck", "observations", "never", "least", "most", "limit", "changes"):
             given = getattr(self, key) not in ((), None, {})
             if key in needed and not given:
                 raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")

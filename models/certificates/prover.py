@@ -22,18 +22,22 @@ from glassgait.models.certificates.question import (
     Of,
     Place,
     Statement,
+    Targets,
     counted_of,
     region_of,
     targets_of,
 )
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+from glassgait.models.task.termination import PHYSICAL_FALL
 
 GAPS = {"operating": 0.008, "physical": 0.05}
 """Share of a joint's range that a bound over each box may be away from its witness.
@@ -50,6 +54,9 @@ REFUTED = 1e-8
 
 SLACK = 1e-11
 """Added to bounds: a checker computes them in its own way, and widens bins by a tenth of it."""
+
+KEPT = 1e-9
+"""By how much what limits guarantee may be exceeded because of rounding (rad, N·m)."""
 
 SAMPLES = 1000
 """Observations among which a policy is compared with its mirror image."""
@@ -99,7 +106,10 @@ class Prover:
         policy: The policy.
         gait: Its gait.
         boxes: The boxes by name.
-        statements: All that was proved, in the order in which it was.
+        statements: All that was bounded.
+        proofs: The bounds of which proofs of claims consist; a refutation is its witness.
+        provable: Whether bounds are proved of what such a policy asks for. Of a network none are;
+            what limits keep, and that it is its own mirror image, is proved all the same.
     """
 
     def __init__(self, policy: Policy, gait: Gait, operating: ObservationBox | None = None) -> None:
@@ -110,7 +120,7 @@ class Prover:
             operating: The operating box; the gait's shipped one by default.
 
         Raises:
-            InputError: if nothing is proved of such a policy, or there is no operating box.
+            InputError: if there is no operating box.
         """
         self.policy = policy
         self.gait = gait
@@ -125,17 +135,21 @@ class Prover:
             "physical": physical_box(gait, operating),
         }
         self.statements: dict[tuple[BoundQuery, Place], Statement] = {}
+        self.proofs: dict[tuple[BoundQuery, Place], Statement] = {}
         self._rounding = cache(self._rounded)
-        self.targets = targets_of(policy)
+        self.provable = policy.capabilities.targets is not None
+        self._targets = targets_of(policy) if self.provable else None
         self.stiffness, _ = policy.joint_law.gains_of(policy.robot)
         self.symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
 
-    def range_of(self, state: int, joint: int, box: str) -> tuple[Statement, Statement]:
-        """Bounds a target over a box, from above and from below."""
-        above, below = (
-            self.statement(BoundQuery("target", state, joint, sign), Place(box)) for sign in (1, -1)
-        )
-        return above, below
+    @property
+    def targets(self) -> Targets:
+        """What bounds are proved of.
+
+        Raises:
+            InputError: if nothing is proved of such a policy.
+        """
+        return self._targets or targets_of(self.policy)
 
     def statement(
         self, question: BoundQuery, place: Place, threshold: float | None = None
@@ -152,17 +166,21 @@ class Prover:
         return kept
 
     def decide(self, claim: Claim) -> Verdict | None:
-        """Decides a claim; None where it says nothing of this gait.
+        """Decides a claim; None where it says nothing of this gait or of such a policy.
 
         Raises:
             InputError: if the claim names what the gait's robots do not know.
         """
         claim.refuse_unknown(self.gait, imu=self.policy.layout.imu)
         match claim.kind:
-            case "independent":
-                return self._independent(claim)
+            case "kept":
+                return self._kept(claim)
             case "mirror":
                 return self._mirrored(claim)
+            case _ if not self.provable:
+                return None
+            case "independent":
+                return self._independent(claim)
             case "change":
                 return self._changed(claim)
             case _:
@@ -198,6 +216,43 @@ class Prover:
             where = f"{quadruped.JOINTS[joint]} in {self.gait.states[state]}"
             raise InputError(f"{where}: {error}") from error
 
+    def _kept(self, claim: Claim) -> Verdict | None:
+        """Decides a claim about the targets that limits leave, by what limits guarantee."""
+        limits = self.policy.joint_law.limits
+        if limits is None:
+            return None
+        bounds = [
+            (value - claimed, joint, value, claimed)
+            for joint in claim.joint_indices()
+            for value, claimed in self._guaranteed(claim, limits, joint)
+        ]
+        exceeds, joint, value, claimed = max(bounds, key=lambda own: own[0])
+        outcome: Outcome = "proved" if exceeds <= KEPT else "undecided"
+        return Verdict(claim, outcome, value, claimed, quadruped.JOINTS[joint])
+
+    def _guaranteed(
+        self, claim: Claim, limits: TargetLimits, joint: int
+    ) -> list[tuple[float, float]]:
+        """Lists what limits guarantee not to be exceeded, and what is claimed not to be.
+
+        The reasons stand in `glassgait.models.robots.target_limits`.
+        """
+        robot = self.policy.robot
+        effort = float(robot.effort[joint])
+        reach = effort / limits.stiffness
+        match claim.keeps:
+            case "range":
+                low, high = float(robot.lower_limits[joint]), float(robot.upper_limits[joint])
+                return [(high - limits.margin, high), (-low - limits.margin, -low)]
+            case "rate":
+                return [(reach, effort / self.stiffness if claim.most is None else claim.most)]
+            case "torque":
+                return [(self.stiffness * reach, effort if claim.most is None else claim.most)]
+            case "lean":
+                return [(limits.lean, PHYSICAL_FALL.lean if claim.most is None else claim.most)]
+            case _:
+                return [(0.0, claim.most or 0.0)]
+
     def _bounded(self, claim: Claim) -> Verdict:
         """Decides a claim that bounds what is asked of every joint and state."""
         place = self._place(claim)
@@ -217,6 +272,8 @@ class Prover:
             return self._verdict(claim, "refuted", value, unit * allowed, reached)
         tightest, allowed = max(found, key=lambda own: own[0].bound - own[1])
         outcome: Outcome = "proved" if tightest.bound <= allowed else "undecided"
+        if outcome == "proved":
+            self.proofs |= {(own.question, own.place): own for own, _ in found}
         value = unit * tightest.question.sign * tightest.bound
         return self._verdict(claim, outcome, value, unit * allowed, tightest)
 
@@ -291,8 +348,8 @@ class Prover:
         images = mirrored_states(self.gait)
         if images is None:
             return None
-        if isinstance(self.targets, FormulaTargets) and self.targets.are_mirrored(images):
-            return Verdict(claim, "proved", 0.0, 0.0, "each formula is its image's image")
+        if reason := self._symmetric(images):
+            return Verdict(claim, "proved", 0.0, 0.0, reason)
         box = self.boxes[claim.box]
         difference, joint, quantities = asymmetry(self.policy, images, box)
         where = f"{quadruped.JOINTS[joint]} and its image"
@@ -300,6 +357,15 @@ class Prover:
             witness = self.observed(quantities)
             return Verdict(claim, "refuted", difference, 0.0, where, (witness,))
         return Verdict(claim, "undecided", difference, 0.0, where)
+
+    def _symmetric(self, images: Sequence[int]) -> str:
+        """Returns why the policy is its own mirror image by its shape; nothing where it is not."""
+        if isinstance(self.policy, NeuralPolicy):
+            same = self.policy.mirrored_states == tuple(images)
+            return "it is the mean of a network and its mirror image" if same else ""
+        if not self.provable or not isinstance(self.targets, FormulaTargets):
+            return ""
+        return "each formula is its image's image" if self.targets.are_mirrored(images) else ""
 
     def _changed(self, claim: Claim) -> Verdict:
         box, most = self.boxes[claim.box], claim.greatest(self.policy.robot, 0)

@@ -20,6 +20,7 @@ from glassgait.models.policies.library import (
     load_student_of,
     policy_path,
     recorded_expert,
+    shipped_expert,
     shipped_experts,
 )
 from glassgait.models.policies.neural import NeuralPolicy
@@ -92,14 +93,17 @@ class Policies:
         return {kind: load_student_of(self.expert, path) for kind, path in self.files.items()}
 
     def file(self, name: str) -> Path:
-        """Returns the file of a student.
+        """Returns the file of a policy.
 
         Args:
-            name: A kind of student, or the path of a policy file.
+            name: `expert`, a kind of student, or the path of a policy file.
 
         Raises:
-            InputError: if there is no such student.
+            InputError: if there is no such policy.
         """
+        if name == EXPERT:
+            ships = shipped_expert(self.gait.name, self.expert.robot.name)
+            return ships if self.expert_place == SHIPPED else self._expert_file
         if Path(name).suffix in POLICY_SUFFIXES:
             return Path(name)
         if name not in self.files:
@@ -112,6 +116,11 @@ class Policies:
                 "with --source"
             )
         return self.files[name]
+
+    @property
+    def _expert_file(self) -> Path:
+        place = Path(self.expert_place)
+        return policy_path(place, self.gait.name) if place.is_dir() else place
 
     def policy(self, name: str) -> Policy:
         """Loads a policy.

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from .document import BOXES, OUTCOMES, SLACK, Document, check_keys, is_point, observations
+from .document import BOXES, OUTCOMES, Document, check_keys, observations
 from .robot import (
     ABRUPT,
     COUNTED,
@@ -27,7 +27,7 @@ ROUNDING = 2e-9
 """More than two targets in double precision are away from exact ones (rad); a refutation must
 exceed it."""
 
-STATEMENT = ("of", "state", "joint", "sign", "box", "bound", "reached", "witness")
+STATEMENT = ("of", "state", "joint", "sign", "box", "bound")
 
 Point = dict[str, float]
 
@@ -49,6 +49,7 @@ class Check(Document):
     def run(self) -> str:
         """Checks statements, then claims, and reports how many hold."""
         statements, claims = self.content["statements"], self.content["claims"]
+        refuse_unless(self.targets or not statements, "no bound of a network is checked")
         for statement in statements:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
@@ -82,7 +83,7 @@ class Check(Document):
         """Returns what a statement bounds, and refuses a statement that is none."""
         refuse_unless({*STATEMENT} <= {*own}, f"a statement lacks one of {STATEMENT}")
         refuse_unless(
-            {*own} <= {*STATEMENT, "observation", "stuck", "other", "splits"},
+            {*own} <= {*STATEMENT, "observation", "stuck", "splits"},
             f"a statement has a key of no use, among {sorted(own)}",
         )
         name, stuck = own.get("observation"), own.get("stuck", [])
@@ -105,9 +106,7 @@ class Check(Document):
             isinstance(stuck, list) and {*stuck} <= {*sensed} and len({*stuck}) == len(stuck),
             f"{what}: what is stuck is no observation",
         )
-        numbers = [own["bound"], own["reached"], *([own["other"]] if "other" in own else [])]
-        refuse_unless(all(map(is_number, numbers)) and is_point(own["witness"]), f"{what}: NaN")
-        refuse_unless(moved or "other" not in own, f"{what}: has another value of nothing")
+        refuse_unless(is_number(own["bound"]), f"{what}: NaN")
         return asked
 
     def check_statement(self, own: dict[str, Any]) -> None:
@@ -117,12 +116,6 @@ class Check(Document):
         error = self.error(asked, own["box"], stuck)
         bound = self.targets.bound(asked, box, own.get("splits", [])) + error
         refuse_unless(bound <= own["bound"], f"{what}: the bound {own['bound']} is not proved")
-        points = [{name: low for name, (low, _) in box.items()} | own["witness"]]
-        points += [points[0] | {str(asked.name): own["other"]}] if "other" in own else []
-        inside = all(holds(box, point) for point in points)
-        refuse_unless(inside, f"{what}: the witness is not in the box")
-        reached = self.least(asked, points) >= own["reached"] - SLACK
-        refuse_unless(reached, f"{what}: the witness is too low")
         key = *asked, own["box"], *sorted(stuck)
         self.proved[key] = min(own["bound"], self.proved.get(key, math.inf))
 
@@ -150,7 +143,16 @@ class Check(Document):
             len(points) == needed,
             f"{claim['name']}: has {len(points)} witnesses, where {needed} decide it",
         )
-        decide = {"independent": self.depends, "mirror": self.lopsided, "change": self.abrupt}
+        decide = {
+            "kept": self.unlimited,
+            "independent": self.depends,
+            "mirror": self.lopsided,
+            "change": self.abrupt,
+        }
+        of_shape = kind == "kept" or (kind == "mirror" and not points)
+        refuse_unless(
+            self.targets is not None or of_shape, f"{claim['name']}: is not checked of a network"
+        )
         breaks = decide.get(kind, self.exceeds)
         right = outcome == "undecided"
         right |= outcome == "proved" and not points and not breaks(claim, scope, [])
@@ -181,6 +183,13 @@ class Check(Document):
             box = self.box(claim.get("box", "operating"), claim.get("stuck", []), state)
             names = [name for name in names if box[name][0] < box[name][1]]
         return [(asked._replace(name=name), most) for name in names]
+
+    def unlimited(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
+        """Returns whether limits do not keep to what is claimed; no witness breaks it."""
+        own = self.target_limits
+        if own is None:
+            raise RefusedError(f"{claim['name']}: the policy has no limits")
+        return not all(own.keep(claim, self.robot, joint) for _, joint in scope)
 
     def exceeds(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         """Returns whether a witness breaks a limit; without one, whether a bound is missing."""
@@ -219,6 +228,9 @@ class Check(Document):
     def lopsided(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         image = self.content["mirror"]
         refuse_unless(image is not None, f"{claim['name']}: the gait has no mirror image")
+        if self.targets is None:
+            # A network whose file names the mirror acts as the mean of itself and its image.
+            return self.mirror != image
         for state, joint in scope:
             theirs, turn = image_of(joint, image)
             where = claim.get("box", "operating")

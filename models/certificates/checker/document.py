@@ -8,10 +8,11 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .formulas import Formulas
 from .gait import Gait
+from .limits import KEEPS, Limits
 from .robot import (
     COUNTED,
     DEFAULT_ROBOT,
@@ -47,6 +48,7 @@ SCOPE = ("joints", "states", "box")
 """What any claim may say."""
 
 KINDS = {
+    "kept": (("keeps",), ("most",)),
     "limits": ((), ("least", "most", "stuck")),
     "torque": ((), ("most", "stuck")),
     "never": (("observations", "never"), ("most", "stuck")),
@@ -58,12 +60,26 @@ KINDS = {
 """What claims of each kind must say, and what they may say."""
 
 
+class Policy(NamedTuple):
+    """What a policy's file says.
+
+    Attributes:
+        targets: What it asks for; None of a network, of which only its symmetry is checked.
+        mirror: What the machine's states are in the mirror, where it says so.
+        stiffness: The joints' stiffness, where that is not the robot's.
+        limits: What comes last, where the file has limits.
+    """
+
+    targets: Formulas | Tables | None
+    mirror: Any = None
+    stiffness: float | None = None
+    limits: Limits | None = None
+
+
 def read_policy(
     robot: Robot, data: bytes, kind: str, gait: str, n_states: int, imu: bool
-) -> tuple[Formulas | Tables, Any, float | None]:
-    """Reads what a policy's file says of the targets, its mirror and the joints' stiffness.
-
-    It says the last two where there is a mirror, and where the stiffness is not the robot's.
+) -> Policy:
+    """Reads a policy's file.
 
     Raises:
         RefusedError: if the policy is of another robot, gait or kind.
@@ -76,7 +92,7 @@ def read_policy(
         refuse_unless(text.n_states == n_states, "the policy has other states")
         refuse_unless(text.imu == imu, "the policy has other senses than the boxes")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
-        return Formulas.read(robot, text), text.image, text.stiffness
+        return Policy(Formulas.read(robot, text), text.image, text.stiffness, text.limits)
     header, arrays = read_arrays(data)
     refuse_unless(header["gait"] == gait, "the policy is of another gait")
     refuse_unless(header["kind"] == kind, "the policy is of another kind")
@@ -84,12 +100,19 @@ def read_policy(
     refuse_unless(of == robot.name, "the policy is of another robot")
     same = header["observation_names"] == observed_names(n_states, imu)
     refuse_unless(same, "the policy observes other things")
+    law = header.get("joint_law", {})
+    gains, limits = law.get("gains"), law.get("limits")
+    own = Policy(
+        None,
+        stiffness=None if gains is None else stiffness_of(gains),
+        limits=None if limits is None else Limits.of(limits),
+    )
+    if kind == "neural":
+        return own._replace(mirror=header["values"].get("mirrored_states"))
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
     refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    gains = header.get("joint_law", {}).get("gains")
-    stiffness = None if gains is None else stiffness_of(gains)
-    return readers[kind](robot, arrays, n_states, imu), None, stiffness
+    return own._replace(targets=readers[kind](robot, arrays, n_states, imu))
 
 
 class Document:
@@ -99,7 +122,9 @@ class Document:
         content: What the certificate says.
         robot: What the robot's file says.
         gait: What the gait's file says.
-        targets: What the policy's file says.
+        targets: What the policy asks for; None of a network.
+        mirror: What the machine's states are in the mirror, where the policy's file says so.
+        target_limits: What comes last between the policy and the joints; None without.
     """
 
     def __init__(
@@ -170,17 +195,19 @@ class Document:
             hashlib.sha256(data).hexdigest() == own["sha256"],
             f"the policy {path} is not the one that was certified",
         )
-        self.targets, mirror, stiffness = read_policy(
-            self.robot, data, own["kind"], name, self.n_states, self.imu
-        )
-        if stiffness is not None:
-            self.robot = replace(self.robot, stiffness=stiffness)
+        read = read_policy(self.robot, data, own["kind"], name, self.n_states, self.imu)
+        self.targets: Any = read.targets
+        self.mirror, self.target_limits = read.mirror, read.limits
+        if read.stiffness is not None:
+            self.robot = replace(self.robot, stiffness=read.stiffness)
+        if read.limits is not None:
+            read.limits.check(self.robot)
         image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),
             "its mirror does not name each state's image",
         )
-        refuse_unless(mirror in (None, image), "its mirror is another one than the policy's")
+        refuse_unless(read.mirror in (None, image), "its mirror is another one than the policy's")
         refuse_unless(self.gait.mirrors(image), "its mirror is not that of the gait's machine")
 
     def shipped_policy(self, file: str, plain: Any) -> Path:
@@ -188,6 +215,8 @@ class Document:
             plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
             f"no policy {file!r} ships with the project; name its file by --policy",
         )
+        if self.content["policy"]["kind"] == "neural":
+            return self.shipped_in("experts", file)
         return self.shipped_in("students", f"{self.content['gait']}/{file}")
 
     def check_boxes(self) -> None:
@@ -278,6 +307,7 @@ def check_keys(claim: Any, states: list[str], names: list[str]) -> None:
         "box": lambda value: value in BOXES,
         "stuck": lambda value: is_list_of(value, names),
         "observations": lambda value: value and is_list_of(value, own),
+        "keeps": lambda value: value in KEEPS,
         "never": lambda value: value in ("rises", "falls"),
         "least": is_number,
         "most": is_number,

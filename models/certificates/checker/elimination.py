@@ -7,6 +7,7 @@ other.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any
 
 from flint import arb
@@ -89,11 +90,7 @@ class Elimination:
     @staticmethod
     def entries(scope: Sequence[int], wider: Sequence[int]) -> list[int]:
         """Returns which entry of a table belongs to each of a table of more factors."""
-        bits = [wider.index(own) for own in scope]
-        return [
-            sum((place >> bit & 1) << own for own, bit in enumerate(bits))
-            for place in range(2 ** len(wider))
-        ]
+        return _entries(tuple(wider.index(own) for own in scope), len(wider))
 
     def greatest(self, ends: list[Span]) -> arb:
         """Bounds the polynomial from above, given the ends of each factor."""
@@ -116,3 +113,11 @@ class Elimination:
             math.prod([own[i >> bit & 1] for bit, own in enumerate(ends)], start=value)
             for i in places
         ]
+
+
+# Few choices of few factors come again and again.
+@cache
+def _entries(bits: tuple[int, ...], count: int) -> list[int]:
+    return [
+        sum((place >> bit & 1) << own for own, bit in enumerate(bits)) for place in range(2**count)
+    ]

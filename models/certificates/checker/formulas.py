@@ -24,7 +24,7 @@ from .text import FormulaText, Node
 
 ctx.prec = 96
 
-MOST_FUNCTIONS, MOST_TERMS, MOST_FACTORS = 100, 4_000, 100
+MOST_FUNCTIONS, MOST_TERMS, MOST_FACTORS = 100, 20_000, 100
 OPERATORS = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from keyword import iskeyword
 
+from .limits import Limits
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, stiffness_of, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
@@ -206,6 +207,8 @@ class FormulaText:
         section: The section that is read.
         kinds: Whether formulas serve every state; empty before the first.
         odometry: The statements of odometry.
+        limited: The statements of limits.
+        limits: Limits, where the file has them.
         stiffness: Stiffness of the joints that the policy moves, where the file says it.
     """
 
@@ -214,6 +217,8 @@ class FormulaText:
     given: set[tuple[int, str]] = field(default_factory=set)
     definitions: dict[str, Node] = field(default_factory=dict)
     odometry: list[str] = field(default_factory=list)
+    limited: list[str] = field(default_factory=list)
+    limits: Limits | None = None
     section: str = ""
     kinds: set[bool] = field(default_factory=set)
     stiffness: float | None = None
@@ -253,9 +258,8 @@ class FormulaText:
     def take(self, first: str, more: list[str]) -> None:
         key, colon, value = first.partition(":")
         assigned = re.fullmatch(r"([A-Za-z_][A-Za-z0-9_.]*) *=(?!=)(.*)", first)
-        title = first in ("odometry", "definitions", "every state") or re.fullmatch(
-            r"state [0-9]{1,3}", first
-        )
+        titles = ("odometry", "definitions", "every state", "limits")
+        title = first in titles or re.fullmatch(r"state [0-9]{1,3}", first)
         if title or (colon and key in HEADER and not self.section):
             refuse_unless(not more, f"{first[:40]!r} goes on in the next line")
         if colon and key in HEADER and not self.section:
@@ -265,6 +269,8 @@ class FormulaText:
             self.begin(first)
         elif self.section == "odometry":
             self.odometry.append(" ".join([first, *more]))
+        elif self.section == "limits":
+            self.limited.append(" ".join([first, *more]))
         elif assigned and self.section:
             self.assign(assigned[1], " ".join([assigned[2], *more]))
         else:
@@ -275,6 +281,10 @@ class FormulaText:
             self.check_header()
         before = {"odometry": ("",), "definitions": ("", "odometry")}.get(title, (self.section,))
         refuse_unless(self.section in before, f"{title} stand too late")
+        refuse_unless(self.section != "limits", "the policy's limits do not come last")
+        if title == "limits":
+            self.section = title
+            return
         if title.startswith("state "):
             refuse_unless(int(title[6:]) < self.n_states, f"there is no {title}")
         shared = title == "every state"
@@ -342,6 +352,8 @@ class FormulaText:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
         refuse_unless(self.section, "the policy's file holds no formulas")
         self.check_odometry()
+        if self.section == "limits":
+            self.limits = Limits.read(self.limited, bare)
         if (image := self.image) is not None:
             for state, joint in sorted(self.given):
                 place = image[state], image_of(joint, image)[0]

@@ -134,8 +134,12 @@ def find_certificate(
 def _certificates(gait: str, robot: Robot | None) -> Iterator[Certificate]:
     folder = default_folder("verify prove", robot.name if robot else DEFAULT_ROBOT) / gait
     made_here = [(path, robot) for path in sorted(folder.glob(f"*/{CERTIFICATE_NAME}"))]
-    for path, own in (*made_here, *((path, None) for path in shipped_certificates())):
+    ship = (path for path in shipped_certificates() if path.name.startswith(f"{gait}_"))
+    for path, own in (*made_here, *((path, None) for path in ship)):
         try:
-            yield read_certificate(path, own)
+            certificate = read_certificate(path, own)
         except InputError as error:
             say(f"left out: {error}")
+            continue
+        if certificate.robot == (robot.name if robot else DEFAULT_ROBOT):
+            yield certificate
