@@ -25,6 +25,9 @@ from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 
+SAME = 1e-9
+"""Actions that differ by less are the same, computed one by one or many at once."""
+
 MOST_SHOWN = 30
 """Terms of a target that the page holds all; of a target with more it holds the largest."""
 
@@ -85,7 +88,9 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
     Raises:
         InputError: if this kind of policy has no such terms.
     """
-    observations, targets = rollout["observations"], policy.robot.joint_targets(rollout["actions"])
+    observations = rollout["observations"]
+    # What it asked for, before limits.
+    targets = policy.robot.joint_targets(policy(observations))
     states = rollout["rm_state"].argmax(axis=1)
     return tuple(
         ExplainedJoint(
@@ -150,6 +155,7 @@ def render_page(
         policy=policy_title(policy_name),
         joint=quadruped.JOINTS[joint].replace("_", " "),
         limited=policy.joint_law.limited,
+        held_back=held_back(policy, rollout),
         additive=any(not term.weights for own in explained for term in own.terms),
         formulas=isinstance(policy, FormulaPolicy),
         certificate=certificate,
@@ -157,6 +163,14 @@ def render_page(
         replay=embedded(replay),
         figures=[(path.stem, inline_image(path)) for path in figures],
     )
+
+
+def held_back(policy: Policy, rollout: Rollout) -> str | None:
+    """Returns in words how often limits changed what a policy asked for; None without limits."""
+    if policy.joint_law.limits is None:
+        return None
+    apart = np.abs(policy(rollout["observations"]) - rollout["actions"]).max(axis=1)
+    return f"in {np.count_nonzero(apart > SAME)} of {len(apart)} steps"
 
 
 def _quantities(
