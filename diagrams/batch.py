@@ -98,7 +98,9 @@ class BatchSimulator:
         """Share of the pushes' speed that they have."""
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
-        needs_imu = isinstance(estimator, Odometry) or task.joint_law.limits is not None
+        if (limits := task.joint_law.limits) is not None:
+            limits.check(task.robot)
+        needs_imu = isinstance(estimator, Odometry) or limits is not None
         self._has_imu = task.observes_imu or needs_imu
         self._weights = task.weights
         self._is_commanded = False

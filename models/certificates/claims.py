@@ -115,6 +115,8 @@ class Claim(Settings):
             if given and key not in (*needed, *allowed):
                 raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
 
+        if self.keeps in ("range", "finite") and self.most is not None:
+            raise InputError(f"a claim that keeps {self.keeps!r} has no key 'most'; remove it")
         if self.kind == "effect" and self.most is None and self.limit is None:
             raise InputError("a claim of kind 'effect' needs the key 'most'; add it, or 'limit'")
         if self.limit is not None and self.most is not None:

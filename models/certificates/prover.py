@@ -251,7 +251,7 @@ class Prover:
             case "lean":
                 return [(limits.lean, PHYSICAL_FALL.lean if claim.most is None else claim.most)]
             case _:
-                return [(0.0, claim.most or 0.0)]
+                return [(0.0, 0.0)]
 
     def _bounded(self, claim: Claim) -> Verdict:
         """Decides a claim that bounds what is asked of every joint and state."""

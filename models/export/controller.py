@@ -346,6 +346,7 @@ def _ranges(robot: Robot, limits: TargetLimits | None) -> dict[str, Any]:
     """Returns the joints' ranges and their reach, three where all legs have the same."""
     values = {"lowest": robot.lower_limits, "highest": robot.upper_limits}
     if limits is not None:
+        limits.check(robot)
         values["reach"] = robot.effort / limits.stiffness
     legs = (np.tile(own[:3], quadruped.N_LEGS) for own in values.values())
     shared = all(map(np.array_equal, values.values(), legs))

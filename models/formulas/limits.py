@@ -29,7 +29,7 @@ LIMITS = Program(
         ("target = clip(slow, lowest + MARGIN, highest - MARGIN)", ""),
     ),
     numbers={
-        "STIFFNESS": Number("the stiffness", "above 0, up to 1000", TargetLimits),
+        "STIFFNESS": Number("the stiffness", "from 0.01 to 1000", TargetLimits),
         "LEAN": Number("the lean", "above 0, up to 90", lambda lean: TargetLimits(1.0, lean=lean)),
         "MARGIN": Number(
             "the margin", "from 0 to 0.2", lambda margin: TargetLimits(1.0, margin=margin)

@@ -338,7 +338,7 @@ class Policy(ABC):
 def refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
     """Refuses an expert whose estimator is not the one that a student observes by.
 
-    Where both act their joints need the same gains as well.
+    Where both act their joints need the same gains and limits as well.
 
     Args:
         expert: The expert.
@@ -366,6 +366,11 @@ def refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> N
         raise InputError(
             f"this {student.kind} student of the {student.gait} moves joints of gains {gains}, and "
             f"the expert that acts with it those of {theirs}; let one of them act alone"
+        )
+    if both_act and law.limits != expert.joint_law.limits:
+        raise InputError(
+            f"this {student.kind} student of the {student.gait} has other limits of its targets "
+            "than the expert that acts with it; let one of them act alone"
         )
 
 

@@ -176,10 +176,10 @@ def _common_odometry(controllers: Sequence[AlternatingController]) -> Odometry |
 def _common_law(controllers: Sequence[AlternatingController]) -> JointLaw:
     """Returns the law of the joints in every gait, which limits targets if that of each does.
 
-    Limits of one gait's policy are kept where all have the same.
+    Limits that one gait's policy has hold in all.
 
     Raises:
-        InputError: if gains differ: they cannot change while robots walk.
+        InputError: if gains differ, which cannot change while robots walk, or limits do.
     """
     laws, robot = [own.joint_law for own in controllers], controllers[0].robot
     if len({law.gains_of(robot) for law in laws}) > 1:
@@ -187,9 +187,14 @@ def _common_law(controllers: Sequence[AlternatingController]) -> JointLaw:
             "switched policy: the policies' joints have different gains; give policies that were "
             "trained with the same stiffness and damping"
         )
-    same = all(law.limits == laws[0].limits for law in laws)
+    limits = {law.limits for law in laws} - {None}
+    if len(limits) > 1:
+        raise InputError(
+            "switched policy: the policies have different limits of their targets; give policies "
+            "of the same"
+        )
     limited = all(law.limited for law in laws)
-    return replace(laws[0], limited=limited, limits=laws[0].limits if same else None)
+    return replace(laws[0], limited=limited, limits=next(iter(limits), None))
 
 
 def _columns(layout: ObservationLayout, mine: NDArray[np.bool_]) -> NDArray[np.intp]:

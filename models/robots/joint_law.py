@@ -37,6 +37,11 @@ class JointLaw(Settings):
     limited: bool = False
     limits: TargetLimits | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # What limits leave lies within the joints' ranges, but for rounding.
+        object.__setattr__(self, "limited", self.limited or self.limits is not None)
+
     def gains_of(self, robot: Robot) -> tuple[float, float]:
         """Returns stiffness and damping of a robot's joints (N·m/rad, N·m·s/rad)."""
         return self.gains or (robot.stiffness, robot.damping)

@@ -9,19 +9,24 @@ As formula files hold them, of each joint:
     target = clip(slow, lowest + margin, highest - margin)
 
 `asked` is what the policy asks for, `before` the target of the step before, `q` the measured angle,
-all in rad. Where not all that a policy asks for is finite, every joint keeps its target.
+all in rad; the first target is the default stance. Where not all angles and all that is asked are
+finite, every joint keeps its target.
 
-Whatever policy asks, and however its sensors fail, it follows by the order of these lines:
+By the order of these lines it follows, whatever a policy asks and however its sensors fail:
 
 - **Range.** A target is from `lowest + margin` to `highest - margin`, the first one as well.
 - **Rate.** It moves by `reach` in a step at most: the last line brings a target nearer to the one
   before, which was within its limits.
-- **Torque.** While a joint's reading moves by `reach` in a step at most, and is itself within the
-  limits, a target is within `reach` of it: at rest it asks its motor for no more torque than it
-  has. For the target before was within `reach` of the reading before, hence within twice that of
-  this one, and the two intervals meet.
-- **Lean.** Where the trunk leans by more than `lean`, a joint is sent to where it is, so that its
-  motor damps it and does nothing else; or towards it, by `reach` a step.
+
+And as long as all that is asked and read is finite:
+
+- **Torque.** A target that is within `reach` of the reading stays so, while the reading moves by
+  `reach` a step at most and is within `reach` of the limits: at rest the joint asks its motor for
+  no more torque than it has. For the target before is then within twice `reach` of the reading, and
+  the two intervals meet. A robot that starts, or a reading that jumps, further away is met by
+  `reach` a step.
+- **Lean.** Where the trunk leans by more than `lean`, a joint is sent to where it is, or as near to
+  it as limits allow, so that its motor damps it and does nothing else.
 """
 
 import math
@@ -40,7 +45,7 @@ from glassgait.models.settings import Settings
 
 Margin = Annotated[float, Ge(0.0), Le(0.2)]
 Lean = Annotated[float, Gt(0.0), Le(90.0)]
-Stiffness = Annotated[float, Gt(0.0), Le(1000.0)]
+Stiffness = Annotated[float, Ge(0.01), Le(1000.0)]
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,7 @@ class TargetLimits(Settings):
         limited = _clip(limited, here - reach, here + reach)
         limited = _clip(limited, before - reach, before + reach)
         limited = _clip(limited, least, greatest)
-        finite = np.isfinite(action).all(axis=-1, keepdims=True)
+        finite = np.isfinite(action + position).all(axis=-1, keepdims=True)
         return np.where(finite, limited, before)
 
 

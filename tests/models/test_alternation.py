@@ -95,6 +95,17 @@ def test_shipped_pages_are_limited_and_have_gains_as_their_experts(gait):
         assert policy.joint_law == JointLaw((40.0, 1.0)).with_limits(policy.robot)
 
 
+def test_expert_and_student_that_both_act_have_the_same_limits(trot, make_policy):
+    expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
+    law = JointLaw().with_limits(expert.robot)
+    limited = student.with_joint_law(law)
+    with pytest.raises(InputError, match="limits"):
+        AlternatingController(expert, limited, period=2)
+    assert AlternatingController(expert, limited, period=0).joint_law == law
+    both = AlternatingController(expert.with_joint_law(law), student, period=2)
+    assert both.joint_law == law
+
+
 def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_policy):
     expert, page = load_expert("trot"), load_student("trot", "sparse_formula")
     for policy in (expert, page, alone(expert), alone(page)):

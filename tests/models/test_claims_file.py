@@ -73,6 +73,7 @@ def test_claims_of_noise_go_from_one_end_of_the_sensors_noise_to_the_other():
         ("claims: [{name: a, kind: mirror, most: 1.0}]", "has no key 'most'; remove it"),
         ("claims: [{name: a, kind: effect, most: 1.0}]", "needs the key 'observations'"),
         ("claims: [{name: a, kind: kept}]", "needs the key 'keeps'"),
+        ("claims: [{name: a, kind: kept, keeps: range, most: 1.0}]", "has no key 'most'"),
         ("claims: [{name: a, kind: kept, keeps: pace}]", "key 'keeps' is 'pace'"),
         ("claims: [{name: a, kind: kept, keeps: rate, stuck: [h.FL]}]", "has no key 'stuck'"),
         ("claims: [{name: a, kind: never, observations: [t]}]", "needs the key 'never'"),

@@ -1,5 +1,7 @@
 """Policies of several gaits as one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
@@ -120,5 +123,11 @@ def test_what_cannot_act_is_refused(switch, walkers, learners, make_policy, tmp_
     firm = alone(trot.policy.with_joint_law(JointLaw((60.0, 1.0))), trot.expert)
     with pytest.raises(InputError, match="different gains"):
         SwitchedPolicy(switch, [walk, firm])
+    law = trot.policy.joint_law
+    loose = alone(trot.policy.with_joint_law(replace(law, limits=TargetLimits(40.0, margin=0.05))))
+    with pytest.raises(InputError, match="different limits"):
+        SwitchedPolicy(switch, [walk, loose])
+    free = alone(trot.policy.with_joint_law(replace(law, limits=None)))
+    assert SwitchedPolicy(switch, [walk, free]).joint_law == walk.joint_law
     with pytest.raises(InputError, match="has no file"):
         SwitchedPolicy(switch, walkers).save(tmp_path / "policy.safetensors")

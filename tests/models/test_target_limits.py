@@ -43,14 +43,13 @@ def test_targets_stay_in_their_ranges_and_near_to_those_before(action, share, po
     for robot in ROBOTS.values():
         limits = limits_of(robot)
         before = within(robot, limits, share)
-        position = np.where(np.isfinite(position), position, 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
             left = limits.applied(robot, action, before=before, position=position, gravity=gravity)
         targets, last = robot.joint_targets(left), robot.joint_targets(before)
         assert np.all(targets >= robot.lower_limits + limits.margin - ROUNDING)
         assert np.all(targets <= robot.upper_limits - limits.margin + ROUNDING)
         assert np.all(np.abs(targets - last) <= robot.effort / limits.stiffness + ROUNDING)
-        if not np.isfinite(action).all():
+        if not np.isfinite([action, position]).all():
             np.testing.assert_array_equal(left, before)
 
 
@@ -138,7 +137,7 @@ def test_a_stance_at_the_end_of_a_range_is_refused(robot):
 @pytest.mark.parametrize(
     ("given", "key"),
     [
-        ({"stiffness": 0.0}, "stiffness"),
+        ({"stiffness": 0.001}, "stiffness"),
         ({"stiffness": 40.0, "margin": -0.1}, "margin"),
         ({"stiffness": 40.0, "lean": 91.0}, "lean"),
         ({"stiffness": 40.0, "lean": float("nan")}, "lean"),

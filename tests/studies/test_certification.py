@@ -131,17 +131,28 @@ def test_what_limits_keep_is_proved_of_formulas_with_limits_alone(policy):
     limited = "\n".join(["", "limits", *limits_lines(TargetLimits(A1.stiffness)), ""])
     assert not {*KEPT} & {*prove(policy.parent, FILE)}
     outcomes = prove(policy.parent, FILE + limited)
+    assert load_policy(policy).joint_law.limited
     assert {name: outcomes[name] for name in KEPT} == dict.fromkeys(KEPT, "proved")
     content = (policy.parent / "out" / "certificate.json").read_text()
     # By a lesser stiffness than that of the joints a reach asks for more than their torque.
     outcomes = prove(policy.parent, FILE + limited.replace(f"torque/{A1.stiffness:g}", "torque/9"))
     assert outcomes[TORQUE] == "undecided"
+    undecided = json.loads((policy.parent / "out" / "certificate.json").read_text())
+    claim = next(own for own in undecided["claims"] if own["name"] == TORQUE)
+    middle = {name: sum(ends) / 2.0 for name, ends in undecided["boxes"]["operating"].items()}
+    middle |= {"t": 4.0, "cmd.t": 8.0, "s0": 1.0, "s1": 0.0}
+    claim |= {"outcome": "refuted", "witnesses": [middle]}
+    undecided["sha256"] = content_digest(undecided)
+    (policy.parent / "forged.json").write_text(certificate_text(undecided))
+    with pytest.raises(RefusedError, match="is not refuted"):
+        check(policy.parent / "forged.json", policy)
     for changed in (
         limited.replace("if g.z <", "if g.z >"),
         limited.replace("q + reach)", "q + 2*reach)"),
         limited.replace("slow = ", "# slow = "),
         limited.replace("lowest + 0.02", "lowest + 0.01"),
         limited.replace("0.02", "0.3"),
+        limited.replace(f"torque/{A1.stiffness:g}", "torque/4e + 1"),
         limited.replace("cos(60)", "cos(91)"),
         limited + "extra = 1\n",
         limited + "\nevery state\nFL_hip = 1\n",

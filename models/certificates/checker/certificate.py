@@ -156,7 +156,9 @@ class Check(Document):
         breaks = decide.get(kind, self.exceeds)
         right = outcome == "undecided"
         right |= outcome == "proved" and not points and not breaks(claim, scope, [])
-        right |= outcome == "refuted" and bool(points) and breaks(claim, scope, points)
+        # Of what limits keep nothing is a witness.
+        refuted = outcome == "refuted" and kind != "kept" and bool(points)
+        right |= refuted and breaks(claim, scope, points)
         refuse_unless(right, f"{claim['name']}: is not {outcome}")
         return outcome
 

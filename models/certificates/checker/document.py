@@ -289,6 +289,8 @@ def check_keys(claim: Any, states: list[str], names: list[str]) -> None:
     refuse_unless(needed <= {*claim}, f"{name}: lacks the keys {sorted(needed - {*claim})}")
     unsigned = kind in ("limits",) or claim.get("most", 0.0) >= 0.0
     refuse_unless(unsigned, f"{name}: its 'most' is below 0")
+    whole = claim.get("keeps") in ("range", "finite") and "most" in claim
+    refuse_unless(not whole, f"{name}: has keys of no use, ['most']")
     counted = kind == "never" and {*claim["observations"]} & {*COUNTED}
     refuse_unless(not counted, f"{name}: counts of steps have no slope; claim an effect")
     refuse_unless({*claim} <= known, f"{name}: has keys of no use, {sorted({*claim} - known)}")

@@ -1,10 +1,11 @@
 """Limits that come last between a policy and the joints, read anew, and what they guarantee.
 
 A target is clipped to within `reach` of the measured angle, then to within `reach` of the target
-before, then into the joint's range less a margin. What comes last holds always. A clip into an
-interval that holds the target before brings the new one no further from it. And two intervals of
-half-width `reach` meet where their middles are within twice that of each other, which they are
-while the reading moves by `reach` a step at most.
+before, then into the joint's range less a margin; where not all that is asked and read is finite it
+stays as it is. What comes last holds always. A clip into an interval that holds the target before
+brings the new one no further from it. And two intervals of half-width `reach` meet where their
+middles are within twice that of each other, as they are while the reading moves by `reach` a step
+at most. Beyond the lean what is clipped is the measured angle itself.
 """
 
 import math
@@ -44,27 +45,19 @@ class Limits(NamedTuple):
         refuse_unless(sound and all(map(is_number, said.values())), "the policy's limits are none")
         own = cls(**said)
         refuse_unless(
-            0.0 < own.stiffness <= 1000.0 and 0.0 <= own.margin <= 0.2 and 0.0 < own.lean <= 90.0,
+            0.01 <= own.stiffness <= 1000.0 and 0.0 <= own.margin <= 0.2 and 0.0 < own.lean <= 90.0,
             "the policy's limits are out of range",
         )
         return own
 
     @classmethod
-    def read(cls, statements: list[str], bare: Any) -> "Limits":
-        """Takes the statements of a formula file's section.
-
-        Args:
-            statements: The statements.
-            bare: Takes needless spaces out of one.
-        """
+    def read(cls, statements: list[str]) -> "Limits":
+        """Takes the statements of a formula file's section."""
         refuse_unless(len(statements) == len(PROGRAM), "the policy's limits are another program")
         said: dict[str, float] = {}
         for statement, wanted in zip(statements, PROGRAM, strict=True):
             words = re.findall(r"[A-Z]{3,}", wanted)
-            pattern = re.escape(bare(wanted))
-            for word in words:
-                pattern = pattern.replace(word, NUMBER)
-            found = re.fullmatch(pattern, bare(statement))
+            found = re.fullmatch(pattern(wanted), " ".join(statement.split()))
             refuse_unless(found, "the policy's limits are another program")
             for word, number in zip(words, found.groups() if found else (), strict=True):
                 refuse_unless(
@@ -96,3 +89,13 @@ class Limits(NamedTuple):
                 return self.lean <= (FALL if math.isnan(most) else most)
             case _:
                 return True
+
+
+def pattern(wanted: str) -> str:
+    """Returns what a statement matches, whose words stand apart, with any numbers."""
+    tokens = re.findall(r"[A-Za-z0-9_.]+|[^ A-Za-z0-9_.]", wanted)
+    whole = ""
+    for before, token in zip(["", *tokens], tokens, strict=False):
+        apart = " +" if re.fullmatch(r"[\w.]+", before) and re.fullmatch(r"[\w.]+", token) else " *"
+        whole += apart + (NUMBER if re.fullmatch(r"[A-Z]{3,}", token) else re.escape(token))
+    return whole

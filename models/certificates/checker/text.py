@@ -353,7 +353,7 @@ class FormulaText:
         refuse_unless(self.section, "the policy's file holds no formulas")
         self.check_odometry()
         if self.section == "limits":
-            self.limits = Limits.read(self.limited, bare)
+            self.limits = Limits.read(self.limited)
         if (image := self.image) is not None:
             for state, joint in sorted(self.given):
                 place = image[state], image_of(joint, image)[0]
