@@ -66,12 +66,14 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     low, high = certificate["boxes"]["physical"]["q.RL_thigh"]
     assert certificate["robot"] == name
     assert low <= -0.5236 and high >= 4.5379  # rad, the range of the rear thighs alone
-    assert len(certificate["statements"]) > 2 * 2 * 2 * 12
+    proved = [claim for claim in certificate["claims"] if claim["outcome"] == "proved"]
+    assert len(proved) > 5 and certificate["statements"]
+    assert len([claim for claim in proved if claim["kind"] == "kept"]) == 5
     checked = ["verify", "check", "proved", "--policy", str(path)]
     checked += ["--robot", robot] if name == "mine" else []
     main(checked)
     lowered = certificate["statements"][0]
-    lowered["bound"] = lowered["reached"] - 1e-6
+    lowered["bound"] -= 1e-3
     forge(certificate)
     with pytest.raises(SystemExit, match="2"):
         main(checked)
