@@ -49,7 +49,7 @@ def maximize(
     lower, upper = region.lower[None], region.upper[None]
     root = Cells(lower, upper, relaxation.upper(lower, upper), np.zeros(1, dtype=np.intp))
     bound = greatest_bound(search, root, at_once=SPLIT_AT_ONCE)
-    return Maximum(bound, float(search.reached), search.witness, search.leaves[0], search.n_cells)
+    return Maximum(bound, float(search.reached), search.witness, search.leaves[0])
 
 
 class _Maximization:

@@ -40,14 +40,12 @@ class Maximum:
         reached: Value at the witness.
         witness: Quantities in the box (n).
         splits: The cells that the bound was found over.
-        n_cells: Number of these cells.
     """
 
     bound: float
     reached: float
     witness: Array
     splits: Tree = field(default_factory=list)
-    n_cells: int = 1
 
 
 Of = Literal["target", "offset", "slope", "effect"]
@@ -176,8 +174,3 @@ class Statement:
     def bound(self) -> float:
         """What is asked, times its sign, is at most this, even in double precision."""
         return self.found.bound + self.rounding
-
-    @property
-    def gap(self) -> float:
-        """Distance of the bound from what a witness reaches."""
-        return self.found.bound - self.found.reached

@@ -25,8 +25,7 @@ class JointLaw(Settings):
     Attributes:
         gains: Stiffness and damping (N·m/rad, N·m·s/rad); by default the robot's.
         limited: Whether joints follow targets within their ranges alone: where a policy asks for
-            more, the nearest target there. It is shown its previous action as it asked for it all
-            the same.
+            more, the nearest target there, which is then what it is shown as its previous action.
         limits: Limits that come last, and are what a policy is shown as its previous action; none
             by default.
     """
@@ -72,7 +71,7 @@ class JointLaw(Settings):
         stiffness, _ = self.gains_of(robot)
         limits = TargetLimits(stiffness)
         limits.check(robot)
-        return replace(self, limited=True, limits=limits)
+        return replace(self, limits=limits)
 
     def to_plain(self) -> dict[str, Any]:
         """Returns what differs from the robot's own law, as values that JSON can hold."""

@@ -17,7 +17,7 @@ import numpy as np
 from annotated_types import Gt, Le, MaxLen, MinLen
 from pydantic import StringConstraints
 
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, clip
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, read_yaml
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
@@ -220,13 +220,12 @@ class Robot(Settings):
         targets = self.default_stance + self.action_scale * action
         if not limited:
             return targets
-        # As `np.clip` does, which takes some times longer for one robot.
-        return np.minimum(np.maximum(targets, self.lower_limits), self.upper_limits)
+        return clip(targets, self.lower_limits, self.upper_limits)
 
     def limited_action(self, action: Array) -> Array:
         """Returns the action (..., 12) whose targets are the nearest within the joints' ranges."""
         least, greatest = self._action_limits
-        return np.minimum(np.maximum(action, least), greatest)
+        return clip(action, least, greatest)
 
     @cached_property
     def _action_limits(self) -> tuple[Array, Array]:
@@ -257,7 +256,7 @@ class Robot(Settings):
         """
         stiffness, damping = gains
         torque = stiffness * (target - position) - damping * velocity
-        return np.minimum(np.maximum(torque, -self.effort), self.effort)
+        return clip(torque, -self.effort, self.effort)
 
     def _of_joints(self, key: str) -> list[Any]:
         """Returns what a key gives each joint, by itself or by its kind."""

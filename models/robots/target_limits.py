@@ -37,7 +37,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, clip
 from glassgait.models.errors import InputError
 from glassgait.models.robots.quadruped import JOINTS
 from glassgait.models.robots.robot import Robot
@@ -115,13 +115,8 @@ class TargetLimits(Settings):
         reach, (least, greatest) = self.reach(robot), self.ends(robot)
         is_upright = gravity[..., 2:] < self.upright
         limited = np.where(is_upright, action, here)
-        limited = _clip(limited, here - reach, here + reach)
-        limited = _clip(limited, before - reach, before + reach)
-        limited = _clip(limited, least, greatest)
+        limited = clip(limited, here - reach, here + reach)
+        limited = clip(limited, before - reach, before + reach)
+        limited = clip(limited, least, greatest)
         finite = np.isfinite(action + position).all(axis=-1, keepdims=True)
         return np.where(finite, limited, before)
-
-
-def _clip(values: Array, least: Array, greatest: Array) -> Array:
-    # As `np.clip` does, which takes some times longer for one robot.
-    return np.minimum(np.maximum(values, least), greatest)

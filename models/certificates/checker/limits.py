@@ -9,9 +9,9 @@ at most. Beyond the lean what is clipped is the measured angle itself.
 """
 
 import math
-import re
 from typing import Any, NamedTuple
 
+from .program import read_program
 from .robot import JOINTS, Robot, is_number, refuse_unless
 
 PROGRAM = (
@@ -23,7 +23,6 @@ PROGRAM = (
 )
 """What the section of limits says, but for its numbers."""
 
-NUMBER = r"([0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?)"
 FALL = 60.0
 """Lean of the trunk that is a fall (degrees)."""
 
@@ -53,18 +52,7 @@ class Limits(NamedTuple):
     @classmethod
     def read(cls, statements: list[str]) -> "Limits":
         """Takes the statements of a formula file's section."""
-        refuse_unless(len(statements) == len(PROGRAM), "the policy's limits are another program")
-        said: dict[str, float] = {}
-        for statement, wanted in zip(statements, PROGRAM, strict=True):
-            words = re.findall(r"[A-Z]{3,}", wanted)
-            found = re.fullmatch(pattern(wanted), " ".join(statement.split()))
-            refuse_unless(found, "the policy's limits are another program")
-            for word, number in zip(words, found.groups() if found else (), strict=True):
-                refuse_unless(
-                    said.setdefault(word.lower(), float(number)) == float(number),
-                    f"the limits' {word.lower()} is said twice, and differs",
-                )
-        return cls.of(said)
+        return cls.of(read_program("limits", statements, PROGRAM))
 
     def check(self, robot: Robot) -> None:
         """Refuses limits that the first target, the default stance, is beyond."""
@@ -89,13 +77,3 @@ class Limits(NamedTuple):
                 return self.lean <= (FALL if math.isnan(most) else most)
             case _:
                 return True
-
-
-def pattern(wanted: str) -> str:
-    """Returns what a statement matches, whose words stand apart, with any numbers."""
-    tokens = re.findall(r"[A-Za-z0-9_.]+|[^ A-Za-z0-9_.]", wanted)
-    whole = ""
-    for before, token in zip(["", *tokens], tokens, strict=False):
-        apart = " +" if re.fullmatch(r"[\w.]+", before) and re.fullmatch(r"[\w.]+", token) else " *"
-        whole += apart + (NUMBER if re.fullmatch(r"[A-Z]{3,}", token) else re.escape(token))
-    return whole

@@ -11,6 +11,7 @@ from functools import cached_property
 from keyword import iskeyword
 
 from .limits import Limits
+from .program import read_program
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, stiffness_of, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
@@ -340,13 +341,8 @@ class FormulaText:
         if not self.odometry:
             refuse_unless(self.section != "odometry", "the policy's file holds no formulas")
             return
-        correction = next((own for own in self.odometry if bare(own).startswith("v=")), "")
-        gain = re.search(r"\+ *([0-9.]+(?:[eE][+-]?[0-9]+)?) *\*", correction)
-        refuse_unless(gain and is_gain(gain[1]), "the odometry's gain is none")
-        wanted = [bare(own.replace("GAIN", str(gain and gain[1]))) for own in ODOMETRY]
-        refuse_unless(
-            [*map(bare, self.odometry)] == wanted, "the policy's odometry is another program"
-        )
+        said = read_program("odometry", self.odometry, ODOMETRY)
+        refuse_unless(0.0 < said["gain"] <= 1.0, "the odometry's gain is none")
 
     def finish(self) -> None:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
@@ -367,16 +363,6 @@ class FormulaText:
 def is_amount(text: str) -> bool:
     """Returns whether a text is a number of 0 or more."""
     return bool(re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text))
-
-
-def is_gain(text: str) -> bool:
-    """Returns whether a text is a number above 0, up to 1."""
-    return is_amount(text) and 0.0 < float(text) <= 1.0
-
-
-def bare(text: str) -> str:
-    """Returns a statement with single spaces, and those between words alone."""
-    return re.sub(r"(?<![A-Za-z0-9_.]) | (?![A-Za-z0-9_.])", "", " ".join(text.split()))
 
 
 def is_involution(image: object, count: int) -> bool:
