@@ -49,14 +49,19 @@ const usual = k => {
   return [low, high];
 };
 
-// The inputs of the witness that are furthest from the moment on the page.
+// The inputs of the witness: those that differ between its two observations first, then those that
+// are furthest from the moment on the page.
 function inputsOf(own) {
   return own.inputs.map((k, i) => {
     const here = data.values[view.step][k], values = own.values.map(all => all[i]);
     const apart = values.map(value => (value - here) / own.widths[i]);
     const furthest = apart.reduce((a, b) => Math.abs(b) > Math.abs(a) ? b : a);
     return { k, here, values, apart: furthest, usual: own.usual[i] };
-  }).sort((a, b) => Math.abs(b.apart) - Math.abs(a.apart));
+  }).sort((a, b) => moves(b) - moves(a) || Math.abs(b.apart) - Math.abs(a.apart));
+}
+
+function moves(input) {
+  return new Set(input.values).size > 1;
 }
 
 function inputTable(own) {
@@ -70,8 +75,8 @@ function inputTable(own) {
     line.cells[1].classList.toggle("beyond", strange);
   }
   const rest = inputs.length - MOST_INPUTS;
-  return [table, element("p", `${rest > 0 ? `The ${MOST_INPUTS} of ${inputs.length} inputs that differ most from step ${view.step}`
-    : `All inputs, those that differ most from step ${view.step} first`}; bold is what never was so in this rollout. `
+  return [table, element("p", `${rest > 0 ? `The ${MOST_INPUTS} of ${inputs.length} inputs that are moved, or differ most from step ${view.step}`
+    : `All inputs, those that are moved or differ most from step ${view.step} first`}; bold is what never was so in this rollout. `
     + "A width is that of the input's range in the claim's box.")];
 }
 
