@@ -135,12 +135,19 @@ def _entry(column: Array, iterations: drake.Variable, first: int = 0) -> drake.E
     )
 
 
-def _quantities(policy: Policy, variables: Symbols) -> list[drake.Expression]:
-    """Returns what formulas are written in, of the observations."""
+def _quantities(policy: FormulaPolicy, variables: Symbols) -> list[drake.Expression]:
+    """Returns what formulas read, of the observations."""
     units = RobotUnits.of(policy.robot, policy.observation_names)
-    return [
+    quantities = [
         x / scale + offset
         for x, scale, offset in zip(variables, units.scale, units.offset, strict=True)
+    ]
+    if policy.readings is None:
+        return quantities
+    ends = zip(*policy.readings.ends(policy.observation_names), strict=True)
+    return [
+        drake.min(drake.max(x, low), high) if low > -np.inf else x
+        for x, (low, high) in zip(quantities, ends, strict=True)
     ]
 
 

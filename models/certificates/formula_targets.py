@@ -1,6 +1,7 @@
 """Bounds of targets that are formulas, and of linear ones, which are formulas too."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 
@@ -18,6 +19,7 @@ from glassgait.models.formulas.polynomial import (
     combined,
 )
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -35,12 +37,14 @@ class FormulaTargets:
         units: RobotUnits,
         names: tuple[str, ...],
         weights: tuple[Array, Array] | None = None,
+        readings: Readings | None = None,
     ) -> None:
         """
         Args:
             formulas: Formulas of the observed quantities, of each state (n_states, 12).
             units: Of the observations.
             names: Names of the observations (n).
+            readings: In which ranges formulas read what is sensed; by default in any.
             weights: Of linear policies the weights (n_states, 12, n) and intercepts
                 (n_states, 12) that robots add up.
         """
@@ -49,6 +53,8 @@ class FormulaTargets:
         self._formulas = formulas
         self._names, self._n = names, len(names)
         self._positions = indices_of("joint position", names)
+        whole = np.full(self._n, np.inf)
+        self._ends = (-whole, whole) if readings is None else readings.ends(names)
         self._ring = PolynomialRing()
         # The machine's state is held: formulas that serve all states have parts that are gone.
         self._polynomial = cache(self._of)
@@ -63,7 +69,8 @@ class FormulaTargets:
         ]
         names = policy.observation_names
         units = RobotUnits.of(policy.robot, names)
-        return cls(rows if len(rows) > 1 else rows * n_states, units, names)
+        rows = rows if len(rows) > 1 else rows * n_states
+        return cls(rows, units, names, readings=policy.readings)
 
     @classmethod
     def of_linear(cls, policy: LinearPolicy) -> "FormulaTargets":
@@ -89,6 +96,7 @@ class FormulaTargets:
         return self._formulas[state][joint].variables
 
     def rounding(self, state: int, joint: int, region: Box) -> float:
+        region = self._read(region)
         if self._weights is None:
             formula = self._formulas[state][joint]
             return formula_error(formula, joint, region, self._units)
@@ -114,17 +122,73 @@ class FormulaTargets:
     def answer(
         self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
     ) -> Maximum:
+        read, beyond = self._read(region), self._beyond(question, region)
         if question.of == "effect":
-            region = with_copy(region, _observation_of(question))
+            region, read = (with_copy(own, _observation_of(question)) for own in (region, read))
         relaxation = Relaxation(self._ring, self._polynomial(question))
-        tape = Tape([self._asked(question)], len(region.lower))
-        return maximize(
+        tape = Tape([self._asked(question)], len(read.lower))
+        found = maximize(
             lambda quantities: question.sign * tape(quantities)[..., 0],
             relaxation,
-            region,
+            read,
             gap=gap,
-            threshold=threshold,
+            threshold=None if threshold is None else threshold - beyond,
         )
+        # What is read at an end of a range may be anywhere beyond it.
+        witness = np.clip(found.witness, region.lower, region.upper)
+        reached = found.reached
+        if question.of == "offset":
+            angle = self._positions[question.joint]
+            witness[angle] = self._furthest(question, float(found.witness[angle]), region)
+            reached += question.sign * float(found.witness[angle] - witness[angle])
+        found = replace(found, bound=found.bound + beyond, reached=reached, witness=witness)
+        return self._flat_beyond(found, question, region) if question.of == "slope" else found
+
+    def _furthest(self, question: BoundQuery, read: float, region: Box) -> float:
+        """Returns the angle of a box that is read so, and from which a target is furthest."""
+        index = self._positions[question.joint]
+        low, high = (float(own[index]) for own in self._ends)
+        first, last = float(region.lower[index]), float(region.upper[index])
+        if low < read < high:
+            return read
+        # All that is beyond an end is read as it.
+        first, last = (first, min(last, low)) if read <= low else (max(first, high), last)
+        return first if question.sign > 0 else last
+
+    def _read(self, region: Box) -> Box:
+        """Returns what formulas read of a box."""
+        return replace(
+            region,
+            lower=np.clip(region.lower, *self._ends),
+            upper=np.clip(region.upper, *self._ends),
+        )
+
+    def _flat_beyond(self, found: Maximum, question: BoundQuery, region: Box) -> Maximum:
+        """Returns what is known of a slope where a box goes beyond a range: there it is 0."""
+        index = _observation_of(question)
+        low, high = (float(own[index]) for own in self._ends)
+        if not (region.lower[index] < low or region.upper[index] > high):
+            return found
+        misses = region.upper[index] < low or region.lower[index] > high
+        if not misses and found.reached >= 0.0:
+            return found
+        witness = found.witness.copy()
+        below = region.lower[index] < low
+        witness[index] = (region.lower if below else region.upper)[index]
+        return replace(
+            found, bound=0.0 if misses else max(0.0, found.bound), reached=0.0, witness=witness
+        )
+
+    def _beyond(self, question: BoundQuery, region: Box) -> float:
+        """Bounds how much further than it is read a joint's angle is, the way that is asked.
+
+        An offset is a target less the angle itself, which no range holds back.
+        """
+        if question.of != "offset":
+            return 0.0
+        angle, (low, high) = self._positions[question.joint], self._ends
+        below, above = low - region.lower, region.upper - high
+        return max(0.0, float((below if question.sign > 0 else above)[angle]))
 
     def _image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
         """Returns what a joint's target is in the mirror of observations, multiplied out."""
@@ -143,7 +207,8 @@ class FormulaTargets:
         for sign in (1, -1):
             question = BoundQuery("slope", state, joint, sign, index)
             relaxation = Relaxation(self._ring, self._polynomial(question))
-            bound = relaxation.upper(region.lower[None], region.upper[None])
+            read = self._read(region)
+            bound = relaxation.upper(read.lower[None], read.upper[None])
             steepest = max(steepest, float(bound[0]))
         return most * steepest
 

@@ -48,6 +48,9 @@ FASTEST_TRUNK = 3.0
 FOOT_HEIGHTS = (-0.1, 0.4)
 """Least and greatest foot height that the estimator gives (m), stated: a leg is 0.4 m long."""
 
+MARGIN = 0.1
+"""Share of its width that a measured range is widened by, on both sides."""
+
 DECIMALS = 4
 """Decimals of a box's numbers in the robot's units; measured ends are rounded outward to them."""
 
@@ -242,6 +245,24 @@ def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
     policies do that ask for more than a joint can reach, so does this one. Commands are the gait's.
     """
     return _limits(gait, operating).hull(operating)
+
+
+def measured_box(
+    gait: Gait, robot: Robot, names: tuple[str, ...], lower: Array, upper: Array
+) -> ObservationBox:
+    """Returns the box of what robots observed, its ranges widened by `MARGIN`.
+
+    Commands, counts and machine state are at their true ranges.
+
+    Args:
+        gait: The gait.
+        robot: The robot.
+        names: Names of the observations (n).
+        lower: Least values that were observed (n).
+        upper: Greatest ones (n).
+    """
+    box = ObservationBox(robot, names, lower, upper).widened(MARGIN)
+    return rounded_outward(commanded(box, gait))
 
 
 def commanded(box: ObservationBox, gait: Gait) -> ObservationBox:

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import combinations, product
 from typing import cast
@@ -11,7 +12,14 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.branch_and_bound import Cells, greatest_bound
-from glassgait.models.counterfactuals.question import TOLERANCE, Answer, Question, answered, moved
+from glassgait.models.counterfactuals.question import (
+    TOLERANCE,
+    Answer,
+    Question,
+    Room,
+    answered,
+    moved,
+)
 from glassgait.models.formulas.expression import Expression, constant, plus, times, variable
 from glassgait.models.formulas.interval import Interval, bounds_of
 from glassgait.models.formulas.quantities import RobotUnits
@@ -88,7 +96,8 @@ class FormulaTarget(SmoothTarget):
     def __init__(self, question: Question) -> None:
         policy, room = cast(FormulaPolicy, question.policy), question.room
         units = RobotUnits.of(policy.robot, policy.observation_names)
-        here, free = units.quantities(question.observation), room.free.tolist()
+        here = policy.quantities(question.observation)[: len(policy.observation_names)]
+        free = room.free.tolist()
         spread = (room.spread / units.scale)[room.free]
         formulas = policy.formulas_by_state
         written = formulas[_state(question, len(formulas))][question.joint]
@@ -149,6 +158,21 @@ def with_values(formula: Expression, held: Iterable[int], values: Array) -> Expr
     return simple(*operands) if simple else Expression(formula.operator, operands)
 
 
+def _room_in_range(question: Question) -> Room:
+    """Leaves out of a room what a formula does not read; what it reads at an end is held."""
+    policy, room = cast(FormulaPolicy, question.policy), question.room
+    if policy.readings is None:
+        return room
+    units = RobotUnits.of(policy.robot, policy.observation_names)
+    low, high = map(units.observed, policy.readings.ends(policy.observation_names))
+    inside = (question.observation > low) & (question.observation < high)
+    return Room(
+        np.where(inside, room.spread, 0.0),
+        np.maximum(room.lower, low),
+        np.minimum(room.upper, high),
+    )
+
+
 def _state(question: Question, count: int) -> int:
     """Returns the machine's state where a policy has laws of each, else 0."""
     if count == 1:
@@ -193,7 +217,8 @@ class SmoothSearch:
 
     @classmethod
     def of_formula(cls, question: Question) -> "SmoothSearch":
-        """Searches a formula."""
+        """Searches a formula, within the ranges in which it reads what is sensed."""
+        question = replace(question, room=_room_in_range(question))
         return cls(question, FormulaTarget(question))
 
     def nearest(self, masks: NDArray[np.bool_] | None = None) -> Answer | None:

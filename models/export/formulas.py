@@ -16,6 +16,7 @@ from glassgait.models.export.language import (
 )
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import Definition, Vocabulary
+from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.text import Notation, written_lines
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -25,13 +26,19 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 RESERVED = frozenset(
     {"state", "observation", "action", "target", "joints", "feet", "act", "square", "cube"}
     | {"tanh", "exp", "log", "sqrt", "sin", "cos", "tan", "fabs", "abs", "y0", "y1", "yn", "j0"}
-    | {"j1", "jn", "gamma", "signgam", "main"}
+    | {"nearest", "nearest_joints", "j1", "jn", "gamma", "signgam", "main"}
 )
 """Names that a definition cannot have in C."""
 
 
 _TYPES = {"Axes": "xyz", "Feet": quadruped.LEGS, "Joints": quadruped.JOINTS}
 """Types of C that formulas share, with their members."""
+
+_OF_JOINTS = ("q", "dq")
+"""What is sensed of joints."""
+
+_ANY = "-HUGE_VAL, HUGE_VAL"
+"""The range of what has none."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,9 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
     ]
     observed = used.union(*(one.formula.variables for one in definitions))
     quantities = _quantities(vocabulary.names, observed)
+    ranges = policy.readings.ranges if policy.readings else ()
+    has_range = {kind.partition(".")[0] for kind, _ in ranges}
+    limited = tuple(name for name in quantities if name in has_range)
     groups = _groups(definitions, vocabulary, symbols, real)
     everything = [one.formula for one in definitions] + list(written.values())
     kind = "each state of the machine and joint" if statewise else "each joint"
@@ -97,11 +107,13 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
             statewise=statewise,
             groups=groups,
             quantities=quantities,
+            ranges=_ranges(policy.readings, limited, real),
+            limited=limited,
             states=[pair for pair in zip(style.constants, formulas, strict=False) if pair[1]],
             mirror=mirror,
         ),
         takes_state=statewise,
-        helpers=_helpers(everything, quantities, groups, real),
+        helpers=_helpers(everything, quantities, groups, real, limited=limited),
     )
 
 
@@ -144,8 +156,39 @@ def _mirror(policy: FormulaPolicy, written: Sequence[frozenset[int]], style: Sty
     )
 
 
+def _ranges(readings: Readings | None, limited: Sequence[str], real: Real) -> tuple[str, ...]:
+    """Writes the statements that keep what formulas use within its range.
+
+    Args:
+        readings: The ranges.
+        limited: What stands before the dot of those that formulas use.
+        real: The type that is computed in.
+    """
+    ends = {
+        kind: ", ".join(number(end, real) for end in own)
+        for kind, own in (readings.ranges if readings else ())
+    }
+    lines: list[str] = []
+    for name in limited:
+        if name in _OF_JOINTS:
+            parts = (ends.get(f"{name}.{part}", _ANY) for part in quadruped.LEG_JOINTS)
+            lines.append(f"{name} = nearest_joints({name}, {', '.join(parts)});")
+            continue
+        for kind, text in ends.items():
+            first, _, member = kind.partition(".")
+            for one in (member,) if member else _TYPES["Feet"]:
+                if first == name:
+                    lines.append(f"{name}.{one} = nearest({name}.{one}, {text});")
+    return tuple(lines)
+
+
 def _helpers(
-    formulas: Sequence[Expression], quantities: Sequence[str], groups: Sequence[Group], real: Real
+    formulas: Sequence[Expression],
+    quantities: Sequence[str],
+    groups: Sequence[Group],
+    real: Real,
+    *,
+    limited: Sequence[str],
 ) -> tuple[str, ...]:
     """Writes the types of C that formulas need, and the functions besides those of math.h."""
     powers = [power for power in ("square", "cube") if _asks_for(formulas, power)]
@@ -157,6 +200,8 @@ def _helpers(
         texts.append(rendered("feet.c", real, legs=quadruped.LEGS))
     if "Joints" in types or {"q", "dq", "a"} & set(quantities):
         texts.append(rendered("joints.c", real, joints=quadruped.JOINTS))
+        if {*_OF_JOINTS} & {*limited}:
+            texts.append(rendered("nearest_joints.c", real, joints=quadruped.JOINTS))
     return tuple(texts)
 
 

@@ -8,6 +8,9 @@
     # Each formula is the target of a joint, in rad.
     # t: control steps since the state began.
 
+    readings
+    v: x -1.4 to 0.9, y -0.9 to 0.9, z -0.7 to 0.5
+
     definitions
     late = tanh(0.5*t - 2)    # -1 as a state begins
 
@@ -24,24 +27,26 @@ one beyond, and that these are the last targets that formulas read. `gains: 40 1
 follow with a stiffness of 40 N·m/rad and a damping of 1 N·m·s/rad, where those are not the robot's
 own. `robot: …` names the robot, where it is not the default one. `senses: imu` says that formulas
 may hold gravity's direction and the angular velocity, and `odometry` that the robot's velocity and
-its feet's heights are estimated by the program that stands there, with its gain. What stands under
-`limits` comes last, between what formulas ask for and the joints.
+its feet's heights are estimated by the program that stands there, with its gain. Under `readings`
+stand the ranges in which formulas read what is sensed. What stands under `limits` comes last,
+between what formulas ask for and the joints.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
 with a space goes on with the line before.
 
-    file       = header [ "odometry" program ] [ "definitions" { name "=" formula } ] targets
-                 [ "limits" program ]
+    file       = header [ "odometry" program ] [ "readings" { kind ":" range { "," range } } ]
+                 [ "definitions" { name "=" formula } ] targets [ "limits" program ]
     header     = "format: 1" "gait: " text [ "robot: " text ] "states: " number
                  [ "senses: imu" ] [ "mirror: " { number } ] [ "targets: limited" ]
                  [ "gains: " real real ]
     targets    = "every state" { target } | { "state " number { target } }
     target     = joint "=" formula
+    range      = [ name ] real "to" real
 
 Each of these stands at the beginning of a line. What is defined is of observed quantities alone,
 and is given once, as is each target. What a formula is, `text.py` says; the programs, `odometry.py`
-and `limits.py`.
+and `limits.py`; ranges, `readings.py`.
 """
 
 import re
@@ -56,6 +61,8 @@ from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.odometry import ODOMETRY, odometry_lines
 from glassgait.models.formulas.program import Program
 from glassgait.models.formulas.quantities import Definition, Vocabulary
+from glassgait.models.formulas.readings import TITLE as READINGS
+from glassgait.models.formulas.readings import Range, Readings, read_line, readings_lines
 from glassgait.models.formulas.text import (
     TextError,
     parse_formula,
@@ -112,6 +119,7 @@ class FormulaFile:
         joint_law: How joints follow targets.
         robot: Name of the robot; files of the default one leave it out.
         odometry: What estimates the body state; none where that is the expert's estimator.
+        readings: In which ranges formulas read what is sensed; in any by default.
     """
 
     gait: str
@@ -121,6 +129,7 @@ class FormulaFile:
     joint_law: JointLaw = OWN_LAW
     robot: str = DEFAULT_ROBOT
     odometry: Odometry | None = None
+    readings: Readings | None = None
 
     def with_formulas(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
         """Returns the file with other formulas, and the definitions that they use."""
@@ -188,6 +197,8 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield from _legend(held, names)
     if file.odometry is not None:
         yield from ("", ODOMETRY.title, *odometry_lines(file.odometry))
+    if file.readings is not None:
+        yield from ("", READINGS, *readings_lines(file.readings))
     if file.vocabulary.definitions:
         yield from ("", DEFINITIONS)
     for definition in file.vocabulary.definitions:
@@ -269,6 +280,8 @@ class _Reader:
     program: dict[str, float] = field(default_factory=dict)
     n_statements: int = 0
     odometry: Odometry | None = None
+    ranges: dict[str, Range] = field(default_factory=dict)
+    readings: Readings | None = None
     section: str = ""
 
     def read(self, text: str) -> FormulaFile:
@@ -296,13 +309,15 @@ class _Reader:
         elif program := _PROGRAMS.get(self.section):
             self.program |= program.read(self.n_statements, " ".join([bare, *more]), line)
             self.n_statements += 1
+        elif self.section == READINGS:
+            self._take_ranges(" ".join([bare, *more]), line)
         elif assigned := _STATEMENT.fullmatch(statement):
             self._assign(assigned, line)
         else:
             raise TextError(
                 f"{shown(bare)} is no line of a formula file; write 'FL_hip = …', 'state 0', "
-                "'every state', 'definitions', 'odometry', 'limits', or a header such as 'gait: "
-                "trot'",
+                "'every state', 'definitions', 'odometry', 'readings', 'limits', or a header such "
+                "as 'gait: trot'",
                 line,
                 1,
             )
@@ -312,11 +327,13 @@ class _Reader:
             self._take_header(line)
         elif title == ODOMETRY.title:
             raise TextError("odometry stands before all else but the header; move it up", line, 1)
-        elif title == DEFINITIONS and self.section != ODOMETRY.title:
+        elif title == READINGS and self.section != ODOMETRY.title:
+            raise TextError("readings stand before definitions and formulas; move them up", line, 1)
+        elif title == DEFINITIONS and self.section not in (ODOMETRY.title, READINGS):
             raise TextError("definitions stand before all formulas; move them up", line, 1)
         elif self.section == LIMITS.title:
             raise TextError("limits come last; move them down", line, 1)
-        self._end_program(line)
+        self._end_section(line)
         if title == LIMITS.title:
             self.section = title
             return
@@ -330,7 +347,19 @@ class _Reader:
             )
         self.section = title
 
-    def _end_program(self, line: int) -> None:
+    def _take_ranges(self, text: str, line: int) -> None:
+        for kind, ends in read_line(text, line).items():
+            if kind in self.ranges:
+                raise TextError(f"{kind} has a range above; leave one out", line, 1)
+            self.ranges[kind] = ends
+
+    def _end_section(self, line: int) -> None:
+        if self.section == READINGS:
+            try:
+                self.readings = Readings(tuple(self.ranges.items()))
+                self.readings.refuse_others(self.names)
+            except InputError as error:
+                raise TextError(str(error), line, 1) from error
         program = _PROGRAMS.get(self.section)
         if program is None:
             return
@@ -441,7 +470,7 @@ class _Reader:
         return (int(state[1]), joint) if state else (joint,)
 
     def _finished(self, last: int) -> FormulaFile:
-        self._end_program(last)
+        self._end_section(last)
         vocabulary = Vocabulary(self.names, tuple(self.definitions))
         formulas = self.formulas
         if formulas and self.mirror is not None:
@@ -461,12 +490,21 @@ class _Reader:
         ordered = {place: formulas[place] for place in wanted}
         robot = self.header.get("robot", DEFAULT_ROBOT)
         return FormulaFile(
-            self.header["gait"], vocabulary, ordered, self.mirror, self.law, robot, self.odometry
+            self.header["gait"],
+            vocabulary,
+            ordered,
+            self.mirror,
+            self.law,
+            robot,
+            self.odometry,
+            self.readings,
         )
 
 
 def _is_title(line: str) -> bool:
-    return line in (*_PROGRAMS, DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
+    return line in (*_PROGRAMS, READINGS, DEFINITIONS, EVERY_STATE) or bool(
+        _SECTION.fullmatch(line)
+    )
 
 
 def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:

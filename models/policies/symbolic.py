@@ -1,5 +1,6 @@
 """Symbolic policies: one formula a joint, or one a joint and state of the reward machine."""
 
+import copy
 import hashlib
 import json
 from abc import abstractmethod
@@ -8,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.formulas.expression import Expression, canonical, constant, refuse_unfit
 from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
 from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary, actions_of
+from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
@@ -73,6 +75,7 @@ class FormulaPolicy(Policy):
         expressions: Formulas (12), or (n_states, 12), in canonical form.
         vocabulary: What their variables are.
         mirror: State that each state is in the mirror, where the file leaves mirror images out.
+        readings: In which ranges the formulas read what is sensed; none where in any.
     """
 
     dims: ClassVar[tuple[str, ...]]
@@ -95,6 +98,7 @@ class FormulaPolicy(Policy):
         *,
         definitions: Sequence[Definition] = (),
         mirror: Sequence[int] | None = None,
+        readings: Readings | None = None,
         robot: Robot | None = None,
     ) -> None:
         super().__init__(gait, observation_names, robot=robot)
@@ -106,6 +110,7 @@ class FormulaPolicy(Policy):
             # A sign that has moved may stand one deeper.
             self._refuse_unfit(self.expressions, shape)
             self.mirror = None if mirror is None else self._refuse_other_states(mirror)
+            self._take(readings)
         self._units = RobotUnits.of(self.robot, self.observation_names)
         self._tapes = [self._targets(formulas) for formulas in self.formulas_by_state]
 
@@ -120,8 +125,30 @@ class FormulaPolicy(Policy):
 
     def quantities(self, observation: Array) -> Array:
         """Evaluates all variables of the formulas (..., k) where a robot observes (..., n)."""
-        observed = self._units.quantities(observation)
-        return np.concatenate([observed, self._defined(observed)], axis=-1)
+        read = self._read(observation)
+        return np.concatenate([read, self._defined(read)], axis=-1)
+
+    def with_readings(self, readings: Readings | None) -> Self:
+        """Returns the policy that reads what is sensed in these ranges.
+
+        Raises:
+            InputError: if they are not of what the policy observes.
+        """
+        own = copy.copy(self)
+        with self._naming_this_kind():
+            own._take(readings)
+        return own
+
+    def _take(self, readings: Readings | None) -> None:
+        if readings is not None:
+            readings.refuse_others(self.observation_names)
+        self.readings = readings
+        self._ends = None if readings is None else readings.ends(self.observation_names)
+
+    def _read(self, observation: Array) -> Array:
+        """Returns the quantities (..., n) that formulas read where a robot observes (..., n)."""
+        quantities = self._units.quantities(observation)
+        return quantities if self._ends is None else np.clip(quantities, *self._ends)
 
     @cached_property
     def _defined(self) -> Tape:
@@ -147,6 +174,7 @@ class FormulaPolicy(Policy):
             self.joint_law,
             self.robot.name,
             self._odometry,
+            self.readings,
         )
 
     @property
@@ -182,6 +210,7 @@ class FormulaPolicy(Policy):
             expressions,
             definitions=file.vocabulary.definitions,
             mirror=file.mirror,
+            readings=file.readings,
             robot=robot or load_robot(file.robot),
         )
         policy._estimator = file.odometry
@@ -211,6 +240,8 @@ class FormulaPolicy(Policy):
             own.append(asdict(self.joint_law.limits))
         if self._odometry is not None:
             own.append(self._odometry.digest())
+        if self.readings is not None:
+            own.append(list(self.readings.ranges))
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 
     def _refuse_unfit(self, expressions: Any, shape: Sequence[int]) -> None:
@@ -226,7 +257,7 @@ class FormulaPolicy(Policy):
 
     def _contributions(self, formula: Expression, observation: Array) -> Contributions:
         terms = [canonical(term) for term in formula.terms()]
-        values = self._targets(terms)(self._units.quantities(observation))
+        values = self._targets(terms)(self._read(observation))
         symbols = self.vocabulary.symbols
         return Contributions(tuple(write_formula(term, symbols) for term in terms), values)
 
@@ -241,8 +272,12 @@ class FormulaPolicy(Policy):
         derivatives = np.zeros((*observation.shape[:-1], len(formulas), n))
         if slopes:
             joints, variables, expressions = zip(*slopes, strict=True)
-            found = Tape(expressions, n)(self._units.quantities(observation))
+            found = Tape(expressions, n)(self._read(observation))
             derivatives[..., list(joints), list(variables)] = found
+        if self._ends is not None:
+            # Beyond its range a reading moves nothing.
+            quantities, (low, high) = self._units.quantities(observation), self._ends
+            derivatives *= ((quantities >= low) & (quantities <= high))[..., None, :]
         return derivatives / (self.robot.action_scale * self._units.scale)
 
     def _refuse_other_states(self, mirror: Sequence[int]) -> tuple[int, ...]:
@@ -273,7 +308,7 @@ class SymbolicPolicy(FormulaPolicy):
     dims = ("joints",)
 
     def __call__(self, observation: Array) -> Array:
-        return actions_of(self.robot, self._tapes[0](self._units.quantities(observation)))
+        return actions_of(self.robot, self._tapes[0](self._read(observation)))
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
@@ -298,7 +333,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
     needed_groups = ("machine state",)
 
     def __call__(self, observation: Array) -> Array:
-        quantities, states = self._units.quantities(observation), self.machine_state(observation)
+        quantities, states = self._read(observation), self.machine_state(observation)
         if observation.ndim == 1:
             return actions_of(self.robot, self._tapes[int(states)](quantities))
         targets = np.empty((*states.shape, quadruped.N_JOINTS))

@@ -43,6 +43,7 @@ from glassgait.studies.distillation.students.sparse_formula import (
     written_places,
 )
 from glassgait.studies.distillation.students.student import TrainingSet
+from glassgait.studies.distillation.students.symbolic import readings_of
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
@@ -207,13 +208,15 @@ class Pareto(RolloutExperiment):
             InputError: if no family has as few terms as are asked for.
         """
         samples = self.data.subset(~self.data.held_out).training_set(self.gaits[0], self.expert)
+        names, robot = samples.observation_names, samples.robot
+        ranges = readings_of(self.gaits[0], robot, names, samples.observations)
         found = {}
         for name, family in families_of(samples, refined=self.refined_updates > 0).items():
             say(f"making formulas: {family.title}")
             for n_terms in sizes_of(family, samples, self.terms):
                 path = self.folder / "formulas" / f"{name}_{n_terms}{FormulaPolicy.suffix}"
                 if not path.exists():
-                    start = family.fit(samples, n_terms)
+                    start = family.fit(samples, n_terms).with_readings(ranges)
                     made = self._refined(start, path) if family.refined else start
                     made = made.with_estimator_of(self.expert)
                     made.with_joint_law(self.expert.joint_law).save(path)

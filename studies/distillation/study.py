@@ -35,6 +35,7 @@ from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 from glassgait.studies.distillation.students.formula_latex import write_latex
 from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
+from glassgait.studies.distillation.students.symbolic import readings_of
 
 
 def r2_table(r2: pd.DataFrame, gait: str) -> pd.DataFrame:
@@ -236,6 +237,10 @@ class _Distillation:
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact().with_estimator_of(self.expert)
         student = student.with_joint_law(self.expert.joint_law)
+        if isinstance(student, FormulaPolicy):
+            names, observations = student.observation_names, seen.observations
+            ranges = readings_of(self.gait, student.robot, names, observations)
+            student = student.with_readings(ranges)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
             write_latex(student, self.folder / f"{kind}.tex")

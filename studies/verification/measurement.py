@@ -7,11 +7,7 @@ from joblib import delayed
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.observation_box import (
-    ObservationBox,
-    commanded,
-    rounded_outward,
-)
+from glassgait.models.certificates.observation_box import MARGIN, ObservationBox, measured_box
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
@@ -23,9 +19,6 @@ from glassgait.studies.common.episode import episode
 from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts import RolloutConfig
-
-MARGIN = 0.1
-"""Share of its width that a measured range is widened by, on both sides."""
 
 
 def measure_box(
@@ -68,14 +61,14 @@ def measure_box(
         raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
     lower, upper = (np.array(corners) for corners in zip(*found, strict=True))
     names = expert.observation_names
-    box = ObservationBox(expert.robot, names, lower.min(axis=0), upper.max(axis=0))
+    box = measured_box(gait, expert.robot, names, lower.min(axis=0), upper.max(axis=0))
     measured = (
         f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
         f"steps without a fall, in each of {len(stepped)} scenarios, led by the expert and each of "
         f"{', '.join(students)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
         "width on both sides; commands, counts and machine state at their true ranges"
     )
-    return rounded_outward(commanded(box.widened(MARGIN), gait)), measured
+    return box, measured
 
 
 def _corners(jobs: Sequence[Case], processes: int | None) -> Iterator[tuple[Array, Array] | None]:

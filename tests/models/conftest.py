@@ -15,6 +15,8 @@ from glassgait.models.certificates.checker import document
 from glassgait.models.certificates.checker.formulas import Formulas
 from glassgait.models.certificates.checker.tables import Tables, Trees
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
@@ -26,6 +28,7 @@ from glassgait.models.policies.symbolic import (
     SymbolicPolicy,
 )
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
@@ -292,3 +295,11 @@ def random_additive() -> Callable[..., AdditivePolicy]:
         )
 
     return make
+
+
+@pytest.fixture
+def narrow_readings() -> Readings:
+    """Ranges of the paper's observation that are narrower than what tests let robots observe."""
+    units = RobotUnits.of(load_robot(), NAMES)
+    ends = (units.quantities(np.full(N, end)) for end in (-0.4, 0.3))
+    return Readings.around(NAMES, *ends)

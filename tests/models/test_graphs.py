@@ -31,7 +31,8 @@ from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: E402
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
 KINDS = (
-    "linear statewise_linear open_loop neural mirrored symbolic statewise_symbolic trees "
+    "linear statewise_linear open_loop neural mirrored symbolic statewise_symbolic "
+    "symbolic_with_readings trees "
     "rounded_trees shallow_trees additive additive_without_pairs"
 )
 
@@ -69,6 +70,7 @@ def test_a_graph_acts_as_python_does(
     symbolic,
     statewise_symbolic,
     random_trees,
+    narrow_readings,
     random_additive,
     small_trees,
 ):
@@ -78,6 +80,7 @@ def test_a_graph_acts_as_python_does(
         "open_loop": lambda: open_loop,
         "neural": lambda: small_expert(trot, hidden=(8, 5, 4)),
         "mirrored": lambda: small_expert(trot, mirrored=True),
+        "symbolic_with_readings": lambda: symbolic.with_readings(narrow_readings),
         "symbolic": lambda: symbolic,
         "statewise_symbolic": lambda: statewise_symbolic,
         "trees": lambda: random_trees(generator, rounded=False),

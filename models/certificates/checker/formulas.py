@@ -8,6 +8,7 @@ from typing import Any
 from flint import arb, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from .elimination import Elimination, Factor, Span
+from .readings import Readings
 from .robot import (
     COUNTED,
     JOINTS,
@@ -42,6 +43,7 @@ class Formulas:
         inner: What each function is of, by the name of its variable.
         targets: The polynomials by state and joint, of those that were asked for.
         written: The formulas, of a formula file.
+        readings: In which ranges these read what is sensed, where not in any.
         weights: Weights by quantity and the intercept, of a linear law.
     """
 
@@ -53,6 +55,7 @@ class Formulas:
         self.inner: dict[str, tuple[str, fmpq_mpoly]] = {}
         self.targets: dict[tuple[int, str], fmpq_mpoly] = {}
         self.written: dict[tuple[int, str], Node] = {}
+        self.readings = Readings({})
         self.weights: dict[tuple[int, str], dict[str, float]] = {}
         self.known: dict[Node, fmpq_mpoly] = {}
         self.listed: dict[str, list] = {}
@@ -64,6 +67,7 @@ class Formulas:
         """Takes what a formula file says."""
         own = cls(robot, text.names)
         own.written |= text.targets
+        own.readings = text.readings or own.readings
         return own
 
     def target(self, state: int, joint: str) -> fmpq_mpoly:
@@ -163,6 +167,7 @@ class Formulas:
         Raises:
             RefusedError: if that is too far, or the formula may have no value in the box.
         """
+        box = self.readings.of(box)
         if (state, joint) in self.written:
             return Rounding(self.robot, box).target(self.written[state, joint], joint)
         sizes = []
@@ -206,19 +211,30 @@ class Formulas:
     def bound(self, asked: BoundQuery, box: Box, splits: list | None = None) -> Any:
         """Bounds what is asked from above over a box, cell by cell of a tree of splits."""
         formula, counted = self.target(asked.state, asked.joint), set[str](COUNTED)
+        outside = False
+        if asked.of == "slope":
+            inside, outside = self.readings.reach(str(asked.name), box)
+            if not inside:
+                return arb(0)
+        sensed, beyond = box, 0.0
+        box = self.readings.of(box)
         if asked.name is not None:
             box = {**box, "other": box[asked.name]}
             counted |= {"other"} if asked.name in COUNTED else set()
         match asked.of:
             case "offset":
                 formula = formula - self.variables[f"q.{asked.joint}"]
+                # No range holds back the angle that is taken away.
+                beyond = self.readings.beyond(f"q.{asked.joint}", asked.sign, sensed)
             case "slope":
                 formula = self.slope(formula, str(asked.name))
             case "effect":
                 other = {str(asked.name): self.variables["other"]}
                 formula = formula - self.put(formula, other)
         plan = Elimination(self.terms(formula * asked.sign), self.place)
-        return self.greatest(plan, box, splits or [], counted)
+        whole = self.greatest(plan, box, splits or [], counted) + arb(beyond)
+        # What is beyond its range moves nothing.
+        return whole.max(arb(0)) if outside else whole
 
     def terms(self, formula: fmpq_mpoly) -> list:
         """Lists coefficients with the variables, and their powers, that each is of."""

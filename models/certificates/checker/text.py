@@ -12,6 +12,7 @@ from keyword import iskeyword
 
 from .limits import Limits
 from .program import read_program
+from .readings import Readings
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, stiffness_of, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
@@ -210,6 +211,8 @@ class FormulaText:
         odometry: The statements of odometry.
         limited: The statements of limits.
         limits: Limits, where the file has them.
+        ranges: The lines of readings.
+        readings: In which ranges formulas read what is sensed, where the file says so.
         stiffness: Stiffness of the joints that the policy moves, where the file says it.
     """
 
@@ -220,6 +223,8 @@ class FormulaText:
     odometry: list[str] = field(default_factory=list)
     limited: list[str] = field(default_factory=list)
     limits: Limits | None = None
+    ranges: list[str] = field(default_factory=list)
+    readings: Readings | None = None
     section: str = ""
     kinds: set[bool] = field(default_factory=set)
     stiffness: float | None = None
@@ -259,7 +264,7 @@ class FormulaText:
     def take(self, first: str, more: list[str]) -> None:
         key, colon, value = first.partition(":")
         assigned = re.fullmatch(r"([A-Za-z_][A-Za-z0-9_.]*) *=(?!=)(.*)", first)
-        titles = ("odometry", "definitions", "every state", "limits")
+        titles = ("odometry", "readings", "definitions", "every state", "limits")
         title = first in titles or re.fullmatch(r"state [0-9]{1,3}", first)
         if title or (colon and key in HEADER and not self.section):
             refuse_unless(not more, f"{first[:40]!r} goes on in the next line")
@@ -270,6 +275,8 @@ class FormulaText:
             self.begin(first)
         elif self.section == "odometry":
             self.odometry.append(" ".join([first, *more]))
+        elif self.section == "readings":
+            self.ranges.append(" ".join([first, *more]))
         elif self.section == "limits":
             self.limited.append(" ".join([first, *more]))
         elif assigned and self.section:
@@ -280,8 +287,16 @@ class FormulaText:
     def begin(self, title: str) -> None:
         if not self.section:
             self.check_header()
-        before = {"odometry": ("",), "definitions": ("", "odometry")}.get(title, (self.section,))
+        before = {
+            "odometry": ("",),
+            "readings": ("", "odometry"),
+            "definitions": ("", "odometry", "readings"),
+        }.get(title, (self.section,))
         refuse_unless(self.section in before, f"{title} stand too late")
+        empty = self.section == "odometry" and not self.odometry
+        refuse_unless(not empty, "the policy's odometry is another program")
+        if self.section == "readings":
+            self.readings = Readings.read(self.ranges, self.names)
         refuse_unless(self.section != "limits", "the policy's limits do not come last")
         if title == "limits":
             self.section = title
@@ -348,6 +363,7 @@ class FormulaText:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
         refuse_unless(self.section, "the policy's file holds no formulas")
         self.check_odometry()
+        refuse_unless(self.section != "readings", "the policy's file holds no formulas")
         if self.section == "limits":
             self.limits = Limits.read(self.limited)
         if (image := self.image) is not None:

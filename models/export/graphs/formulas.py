@@ -31,6 +31,10 @@ def add_formulas(graph: GraphBuilder, policy: FormulaPolicy, observation: str) -
     units = RobotUnits.of(policy.robot, policy.observation_names)
     scaled = graph.add("Div", observation, graph.constant(units.scale))
     quantities = graph.add("Add", scaled, graph.constant(units.offset))
+    if policy.readings is not None:
+        low, high = policy.readings.ends(policy.observation_names)
+        quantities = graph.add("Max", quantities, graph.constant(low))
+        quantities = graph.add("Min", quantities, graph.constant(high))
     target = _evaluated(graph, tape, quantities)
     if len(policy.dims) == 2:
         # All states' formulas are evaluated; where they are not the state's own they may be

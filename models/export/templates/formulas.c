@@ -2,7 +2,7 @@
 {
     /* What the formulas speak of, in the robot's units. */
 {% if 'cmd' in quantities %}
-    const struct {
+    {{ 'struct' if 'cmd' in limited else 'const struct' }} {
         {{ real }} v;   /* commanded forward speed, m/s */
         {{ real }} yaw; /* commanded yaw rate, to the left, rad/s */
         {{ real }} t;   /* commanded control steps in a state */
@@ -10,10 +10,10 @@
         observation[{{ OWN }}COMMAND_RM_ITERATIONS] / {{ 0.1 | number }}};
 {% endif %}
 {% if 'q' in quantities %}
-    const Joints q = joints(&observation[JOINT_POSITION], {{ 1.0 | number }}, {{ 1.0 | number }}); /* angle, rad */
+    {{ 'Joints' if 'q' in limited else 'const Joints' }} q = joints(&observation[JOINT_POSITION], {{ 1.0 | number }}, {{ 1.0 | number }}); /* angle, rad */
 {% endif %}
 {% if 'dq' in quantities %}
-    const Joints dq = joints(&observation[JOINT_VELOCITY], {{ 0.05 | number }}, {{ 0.0 | number }}); /* velocity, rad/s */
+    {{ 'Joints' if 'dq' in limited else 'const Joints' }} dq = joints(&observation[JOINT_VELOCITY], {{ 0.05 | number }}, {{ 0.0 | number }}); /* velocity, rad/s */
 {% endif %}
 {% if 'a' in quantities %}
     const Joints a = joints(&observation[PREVIOUS_ACTION], {{ 4.0 | number }}, {{ 1.0 | number }}); /* last target, rad */
@@ -26,23 +26,30 @@
 {% endif %}
 {% if 'v' in quantities %}
     /* Estimated velocity of the trunk, forward, left and up, m/s. */
-    const Axes v = {observation[{{ OWN }}BASE_VELOCITY] / {{ 2.0 | number }},{{ '\n        ' if own else ' ' }}observation[{{ OWN }}BASE_VELOCITY + 1] / {{ 2.0 | number }},
+    {{ 'Axes' if 'v' in limited else 'const Axes' }} v = {observation[{{ OWN }}BASE_VELOCITY] / {{ 2.0 | number }},{{ '\n        ' if own else ' ' }}observation[{{ OWN }}BASE_VELOCITY + 1] / {{ 2.0 | number }},
         observation[{{ OWN }}BASE_VELOCITY + 2] / {{ 2.0 | number }}};
 {% endif %}
 {% if 'g' in quantities %}
     /* Direction of gravity, forward, left and up. */
-    const Axes g = {observation[GRAVITY_DIRECTION], observation[GRAVITY_DIRECTION + 1],
+    {{ 'Axes' if 'g' in limited else 'const Axes' }} g = {observation[GRAVITY_DIRECTION], observation[GRAVITY_DIRECTION + 1],
         observation[GRAVITY_DIRECTION + 2]};
 {% endif %}
 {% if 'w' in quantities %}
     /* Angular velocity of the trunk about these axes, rad/s. */
-    const Axes w = {observation[ANGULAR_VELOCITY] / {{ 0.25 | number }}, observation[ANGULAR_VELOCITY + 1] / {{ 0.25 | number }},
+    {{ 'Axes' if 'w' in limited else 'const Axes' }} w = {observation[ANGULAR_VELOCITY] / {{ 0.25 | number }}, observation[ANGULAR_VELOCITY + 1] / {{ 0.25 | number }},
         observation[ANGULAR_VELOCITY + 2] / {{ 0.25 | number }}};
 {% endif %}
 {% if 'h' in quantities %}
     /* Estimated height of a foot, m. */
-    const Feet h = {observation[{{ OWN }}FOOT_HEIGHT], observation[{{ OWN }}FOOT_HEIGHT + 1],
+    {{ 'Feet' if 'h' in limited else 'const Feet' }} h = {observation[{{ OWN }}FOOT_HEIGHT], observation[{{ OWN }}FOOT_HEIGHT + 1],
         observation[{{ OWN }}FOOT_HEIGHT + 2], observation[{{ OWN }}FOOT_HEIGHT + 3]};
+{% endif %}
+{% if ranges %}
+
+    /* Readings: formulas read each within its range, or the nearer end of it. */
+{% for line in ranges %}
+    {{ line }}
+{% endfor %}
 {% endif %}
 {% if groups %}
 

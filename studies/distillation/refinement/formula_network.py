@@ -11,6 +11,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import ZERO, Expression, constant, negated, plus
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
@@ -63,6 +64,8 @@ class FormulaNetwork(nn.Module):
     _scale: torch.Tensor
     _offset: torch.Tensor
     _stance: torch.Tensor
+    _least: torch.Tensor
+    _greatest: torch.Tensor
 
     def __init__(self, policy: FormulaPolicy) -> None:
         """
@@ -85,6 +88,9 @@ class FormulaNetwork(nn.Module):
         self.register_buffer("_scale", _tensor(units.scale), persistent=False)
         self.register_buffer("_offset", _tensor(units.offset), persistent=False)
         self.register_buffer("_stance", _tensor(policy.robot.default_stance), persistent=False)
+        ends = policy.readings or Readings(())
+        for name, values in zip(("_least", "_greatest"), ends.ends(names), strict=True):
+            self.register_buffer(name, _tensor(values), persistent=False)
         self._states = indices_of("machine state", names)
         self._mirror: FormulaMirror | None = None
         if self._file.mirror is not None:
@@ -220,7 +226,8 @@ class FormulaNetwork(nn.Module):
                 )
 
     def _variables(self, observation: torch.Tensor) -> list[torch.Tensor]:
-        quantities = list((observation / self._scale + self._offset).unbind(dim=1))
+        read = (observation / self._scale + self._offset).clamp(self._least, self._greatest)
+        quantities = list(read.unbind(dim=1))
         definitions = (definition.formula for definition in self._file.vocabulary.definitions)
         return quantities + [
             _value(formula, quantities, map(torch.tensor, _numbers(formula)))

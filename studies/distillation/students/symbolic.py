@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from glassgait.models.arrays import Array
+from glassgait.models.certificates.observation_box import measured_box
 from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import Place
@@ -21,9 +22,11 @@ from glassgait.models.formulas.quantities import (
     Vocabulary,
     known_definitions,
 )
+from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.students.student import Student, TrainingSet
 from glassgait.studies.distillation.students.symbolic_regression import (
@@ -119,6 +122,19 @@ class FormulaFit:
         robot = self._units.robot
         file = FormulaFile(gait, self.vocabulary, formulas, mirror, robot=robot.name)
         return FormulaPolicy.from_file(file.with_formulas(formulas), robot)
+
+
+def readings_of(gait: Gait, robot: Robot, names: tuple[str, ...], observations: Array) -> Readings:
+    """Returns the ranges in which formulas are to read: those of samples, and a margin.
+
+    Args:
+        gait: The gait.
+        robot: The robot.
+        names: Names of the observations (n).
+        observations: Samples (m, n).
+    """
+    box = measured_box(gait, robot, names, observations.min(axis=0), observations.max(axis=0))
+    return Readings.around(names, *box.quantities)
 
 
 def settled(formula: Expression, names: Sequence[str], state: int) -> Expression:

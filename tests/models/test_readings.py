@@ -1,0 +1,351 @@
+"""Ranges in which formulas read what is sensed: what they say, do, and let be proved."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glassgait.models.certificates.checker import RefusedError
+from glassgait.models.certificates.checker import robot as restated
+from glassgait.models.certificates.checker.document import MODELS
+from glassgait.models.certificates.checker.formulas import Formulas
+from glassgait.models.certificates.checker.text import FormulaText
+from glassgait.models.certificates.observation_box import measured_box, operating_box
+from glassgait.models.certificates.question import BoundQuery, Box, counted_of, targets_of
+from glassgait.models.counterfactuals.question import Question, Room
+from glassgait.models.counterfactuals.smooth import SmoothSearch
+from glassgait.models.errors import InputError
+from glassgait.models.formulas.file import read_formulas
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.readings import Readings
+from glassgait.models.policies.library import load_student, shipped_students
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.models.task.observation import ObservationLayout, entries_of
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
+from glassgait.systems.symbolic_policy import make_symbolic_policy
+
+A1 = load_robot()
+TROT = load_gait("trot")
+PAGE = load_student("trot", "sparse_formula")
+NAMES = ObservationLayout(2, imu=True).names
+UNITS = RobotUnits.of(A1, NAMES)
+SYMBOLS = [entry.symbol for entry in entries_of(NAMES)]
+RANGES = """
+readings
+cmd: v -1 to 1, yaw -1 to 1
+q: hip -0.4 to 0.8, thigh 0 to 2, calf -2.8 to -1
+dq: hip -10 to 10, thigh -10 to 12, calf -14 to 14
+g: x -0.4 to 0.3, y -0.4 to 0.4, z -1.1 to -0.8
+w: x -7 to 7, y -6 to 5, z -2 to 2
+v: x -1.5 to 0.5, y -1 to 1, z -0.5 to 0.5
+h: -0.1 to 0.25
+"""
+
+
+def text_of(formula: str = "0.1", ranges: str = RANGES, *, joint: str = "FL_hip") -> str:
+    """Writes a policy whose one joint has a formula, and the others none to speak of."""
+    lines = (f"{own} = {formula if own == joint else 0}\n" for own in quadruped.JOINTS)
+    head = "format: 1\ngait: trot\nstates: 2\nsenses: imu\n"
+    return f"{head}{ranges}\nevery state\n{''.join(lines)}"
+
+
+def policy_of(formula: str, *, joint: str = "FL_hip") -> FormulaPolicy:
+    return FormulaPolicy.from_file(read_formulas(text_of(formula, joint=joint)))
+
+
+def observed(**quantities: float) -> np.ndarray:
+    """Returns the observation of a robot in its default stance, but for some quantities."""
+    own = UNITS.offset.copy()
+    own[SYMBOLS.index("g.z")], own[SYMBOLS.index("s0")] = -1.0, 1.0
+    for symbol, value in quantities.items():
+        own[SYMBOLS.index(symbol.replace("__", "."))] = value
+    return UNITS.observed(own)
+
+
+def target(policy: FormulaPolicy, joint: str = "FL_hip", **quantities: float) -> float:
+    action = policy(observed(**quantities))
+    return float(A1.joint_targets(action)[quadruped.joint_index(joint)])
+
+
+@pytest.mark.parametrize(
+    ("symbol", "said", "read"),
+    [
+        ("q__FL_hip", 2.0, 0.8),
+        ("q__FL_hip", 0.5, 0.5),
+        # A right hip's range is the mirror image of a left one's.
+        ("q__FR_hip", -2.0, -0.8),
+        ("q__FR_hip", 2.0, 0.4),
+        ("q__RL_thigh", -1.0, 0.0),
+        ("dq__RR_calf", np.inf, 14.0),
+        ("w__y", 9.0, 5.0),
+        ("h__RL", -1.0, -0.1),
+        ("cmd__yaw", -3.0, -1.0),
+        # What the robot knows by itself is read as it is.
+        ("a__FL_hip", 5.0, 5.0),
+        ("t", 40.0, 40.0),
+    ],
+)
+def test_formulas_read_the_nearer_end_of_a_range(symbol, said, read):
+    policy = policy_of(symbol.replace("__", "."))
+    assert target(policy, **{symbol: said}) == pytest.approx(read, abs=1e-12)
+    seen = observed(**{symbol: said})
+    index = SYMBOLS.index(symbol.replace("__", "."))
+    assert policy.quantities(seen)[index] == pytest.approx(read, abs=1e-12)
+    assert policy.explain(seen, "FL_hip").values.sum() == pytest.approx(read, abs=1e-12)
+    slope = policy.derivatives(seen)[0, index]
+    assert (slope != 0.0) == (said == read)
+
+
+def test_what_is_no_number_stays_none():
+    assert np.isnan(target(policy_of("v.x"), v__x=np.nan))
+
+
+def test_drake_and_torch_read_as_the_policy_does():
+    policy = policy_of("0.3*q.FL_hip*w.y - 0.2*h.RR + 0.1*dq.RL_calf")
+    seen = np.random.default_rng(1).normal(scale=3.0, size=(50, len(NAMES)))
+    seen[:, [SYMBOLS.index("s0"), SYMBOLS.index("s1")]] = [1.0, 0.0]
+    actions = policy(seen)
+    assert np.abs(actions - policy.with_readings(None)(seen)).max() > 1.0
+    network = FormulaNetwork(policy)
+    found = network(torch.tensor(seen, dtype=torch.float32)).detach().numpy()
+    np.testing.assert_allclose(found, actions, atol=1e-4)
+    assert network.to_policy().readings == policy.readings
+    system = make_symbolic_policy(policy)
+    context = system.CreateDefaultContext()
+    for observation, action in zip(seen[:5], actions, strict=False):
+        system.get_input_port().FixValue(context, observation)
+        np.testing.assert_allclose(system.get_output_port().Eval(context), action, atol=1e-12)
+
+
+def test_a_file_says_what_it_was_read_from():
+    policy = policy_of("v.x + q.FL_hip")
+    text = policy.to_text()
+    assert "q: hip -0.4 to 0.8, thigh 0 to 2, calf -2.8 to -1\n" in text
+    again = FormulaPolicy.from_file(read_formulas(text))
+    assert (again.readings, again.digest()) == (policy.readings, policy.digest())
+    assert policy.with_readings(None).digest() != policy.digest()
+    assert FormulaText.read(text).readings is not None
+
+
+def test_the_order_of_ranges_says_nothing():
+    ranges = policy_of("0").readings.ranges
+    mixed = Readings(ranges[::-1])
+    assert mixed == policy_of("0").readings
+    policy = PAGE.with_readings(mixed)
+    assert FormulaPolicy.from_file(read_formulas(policy.to_text())).digest() == policy.digest()
+    with pytest.raises(InputError, match="twice"):
+        Readings((*ranges, ranges[0]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("h: -0.1 to 0.25\n", "a: hip -1 to 1\n", "a.hip"),
+        ("h: -0.1 to 0.25\n", "t: 0 to 9\n", "t"),
+        ("v: x", "v: u -1 to 1, x", "v.u"),
+        ("h: -0.1 to 0.25", "h: 0.25 to -0.1", "h"),
+        ("h: -0.1 to 0.25", "h: 0.25 to 0.25", "h"),
+        ("y -0.4 to 0.4", "y -0.4 to 0.3", "g.y"),
+        ("yaw -1 to 1", "yaw -1 to 2", "cmd.yaw"),
+        ("h: -0.1 to 0.25", "h: -0.1 to 0.25\nh: -0.1 to 0.25", "h"),
+        ("h: -0.1 to 0.25", "h: -0.1 to nan", "nan"),
+        ("h: -0.1 to 0.25", "h: -0.1 to 1e999", "h"),
+        ("h: -0.1 to 0.25", "h: -0.1 to", "-0.1 to"),
+        ("h: -0.1 to 0.25", "h = 0.1", "h = 0.1"),
+        ("h: -0.1 to 0.25", "h: -0.1 to 0.25,", "''"),
+        ("hip -0.4 to 0.8", "hip -0.4 to 0.8, hip -0.4 to 0.8", "q.hip"),
+        ("\nevery state", "\ndefinitions\nown = v.x\n\nreadings\n\nevery state", "readings"),
+        ("readings", "limits", "limits"),
+        ("readings", "odometry\n\nreadings", "odometry"),
+    ],
+)
+def test_ranges_that_are_none_are_refused_by_robots_and_checker(old, new, named):
+    text = text_of().replace(old, new, 1)
+    assert text != text_of()
+    with pytest.raises(InputError) as refused:
+        read_formulas(text)
+    assert named in str(refused.value) and str(refused.value).startswith("line ")
+    with pytest.raises(RefusedError):
+        FormulaText.read(text)
+
+
+def test_ranges_of_other_observations_are_refused():
+    paper = load_student("trot", "statewise_linear").observation_names
+    assert paper == NAMES
+    others = FormulaPolicy.from_file(read_formulas(text_of(ranges="").replace("senses: imu\n", "")))
+    with pytest.raises(InputError, match=r"'g\.x'"):
+        others.with_readings(policy_of("0").readings)
+
+
+@given(
+    st.lists(st.floats(-3, 3), min_size=len(NAMES), max_size=len(NAMES)),
+    st.lists(st.floats(0.01, 3), min_size=len(NAMES), max_size=len(NAMES)),
+)
+def test_ranges_around_a_box_hold_it_and_have_no_side(lower, widths):
+    low = np.array(lower)
+    high = low + np.array(widths)
+    least, greatest = Readings.around(NAMES, low, high).ends(NAMES)
+    # What is off the last digit by less than a millionth of it is on it.
+    assert (least <= low + 1e-7).all() and (greatest >= high - 1e-7).all()
+    assert (greatest <= 1e3)[np.isfinite(least)].all() and np.isfinite(least).sum() == 33
+    mirror = reflect_observation(NAMES, (1, 0))
+    ends = np.sort([mirror(least), mirror(greatest)], axis=0)
+    np.testing.assert_array_equal(ends, [least, greatest])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_page_is_its_own_mirror_image_wherever_sensors_are(seed):
+    observations = np.random.default_rng(seed).normal(scale=5.0, size=(20, len(NAMES)))
+    observations[:, [SYMBOLS.index("s0"), SYMBOLS.index("s1")]] = [1.0, 0.0]
+    image = REFLECT_JOINTS(PAGE(reflect_observation(NAMES, (1, 0))(observations)))
+    np.testing.assert_allclose(PAGE(observations), image, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("gait", gait_names())
+def test_shipped_formulas_read_within_the_box_that_robots_were_measured_in(gait):
+    box = operating_box(load_gait(gait), A1)
+    for kind in shipped_students(gait):
+        policy = load_student(gait, kind)
+        if isinstance(policy, FormulaPolicy):
+            assert policy.readings is not None
+            low, high = policy.readings.ends(policy.observation_names)
+            assert (low <= box.quantities[0]).all() and (high >= box.quantities[1]).all()
+            # How a slope or a push has moved the robot is read as it is.
+            symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
+            limited = {symbol.partition(".")[0] for symbol in np.array(symbols)[np.isfinite(low)]}
+            assert limited == {"cmd", "q", "dq", "w", "h"}
+
+
+# Whatever a box holds that lies beyond a range is read as its end.
+FORMULAS = ("q.FL_hip*v.x - 2*tanh(v.x)", "v.x**2*q.FL_hip", "0.3 - q.FL_hip - v.x*v.y")
+
+
+@pytest.mark.parametrize("formula", FORMULAS)
+@pytest.mark.parametrize("seed", range(12))
+def test_no_observation_of_a_box_breaks_a_bound(formula, seed):
+    generator = np.random.default_rng(seed)
+    angle, speed = zip(generator.uniform(-3, 3, 2), generator.uniform(0, 3, 2), strict=True)
+    policy, sign = policy_of(formula), (1, -1)[seed % 2]
+    region = _region({"q.FL_hip": angle, "v.x": speed})
+    place, along = SYMBOLS.index("q.FL_hip"), SYMBOLS.index("v.x")
+    checker = _checked(policy)
+    box = dict(zip(SYMBOLS, zip(region.lower, region.upper, strict=True), strict=True))
+    drawn = generator.uniform(region.lower, region.upper, (200, len(SYMBOLS)))
+    other = drawn.copy()
+    other[:, along] = drawn[::-1, along]
+    targets, moved = (_targets(policy, own) for own in (drawn, other))
+    slopes = policy.derivatives(UNITS.observed(drawn))[:, 0, along]
+    slopes *= A1.action_scale * UNITS.scale[along]
+    for of, values in (
+        ("target", targets),
+        ("offset", targets - drawn[:, place]),
+        ("effect", targets - moved),
+        ("slope", slopes),
+    ):
+        index = along if of in ("effect", "slope") else None
+        asked = BoundQuery(of, 0, 0, sign, index)
+        found = targets_of(policy).answer(asked, region, gap=1e-4)
+        assert (sign * values <= found.bound + 1e-9).all()
+        assert found.reached <= found.bound + 1e-9
+        ours = found.witness[: len(SYMBOLS)]
+        assert (ours >= region.lower).all() and (ours <= region.upper).all()
+        name = None if index is None else "v.x"
+        asked = restated.BoundQuery(of, 0, "FL_hip", sign, name)
+        bound = checker.bound(asked, box, _named(found.splits))
+        assert bound <= found.bound + 1e-9
+        assert (sign * values <= float(bound.upper()) + 1e-9).all()
+
+
+def _region(ends: dict[str, tuple[float, float]]) -> Box:
+    box = operating_box(TROT, A1).in_state(0)
+    lower, upper = (own.copy() for own in box.quantities)
+    for symbol, (low, width) in ends.items():
+        lower[SYMBOLS.index(symbol)], upper[SYMBOLS.index(symbol)] = low, low + width
+    return Box(lower, upper, counted_of(NAMES))
+
+
+def _targets(policy: FormulaPolicy, quantities: np.ndarray) -> np.ndarray:
+    return A1.joint_targets(policy(UNITS.observed(quantities)))[:, 0]
+
+
+def _named(splits: list) -> list:
+    """Names the quantities of a tree of splits, as a certificate does."""
+    if not splits:
+        return []
+    index, cut, below, above = splits
+    return [[*SYMBOLS, "other"][index], cut, _named(below), _named(above)]
+
+
+def _checked(policy: FormulaPolicy) -> Formulas:
+    path = MODELS / "robots" / "a1" / "robot.yaml"
+    robot = restated.Robot.read(restated.read_yaml(path), path)
+    return Formulas.read(robot, FormulaText.read(policy.to_text()))
+
+
+def test_a_sensor_stuck_beyond_its_range_moves_a_target_as_far_as_its_end():
+    policy = policy_of("2*w.y")
+    region = _region({"w.y": (-20.0, 40.0)})
+    index = SYMBOLS.index("w.y")
+    found = targets_of(policy).answer(BoundQuery("effect", 0, 0, 1, index), region, gap=1e-6)
+    assert found.bound == pytest.approx(22.0) and found.reached == pytest.approx(22.0)
+    free = policy.with_readings(None)
+    found = targets_of(free).answer(BoundQuery("effect", 0, 0, 1, index), region, gap=1e-6)
+    assert found.bound == pytest.approx(80.0)
+
+
+@pytest.mark.parametrize(
+    ("ends", "sign", "reached", "at"),
+    [
+        # An angle that is read as an end is as far away as it is.
+        ((-3.0, 6.0), 1, 3.1, -3.0),
+        ((-3.0, 6.0), -1, 2.9, 3.0),
+        ((2.0, 1.0), 1, -1.9, 2.0),
+        ((2.0, 1.0), -1, 2.9, 3.0),
+        ((0.0, 0.5), 1, 0.1, 0.0),
+    ],
+)
+def test_an_offset_is_from_where_the_joint_is_and_not_from_what_is_read(ends, sign, reached, at):
+    region = _region({"q.FL_hip": ends})
+    found = targets_of(policy_of("0.1")).answer(BoundQuery("offset", 0, 0, sign), region, gap=1e-6)
+    assert found.reached == pytest.approx(reached)
+    assert found.witness[SYMBOLS.index("q.FL_hip")] == pytest.approx(at)
+    assert found.bound >= found.reached
+
+
+def test_ranges_of_samples_hold_them_with_a_margin():
+    samples = np.random.default_rng(0).normal(size=(50, len(NAMES)))
+    ends = samples.min(axis=0), samples.max(axis=0)
+    box = measured_box(TROT, A1, NAMES, *ends)
+    low, high = Readings.around(NAMES, *box.quantities).ends(NAMES)
+    index = SYMBOLS.index("w.y")
+    quantities = UNITS.quantities(samples)[:, index]
+    width = np.ptp(quantities)
+    assert low[index] == pytest.approx(quantities.min() - 0.1 * width, abs=0.02 * width)
+    assert high[index] == pytest.approx(quantities.max() + 0.1 * width, abs=0.02 * width)
+    # Commands are the gait's, whatever was drawn.
+    assert (low[0], high[0]) == (-1.0, 1.0)
+
+
+def test_counterfactuals_move_nothing_beyond_its_range():
+    policy = policy_of("0.5*v.x + 0.1*w.y")
+    lower, upper = (UNITS.observed(own) for own in (np.full(len(NAMES), -9.0), np.full(55, 9.0)))
+    spread = np.zeros(len(NAMES))
+    spread[[SYMBOLS.index("v.x"), SYMBOLS.index("w.y")]] = 1.0
+    question = Question(policy, 0, observed(), 0.2, Room(spread, lower, upper))
+    answer = SmoothSearch.of_formula(question).nearest()
+    assert answer is not None
+    assert UNITS.quantities(answer.observation)[SYMBOLS.index("v.x")] <= 0.5 + 1e-9
+    assert question.change_of_target(answer.observation) >= 0.2
+    # Both ends together reach 0.25 and 0.5 rad.
+    beyond = replace(question, by=0.8)
+    assert SmoothSearch.of_formula(beyond).nearest() is None
+    held = replace(question, observation=observed(v__x=3.0), by=-0.3)
+    answer = SmoothSearch.of_formula(held).nearest()
+    assert answer is not None and answer.changed == (SYMBOLS.index("w.y"),)
