@@ -150,7 +150,7 @@ def AddController(  # noqa: N802
         policy = alone(policy)
     layout = ObservationLayout(gait.n_states, imu=senses.observes_imu)
     for one in policy.policies.values() if policy else ():
-        one.check(gait=gait.name, observation_names=layout.names)
+        one.check(gait=gait, observation_names=layout.names)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     trust = builder.AddNamedSystem("contact_trust", ContactTrustSystem())
     builder.Connect(sensed.foot_contact, trust.get_foot_contact_input_port())

@@ -72,12 +72,15 @@ class TaskConfig(Settings):
             episode_steps: Control steps of an episode.
 
         Raises:
-            InputError: if commands come from sliders, or the gait is not made for them.
+            InputError: if commands come from sliders, or the gait is not made for them, or a policy
+                holds another machine.
         """
         command = scenario.command
         if isinstance(command, SliderCommand):
             raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
         command.check(gait)
+        for one in _acting(policy):
+            one.refuse_other_machine(gait)
         robot = scenario.robot_of(policy)
         return cls(
             gait,
@@ -90,3 +93,9 @@ class TaskConfig(Settings):
             robot=robot,
             observes_imu=policy is not None and expert_of(policy).layout.imu,
         )
+
+
+def _acting(policy: Controller | Policy | None) -> tuple[Policy, ...]:
+    if policy is None:
+        return ()
+    return (policy,) if isinstance(policy, Policy) else tuple(policy.policies.values())

@@ -120,8 +120,9 @@ class Prover:
             operating: The operating box; the gait's shipped one by default.
 
         Raises:
-            InputError: if there is no operating box.
+            InputError: if there is no operating box, or the policy holds another machine.
         """
+        policy.refuse_other_machine(gait)
         self.policy = policy
         self.gait = gait
         operating = operating or operating_box(gait, policy.robot)

@@ -24,7 +24,7 @@ OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 
 NO_GAIT = -1
 """A request for no gait, which every controller of several refuses as bad input."""
 
-N_MEMORY = quadruped.N_JOINTS + 4 * quadruped.N_LEGS + 3
+N_MEMORY = quadruped.N_JOINTS + 3 * quadruped.N_LEGS + 3
 """Numbers that a controller remembers from one step to the next, but for odometry."""
 
 N_ODOMETRY = 1 + 3 + 4 * quadruped.N_LEGS + 3
@@ -34,8 +34,7 @@ ACTION = slice(0, quadruped.N_JOINTS)
 FOOT_HEIGHT = slice(ACTION.stop, ACTION.stop + quadruped.N_LEGS)
 READING = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + quadruped.N_LEGS)
 UNCHANGED = slice(READING.stop, READING.stop + quadruped.N_LEGS)
-TOUCHED = slice(UNCHANGED.stop, UNCHANGED.stop + quadruped.N_LEGS)
-MACHINE = slice(TOUCHED.stop, N_MEMORY)
+MACHINE = slice(UNCHANGED.stop, N_MEMORY)
 ODOMETRY = slice(N_MEMORY, N_MEMORY + N_ODOMETRY)
 """Where its parts stand among them, as `Step` has it."""
 
@@ -44,12 +43,12 @@ class Step(NamedTuple):
     """What a step of a controller brings.
 
     Attributes:
-        memory: What it remembers (31, or 54): the action (12), estimated foot heights (4; m), what
+        memory: What it remembers (27, or 50): the action (12), estimated foot heights (4; m), what
             the contact sensors read (4; -1 before the first step), for how many steps they have not
-            changed (4), which feet touch (4), and the machine's state, iterations and age. States
-            of several gaits are counted as `GaitSwitch` counts them, those of the first gait first.
-            With odometry, whether it has begun, its velocity (3; m/s), footholds (12; m), which
-            feet touch (4) and how the trunk turns (3; rad/s).
+            changed (4), and the machine's state, iterations and age. States of several gaits are
+            counted as `GaitSwitch` counts them, those of the first gait first. With odometry,
+            whether it has begun, its velocity (3; m/s), footholds (12; m), which feet touch (4) and
+            how the trunk turns (3; rad/s).
         targets: Joint position targets (12; rad).
         status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`.
     """
@@ -138,7 +137,6 @@ class LoadedController:
             foot_height=feet,
             reading=flags,
             unchanged=flags,
-            touched=flags,
             **several,
             state=number,
             iterations=number,
@@ -163,7 +161,7 @@ class LoadedController:
         self._init.restype = None
 
     def initial(self) -> Array:
-        """Returns what a controller remembers before its first step (31, or 54)."""
+        """Returns what a controller remembers before its first step (27, or 50)."""
         memory = self._memory()
         self._init(ctypes.byref(memory))
         return self._packed(memory)
@@ -212,7 +210,7 @@ class LoadedController:
             INITIALISED,
             tuple(memory[ACTION]),
             tuple(memory[FOOT_HEIGHT]),
-            *(tuple(memory[part].astype(int).tolist()) for part in (READING, UNCHANGED, TOUCHED)),
+            *(tuple(memory[part].astype(int).tolist()) for part in (READING, UNCHANGED)),
             *running,
             state - int(self._first_states[gait]),
             iterations,
@@ -227,7 +225,7 @@ class LoadedController:
         return int(begun), tuple(velocity), feet, touched, tuple(turning)
 
     def _packed(self, memory: Any) -> Array:
-        feet = (memory.foot_height, memory.reading, memory.unchanged, memory.touched)
+        feet = (memory.foot_height, memory.reading, memory.unchanged)
         first = self._first_states[memory.gait] if self.n_gaits > 1 else 0
         machine = (first + memory.state, memory.iterations, memory.age)
         whole = [*memory.action, *(value for part in feet for value in part), *machine]

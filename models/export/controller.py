@@ -212,7 +212,7 @@ def _gait_code(
     policy, estimator = controller.policy, exported_estimator(controller)
     layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
     for one in (policy, controller.expert):
-        one.check(robot=policy.robot, gait=gait.name, observation_names=layout.names)
+        one.check(robot=policy.robot, gait=gait, observation_names=layout.names)
     is_odometry = isinstance(estimator, Odometry)
     constants = state_constants(gait, own)
     return GaitCode(

@@ -15,7 +15,6 @@ from glassgait.models.export.binding import (
     ODOMETRY,
     OK,
     READING,
-    TOUCHED,
     UNCHANGED,
     Sensors,
     Step,
@@ -56,7 +55,7 @@ class PythonController:
         self._law = controller.joint_law
 
     def initial(self) -> Array:
-        """Returns what it remembers before its first step (31, with odometry 54)."""
+        """Returns what it remembers before its first step (27, with odometry 50)."""
         odometry = N_ODOMETRY if isinstance(self._estimator, Odometry) else 0
         memory = np.zeros(N_MEMORY + odometry)
         memory[READING], memory[UNCHANGED] = ContactTrust.begin()
@@ -74,12 +73,13 @@ class PythonController:
         """
         reading, unchanged = memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64)
         trust = ContactTrust(reading, unchanged).after(sensors.touching)
-        touching = trust.believed(sensors.touching, self._expected_height(memory, sensors))
-        sensors = replace(sensors, touching=touching)
+        height = self._expected_height(memory, sensors)
+        contact = trust.believed(sensors.touching | (reading == 1), height)
+        sensors = replace(sensors, touching=trust.believed(sensors.touching, height))
         machine = self._step_machine(
             MachineState(*memory[MACHINE].astype(np.int64)),
             requested,
-            foot_contact=sensors.touching | (memory[TOUCHED] > 0.5),
+            foot_contact=contact,
             foot_height=memory[FOOT_HEIGHT],
             commanded_dwell=command.dwell,
         ).machine
@@ -105,7 +105,7 @@ class PythonController:
         action = self._within(self._policy(np.concatenate([own, body])), memory[ACTION], sensors)
         after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
         after[READING], after[UNCHANGED] = trust
-        after[TOUCHED], after[MACHINE] = touching, np.ravel(machine)
+        after[MACHINE] = np.ravel(machine)
         targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
         return Step(after, targets, OK)
 

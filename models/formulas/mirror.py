@@ -1,13 +1,14 @@
 """Formulas in a mirror that exchanges left and right."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Self
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression, canonical, negative, variable
-from glassgait.models.formulas.quantities import Vocabulary
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.formulas.quantities import Definition, Vocabulary
+from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
 
 Place = tuple[int, ...]
 """Where a formula stands: state and joint, or the joint alone."""
@@ -36,11 +37,7 @@ class FormulaMirror:
         Raises:
             InputError: if an observation's name is unknown, or a definition has no mirror image.
         """
-        reflection = reflect_observation(vocabulary.names, states)
-        observed = tuple(
-            _signed(variable(index), sign)
-            for index, sign in zip(reflection.index.tolist(), reflection.sign, strict=True)
-        )
+        observed = _observed(vocabulary.names, states)
         images = dict(enumerate(observed))
         formulas = [definition.formula for definition in vocabulary.definitions]
         defined = []
@@ -73,6 +70,64 @@ class FormulaMirror:
             for place, formula in formulas.items()
         }
         return {**images, **formulas}
+
+
+def completed(
+    names: Sequence[str], states: Sequence[int], given: Sequence[Definition]
+) -> tuple[Definition, ...]:
+    """Adds the images of definitions of a leg whose images are not given.
+
+    They stand behind those of the same leg: what is given of FL, of FR, of RL, of RR.
+
+    Args:
+        names: Names of the observations (n).
+        states: State that each state of the machine is in the mirror.
+        given: The definitions.
+    """
+    images = dict(enumerate(_observed(names, states)))
+    known = {definition.symbol for definition in given}
+    whole: list[Definition] = []
+    for _, group in groupby(given, _leg):
+        own = list(group)
+        whole += own
+        for definition in own:
+            symbol = _image_symbol(definition)
+            if symbol not in known:
+                formula = canonical(definition.formula.replaced(images))
+                whole.append(replace(definition, symbol=symbol, formula=formula))
+    return tuple(whole)
+
+
+def without_images(
+    names: Sequence[str], states: Sequence[int], definitions: Sequence[Definition]
+) -> tuple[Definition, ...]:
+    """Leaves out definitions of right legs, where `completed` adds the same again."""
+    kept = tuple(own for own in definitions if _leg(own) not in _RIGHT)
+    return kept if completed(names, states, kept) == tuple(definitions) else tuple(definitions)
+
+
+_RIGHT = ("FR", "RR")
+
+
+def _observed(names: Sequence[str], states: Sequence[int]) -> tuple[Expression, ...]:
+    """Returns what each observed quantity is in the mirror."""
+    reflection = reflect_observation(names, states)
+    images = zip(reflection.index.tolist(), reflection.sign, strict=True)
+    return tuple(_signed(variable(index), sign) for index, sign in images)
+
+
+def _leg(definition: Definition) -> str:
+    """Returns the leg that a definition's name ends with, such as lifted.FL or sent.FL_hip."""
+    leg = definition.symbol.partition(".")[2].partition("_")[0]
+    return leg if leg in MIRRORED_LEGS else ""
+
+
+def _image_symbol(definition: Definition) -> str:
+    """Returns what the image of a definition is called: sent.FR_hip is that of sent.FL_hip."""
+    leg = _leg(definition)
+    return (
+        definition.symbol.replace(f".{leg}", f".{MIRRORED_LEGS[leg]}") if leg else definition.symbol
+    )
 
 
 def _signed(formula: Expression, sign: float) -> Expression:

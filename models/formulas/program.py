@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import zip_longest
+from types import MappingProxyType
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.text import TextError, written_number
@@ -46,7 +47,7 @@ class Program:
     statements: tuple[tuple[str, str], ...]
     numbers: Mapping[str, Number] = field(default_factory=dict)
 
-    def lines(self, values: Mapping[str, float]) -> list[str]:
+    def lines(self, values: Mapping[str, float] = MappingProxyType({})) -> list[str]:
         """Writes the program, with what its quantities are and with its numbers."""
         return [*(f"# {line}" for line in self.legend), *self._written(values)]
 
@@ -95,9 +96,10 @@ class Program:
                     name = self.numbers[wanted].name
                     raise TextError(f"{name} stands twice, and differs; give one", line, column)
             elif own is None or own[0] != wanted:
+                free = ", of which {} alone may be edited" if self.numbers else ""
                 raise TextError(
-                    f"{self.title} is one program, of which {', '.join(self.numbers)} alone may be "
-                    f"edited; write {statement!r}",
+                    f"{self.title} is one program{free.format(', '.join(self.numbers))}; write "
+                    f"{statement!r}",
                     line,
                     column,
                 )

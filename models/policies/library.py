@@ -7,7 +7,7 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, read_yaml
-from glassgait.models.formulas.file import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy

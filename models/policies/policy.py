@@ -22,6 +22,7 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import (
     Group,
     ObservationLayout,
@@ -92,9 +93,11 @@ class Policy(ABC):
         joint_law: How the joints that it moves are to follow its targets, which it learned with.
         observes_by: Digest of the expert whose estimator it observes by; None where it has none, or
             its own.
+        machine: The gait itself, where the policy's file holds it.
     """
 
     observes_by: str | None = None
+    machine: Gait | None = None
     _estimator: Callable[[Array], Array] | Odometry | None = None
 
     kind: ClassVar[str]
@@ -306,10 +309,28 @@ class Policy(ABC):
         robot = [] if self.robot.name == DEFAULT_ROBOT else [self.robot.name]
         return [self.kind, self.gait, *robot]
 
+    def refuse_other_machine(self, gait: Gait) -> None:
+        """Refuses a gait that differs from the one that the policy's file holds, if it holds one.
+
+        Raises:
+            InputError: if it differs; the message names the key.
+        """
+        if self.machine is None or (key := self.machine.first_difference(gait)) is None:
+            return
+        raise InputError(
+            f"this {self.kind} policy holds a machine of its own, whose {key!r} differs from that "
+            f"of the {gait.name}; name its file as the gait as well"
+        )
+
     def check(
-        self, *, gait: str, observation_names: tuple[str, ...], robot: Robot | None = None
+        self, *, gait: Gait | str, observation_names: tuple[str, ...], robot: Robot | None = None
     ) -> None:
         """Refuses to serve another robot, another gait or another observation layout.
+
+        Args:
+            gait: The gait, or its name where no more is known of it.
+            observation_names: Names of the observations, in order.
+            robot: The robot.
 
         Raises:
             InputError: if one differs; the message names the difference.
@@ -319,11 +340,14 @@ class Policy(ABC):
                 f"this {self.kind} policy was made for robot {self.robot.name!r}, not "
                 f"{robot.name!r}; load a policy of that robot"
             )
-        if self.gait != gait:
+        name = gait if isinstance(gait, str) else gait.name
+        if self.gait != name:
             raise InputError(
-                f"this {self.kind} policy was made for gait {self.gait!r}, not {gait!r}; "
+                f"this {self.kind} policy was made for gait {self.gait!r}, not {name!r}; "
                 "load the policy of that gait"
             )
+        if not isinstance(gait, str):
+            self.refuse_other_machine(gait)
         if self.observation_names != observation_names:
             ours, theirs = self.observation_names, observation_names
             first = next(

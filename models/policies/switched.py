@@ -75,7 +75,7 @@ class SwitchedPolicy(Policy):
         self.policies = [_acting(controller) for controller in controllers]
         for gait, policy in zip(switch.gaits, self.policies, strict=True):
             names = ObservationLayout(gait.n_states, imu=layout.imu).names
-            policy.check(robot=self.robot, gait=gait.name, observation_names=names)
+            policy.check(robot=self.robot, gait=gait, observation_names=names)
         self.controllers = tuple(controllers)
         self.joint_law = _common_law(controllers)
         self._digests = [controller.expert.digest() for controller in controllers]

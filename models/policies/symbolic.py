@@ -26,6 +26,8 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot, load_robot
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 
 
@@ -139,6 +141,19 @@ class FormulaPolicy(Policy):
             own._take(readings)
         return own
 
+    def with_machine(self, gait: Gait) -> Self:
+        """Returns the policy that holds its gait, and refuses to act in another.
+
+        Raises:
+            InputError: if the gait is another one than the policy's, or has other states.
+        """
+        self.check(
+            gait=gait, observation_names=ObservationLayout(gait.n_states, imu=self.layout.imu).names
+        )
+        own = copy.copy(self)
+        own.machine = gait
+        return own
+
     def _take(self, readings: Readings | None) -> None:
         if readings is not None:
             readings.refuse_others(self.observation_names)
@@ -175,6 +190,7 @@ class FormulaPolicy(Policy):
             self.robot.name,
             self._odometry,
             self.readings,
+            self.machine,
         )
 
     @property
@@ -213,7 +229,7 @@ class FormulaPolicy(Policy):
             readings=file.readings,
             robot=robot or load_robot(file.robot),
         )
-        policy._estimator = file.odometry
+        policy._estimator, policy.machine = file.odometry, file.machine
         return policy.with_joint_law(file.joint_law)
 
     def save(self, path: Path) -> None:
@@ -242,6 +258,8 @@ class FormulaPolicy(Policy):
             own.append(self._odometry.digest())
         if self.readings is not None:
             own.append(list(self.readings.ranges))
+        if self.machine is not None:
+            own.append(self.machine.digest())
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 
     def _refuse_unfit(self, expressions: Any, shape: Sequence[int]) -> None:

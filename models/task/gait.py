@@ -1,20 +1,37 @@
-"""Gaits as data: a reward machine and the commands it is meant for, read from a YAML file."""
+"""Gaits as data: a reward machine and the commands it is meant for, read from a YAML file.
+
+A formula file may hold its gait, as the same YAML in a section of its own.
+"""
 
 import hashlib
 import os
+import re
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
+from math import inf
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from glassgait.models.errors import InputError, brief, shown
 from glassgait.models.files import YAML_BYTES, read_text
+from glassgait.models.plain_yaml import parse_yaml
 from glassgait.models.task.formula import Formula
 from glassgait.models.task.gait_keys import checked_values, is_plain
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
+
+MACHINE = "machine"
+"""Title of the section of a formula file that holds a gait."""
+
+FORMULA_FILE = ".formulas"
+"""How the names of formula files end."""
+
+_NEXT_TITLE = re.compile(r"readings|definitions|every state|state \d{1,3}|limits")
+"""What ends that section."""
 
 LONGEST_NAME = 80
 """Greatest number of bytes of a gait's name, which stands in the names of its files."""
@@ -80,6 +97,19 @@ class Gait:
         """Returns a digest of everything in the gait, its name included."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:16]
 
+    def first_difference(self, other: "Gait") -> str | None:
+        """Returns the first key of their files in which two gaits do not act alike, if any.
+
+        Descriptions may differ, and formulas that hold in the same stances.
+        """
+        acts = [key.name for key in fields(self) if key.name not in ("name", "description")]
+        return next((key for key in acts if self._acting(key) != other._acting(key)), None)
+
+    def _acting(self, key: str) -> object:
+        if key == "transitions":
+            return [replace(edge, when=replace(edge.when, text="")) for edge in self.transitions]
+        return getattr(self, key)
+
 
 def gait_names() -> tuple[str, ...]:
     """Lists the gaits that ship with the project."""
@@ -90,14 +120,15 @@ def gait_path(gait: str | Path) -> Path:
     """Returns the file of a gait that ships with the project, or of one of one's own.
 
     Args:
-        gait: Name of a gait that ships, or path of a gait file.
+        gait: Name of a gait that ships, or path of a gait file or of a formula file.
 
     Raises:
         InputError: if there is no such gait, or the file's name can name no gait.
     """
     path = Path(gait)
     if path.suffix in (".yaml", ".yml"):
-        _check_name(path)
+        _check_name(path.stem, path, "rename it")
+    if path.suffix in (".yaml", ".yml", FORMULA_FILE):
         return path
     if str(gait) not in gait_names():
         raise InputError(
@@ -108,13 +139,15 @@ def gait_path(gait: str | Path) -> Path:
 
 
 def load_gait(gait: str | Path) -> Gait:
-    """Loads a gait by its name, or from a YAML file of one's own.
+    """Loads a gait by its name, or from a YAML file of one's own, or from a formula file.
 
     Raises:
         InputError: if there is no such gait, or its file breaks a rule; the message names the
             file, the key and the remedy.
     """
     path = gait_path(gait)
+    if path.suffix == FORMULA_FILE:
+        return _machine_of(path)
     text = read_text(path, YAML_BYTES)
     try:
         loaded = parse_gait(text, name=path.stem)
@@ -128,6 +161,22 @@ def load_gait(gait: str | Path) -> Gait:
             "the file another name"
         )
     return loaded
+
+
+def _machine_of(path: Path) -> Gait:
+    """Reads the gait that a formula file holds, which may have been edited."""
+    lines = [line.partition("#")[0].rstrip() for line in read_text(path).split("\n")]
+    named = next((line.partition(":")[2].strip() for line in lines if line[:5] == "gait:"), "")
+    if MACHINE not in lines:
+        raise InputError(f"{path}: has no section {MACHINE!r}; name a gait, or a gait file")
+    first = lines.index(MACHINE) + 1
+    titles = (i for i in range(first, len(lines)) if _NEXT_TITLE.fullmatch(lines[i]))
+    end = next(titles, None)
+    _check_name(named, path, "change 'gait' in its header")
+    try:
+        return parse_gait("\n".join([""] * first + lines[first:end]), name=named)
+    except InputError as error:
+        raise InputError(f"{path}: {MACHINE}: {error}") from error
 
 
 def parse_gait(text: str, *, name: str) -> Gait:
@@ -146,15 +195,64 @@ def parse_gait(text: str, *, name: str) -> Gait:
     return gait
 
 
-def _check_name(path: Path) -> None:
-    """Refuses names of files that cannot name a gait and, after it, the files of its runs."""
-    name = path.stem
+def gait_lines(gait: Gait) -> list[str]:
+    """Writes a gait, in ASCII, as lines from which `parse_gait` reads the same gait."""
+    shortest, longest = gait.dwell
+    return [
+        f"description: {_scalar(gait.description, 'key: {}')}",
+        f"max_speed: {_number(gait.max_speed)}    # m/s",
+        f"max_yaw_rate: {_number(gait.max_yaw_rate)}    # rad/s",
+        f"dwell: [{shortest}, {longest}]    # control steps to stay in a state",
+        f"clearance: {_number(gait.clearance)}    # m, how high a foot in the air must be",
+        f"states: {_list(gait.states)}",
+        f"initial: {_scalar(gait.initial)}",
+        *([f"faults: {_list(gait.faults)}"] if gait.faults else []),
+        "transitions:",
+        *(f"  - {_edge(transition)}" for transition in gait.transitions),
+    ]
+
+
+def _edge(edge: Transition) -> str:
+    texts = {"from": edge.source, "to": edge.target, "when": edge.when.text}
+    keys = [f"{key}: {_scalar(text)}" for key, text in texts.items()]
+    keys += [f"dwell: {_number(edge.dwell)}"] if edge.dwell != 1.0 else []
+    keys += [f"grace: {edge.grace}"] if edge.grace else []
+    return f"{{{', '.join(keys)}}}"
+
+
+def _number(value: float) -> str:
+    """Writes a number so that YAML reads one: to YAML 1e-05 is a text."""
+    text = repr(value)
+    return text if "." in text else text.replace("e", ".0e")
+
+
+def _list(names: Iterable[str]) -> str:
+    return f"[{', '.join(map(_scalar, names))}]"
+
+
+def _scalar(text: str, place: str = "{{key: {}}}") -> str:
+    """Writes a text: as it is where it is then read as it is in its place, and else in quotes."""
+    try:
+        (read,) = parse_yaml(place.format(text)).values()
+        plain = read == text and text.isascii() and "#" not in text
+    except (InputError, AttributeError, ValueError):
+        plain = False
+    if plain:
+        return text
+    quoted = yaml.safe_dump(text, default_style='"', width=inf)
+    # In a formula file # begins a comment wherever it stands.
+    return quoted.strip().replace("#", "\\x23")
+
+
+def _check_name(name: str, path: Path, remedy: str) -> None:
+    """Refuses names that cannot name a gait and, after it, the files of its runs."""
     # The file system counts bytes.
     short = len(os.fsencode(name)) <= LONGEST_NAME
-    if not short or not is_plain(name, LONGEST_NAME) or name.startswith("."):
+    plain = is_plain(name, LONGEST_NAME) and not {*name} & {"/", "\\"}
+    if not short or not plain or name.startswith("."):
         raise InputError(
-            f"gait file {shown(str(path))}: the gait takes its name from the file; rename it to "
-            f"printable characters, {LONGEST_NAME} bytes at most, that start with no dot"
+            f"gait file {shown(str(path))}: the gait takes its name from it; {remedy} to printable "
+            f"characters, {LONGEST_NAME} bytes at most, that start with no dot"
         )
     if name in TAKEN_NAMES:
         raise InputError(

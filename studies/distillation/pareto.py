@@ -217,6 +217,7 @@ class Pareto(RolloutExperiment):
                 path = self.folder / "formulas" / f"{name}_{n_terms}{FormulaPolicy.suffix}"
                 if not path.exists():
                     start = family.fit(samples, n_terms).with_readings(ranges)
+                    start = start.with_machine(self.gaits[0])
                     made = self._refined(start, path) if family.refined else start
                     made = made.with_estimator_of(self.expert)
                     made.with_joint_law(self.expert.joint_law).save(path)

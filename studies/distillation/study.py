@@ -240,7 +240,7 @@ class _Distillation:
         if isinstance(student, FormulaPolicy):
             names, observations = student.observation_names, seen.observations
             ranges = readings_of(self.gait, student.robot, names, observations)
-            student = student.with_readings(ranges)
+            student = student.with_readings(ranges).with_machine(self.gait)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
             write_latex(student, self.folder / f"{kind}.tex")

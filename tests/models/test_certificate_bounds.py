@@ -15,8 +15,8 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.certificates.question import BoundQuery, region_of, targets_of
 from glassgait.models.certificates.sum_targets import greatest_sum
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.file import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

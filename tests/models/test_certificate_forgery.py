@@ -22,7 +22,7 @@ from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import gait_lines, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 
@@ -462,7 +462,8 @@ def test_states_of_the_machine_are_no_observations_of_a_claim():
     ("text", "message"),
     [
         ("states: &a [q0, q1]\nfaults: *a", "aliases"),
-        ("states: [q1, q0]", "not the trot that ships"),
+        ("states: [q1, q0]", "other keys than a gait"),
+        ("\n".join(gait_lines(load_gait("pace"))), "not the gait that the policy holds"),
     ],
 )
 def test_refuses_another_gait_of_the_name(tmp_path, text, message):

@@ -11,8 +11,8 @@ from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room,
 from glassgait.models.counterfactuals.smooth import FormulaTarget, SmoothSearch, shortest_steps
 from glassgait.models.counterfactuals.trees import Forest
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.file import read_formulas
 from glassgait.models.formulas.interval import Interval, bounds_of
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.boosting import BoostedTreesPolicy

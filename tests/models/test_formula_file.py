@@ -12,9 +12,10 @@ from glassgait.models.certificates.checker import RefusedError
 from glassgait.models.certificates.checker.text import FormulaText
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import canonical
-from glassgait.models.formulas.file import MAX_DEFINITIONS, SUFFIX, read_formulas
+from glassgait.models.formulas.file import SUFFIX
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
+from glassgait.models.formulas.reader import MAX_DEFINITIONS, read_formulas
 from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.symbolic import (
@@ -128,7 +129,7 @@ def test_a_file_says_with_which_gains_joints_follow(symbolic):
     said = "states: 2\ntargets: limited\ngains: 40 1.5\n"
     firm = policy_of(symbolic.to_text().replace("states: 2\n", said))
     assert firm.joint_law == JointLaw((40.0, 1.5), limited=True)
-    assert "gains: 40 1.5    # of the joints" in firm.to_text()
+    assert "gains: 40 1.5    # N m/rad and N m s/rad; torque" in firm.to_text()
     assert policy_of(firm.to_text()).digest() == firm.digest() != symbolic.digest()
     assert FormulaText.read(firm.to_text()).stiffness == 40.0
     assert FormulaText.read(symbolic.to_text()).stiffness is None
@@ -206,7 +207,7 @@ def test_what_stands_in_a_file_is_explained_in_it():
     assert legend.split("\n") == [
         "# Each formula is the target of a joint, in rad.",
         "# q: angle of a joint, rad.",
-        "# t: control steps since the state began.",
+        "# t: control steps since the state began, cmd.t + 2 at most.",
     ]
     assert read_formulas(written).mirror == (1, 0)
 
@@ -320,7 +321,7 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"{HEAD}kind: symbolic\n{EVERY}", 4, "'kind: symbolic' is no line"),
         (f"{HEAD}FL_hip = 0.1\n", 4, "stands under 'state 0'"),
         (f"{HEAD}{EVERY}gait: pace\n", 17, "no line of a formula file"),
-        (f"{HEAD}{EVERY}definitions\n", 17, "move them up"),
+        (f"{HEAD}{EVERY}definitions\n", 17, "'definitions' stands too late"),
         (f"{HEAD}{EVERY}state 0\n", 17, "not both"),
         (f"{HEAD}{EVERY}FL_hip = 0.2\n", 17, "FL_hip has a formula above"),
         (f"{HEAD}{EVERY}FL_foot = 0.2\n", 17, "'FL_foot' is no joint; the joints are FL_hip"),

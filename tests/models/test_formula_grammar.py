@@ -9,8 +9,8 @@ from glassgait.models.certificates.checker.robot import RefusedError
 from glassgait.models.certificates.checker.text import FormulaText, Node
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression, canonical, constant, variable
-from glassgait.models.formulas.file import read_formulas
-from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.robots import quadruped
 
 SMALL = """format: 1
@@ -42,6 +42,15 @@ RR_calf = 2*(h.RL - 1)**3
 
 SHARED = re.sub(r"mirror.*\n", "", SMALL).replace("state 0", "every state")
 
+PAGE = load_student("trot", "sparse_formula").to_text()
+BEFORE = PAGE[PAGE.index("\ncontacts\n") : PAGE.index("\ndefinitions\n")]
+LIMITS = PAGE[PAGE.index("\nlimits\n") :]
+WHOLE = SMALL.replace("mirror", "senses: imu\nmirror").replace(
+    "# Two halves of a stride.\n", BEFORE
+)
+WHOLE = WHOLE.replace("lifted.FR = tanh(100*h.FR - 2)\n", "") + LIMITS
+"""A whole controller, one definition of which is the image of another."""
+
 ALPHABET = [
     *"0123456789.+-*/()=# \n_eqt,:;[]'\\^",
     *("\t", "\r", "\f", "\v", "\x1c", "\x85", "\xa0", "\u2028", "\u2029", "\ufeff", "\x00", "\x7f"),
@@ -53,6 +62,9 @@ FRAGMENTS = (
         "\nstate 0\n",
         "\nevery state\n",
         "\ndefinitions\n",
+        "\nmachine\n",
+        "\ncontacts\n",
+        "\nlimits\n",
         "\n ",
         "\n    + t",
         "\n\n",
@@ -164,6 +176,9 @@ def assert_seen_alike(text: str) -> bool:
                 FormulaText.read(text)
         return False
     message = FormulaText.read(text)
+    assert {*message.definitions} == {
+        own.symbol for own in read_formulas(text).vocabulary.definitions
+    }
     found = {place: canonical(expression(own, symbols)) for place, own in message.targets.items()}
     assert found == expected
     return True
@@ -172,7 +187,8 @@ def assert_seen_alike(text: str) -> bool:
 def assert_all_seen_alike(seed: int, count: int) -> None:
     generator = np.random.default_rng(seed)
     read = sum(
-        assert_seen_alike(mutated((SMALL, SHARED)[index % 2], generator)) for index in range(count)
+        assert_seen_alike(mutated((SMALL, SHARED, WHOLE)[index % 3], generator))
+        for index in range(count)
     )
     # Neither only damage nor only what changes nothing.
     assert 0.05 * count < read < 0.95 * count

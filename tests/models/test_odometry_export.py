@@ -12,7 +12,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.export.binding import BAD_INPUT, BAD_MEMORY, ODOMETRY, OK
 from glassgait.models.export.controller import write_controller
 from glassgait.models.export.reference import PythonController
-from glassgait.models.formulas.file import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.switched import SwitchedPolicy
@@ -158,14 +158,18 @@ def test_a_file_holds_odometry_whose_gain_can_be_edited(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("0.15*(measured", "2*(measured", "line 32, column 17: the gain"),
-        ("0.15*(measured", "nan*(measured", "line 32, column 17: the gain"),
-        ("0.02*9.81", "0.02*9.8", "line 26, column 46: odometry is one program"),
-        ("normal = unit(", "normal = (", "line 34, column 10: odometry is one program"),
-        ("stood = touching", "# stood = touching", "line 29, column 1: odometry is one"),
-        ("h = dot(normal", "# h = dot(normal", "line 37, column 1: odometry lacks"),
-        ("\nreadings", "\nh = 2\n\nreadings", "line 37, column 1: odometry ends"),
-        ("\nreadings", "\nodometry\n\nreadings", "line 37, column 1: odometry stands"),
+        ("0.15*(measured", "2*(measured", "line 41, column 17: the gain"),
+        ("0.15*(measured", "nan*(measured", "line 41, column 17: the gain"),
+        ("0.02*9.81", "0.02*9.8", "line 35, column 46: odometry is one program"),
+        ("normal = unit(", "normal = (", "line 43, column 10: odometry is one program"),
+        ("stood = touching", "# stood = touching", "line 38, column 1: odometry is one"),
+        ("h = dot(normal", "# h = dot(normal", "line 46, column 1: odometry lacks"),
+        ("\nmachine", "\nh = 2\n\nmachine", "line 46, column 1: odometry ends"),
+        (
+            "\nmachine",
+            "\nodometry\n\nmachine",
+            "line 46, column 1: 'odometry' stands",
+        ),
         ("senses: imu", "senses: sonar", "line 4, column 1: senses"),
     ],
 )

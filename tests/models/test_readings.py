@@ -18,8 +18,8 @@ from glassgait.models.certificates.question import BoundQuery, Box, counted_of, 
 from glassgait.models.counterfactuals.question import Question, Room
 from glassgait.models.counterfactuals.smooth import SmoothSearch
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.file import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.library import load_student, shipped_students
 from glassgait.models.policies.symbolic import FormulaPolicy

@@ -25,7 +25,7 @@ from glassgait.models.policies.library import load_expert, load_policy, load_stu
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import gait_lines, gait_path, load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
@@ -357,3 +357,19 @@ def test_claims_of_an_imu_are_proved_refuted_and_checked(policy, capsys):
         with pytest.raises(RefusedError):
             FormulaText.read(changed)
     assert FormulaText.read(text.replace("0.02*cross(w, v)", "0.02 * cross( w,v )")).imu
+
+
+def test_a_machine_that_a_policy_holds_is_the_one_that_is_proved_of(policy, capsys):
+    text = imu_policy(policy.parent)
+    lines = "\n".join(gait_lines(load_gait("trot"))).replace("clearance: 0.03", "clearance: 0.05")
+    place = text.index("\nevery state\n")
+    (policy.parent / "imu.formulas").write_text(f"{text[:place]}\nmachine\n{lines}\n{text[place:]}")
+    options = ["--policy", "imu.formulas", "--box", "imu.yaml"]
+    with pytest.raises(SystemExit):
+        main(["verify", "prove", *options, "--output", "none"])
+    assert "'clearance' differs" in capsys.readouterr().err
+    main(["verify", "prove", "--gait", "imu.formulas", *options, "--output", "out"])
+    main(["verify", "check", "out", "--policy", "imu.formulas"])
+    certificate = policy.parent / "out" / "certificate.json"
+    with pytest.raises(RefusedError, match="not the gait that the policy holds"):
+        check(certificate, policy.parent / "imu.formulas", gait_path("trot"))

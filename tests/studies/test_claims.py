@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.formulas.file import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

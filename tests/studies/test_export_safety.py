@@ -21,7 +21,7 @@ from glassgait.models.export.binding import (
     Sensors,
 )
 from glassgait.models.export.controller import write_controller
-from glassgait.models.formulas.file import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy

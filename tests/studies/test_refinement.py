@@ -10,7 +10,7 @@ import torch
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
-from glassgait.models.formulas.file import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
 from glassgait.models.robots.robot import load_robot

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from glassgait.models.certificates.certificate import SHIPPED
-from glassgait.models.formulas.file import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.task.gait import GAIT_DIRECTORY

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sklearn.metrics import r2_score
 
-from glassgait.models.formulas.file import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .formulas import Formulas
-from .gait import Gait
+from .gait import MOST_STATES, Gait, is_involution
 from .limits import KEEPS, Limits
 from .robot import (
     COUNTED,
     DEFAULT_ROBOT,
     JOINTS,
     Box,
+    RefusedError,
     Robot,
     is_number,
     is_robot_name,
@@ -30,7 +31,7 @@ from .robot import (
     symbols,
 )
 from .tables import Tables, Trees, read_arrays
-from .text import FormulaText, is_involution
+from .text import FormulaText
 
 MODELS = Path(__file__).parents[2]
 
@@ -68,12 +69,14 @@ class Policy(NamedTuple):
         mirror: What the machine's states are in the mirror, where it says so.
         stiffness: The joints' stiffness, where that is not the robot's.
         limits: What comes last, where the file has limits.
+        machine: The gait, where the file holds it.
     """
 
     targets: Formulas | Tables | None
     mirror: Any = None
     stiffness: float | None = None
     limits: Limits | None = None
+    machine: Gait | None = None
 
 
 def read_policy(
@@ -92,7 +95,8 @@ def read_policy(
         refuse_unless(text.n_states == n_states, "the policy has other states")
         refuse_unless(text.imu == imu, "the policy has other senses than the boxes")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
-        return Policy(Formulas.read(robot, text), text.image, text.stiffness, text.limits)
+        formulas = Formulas.read(robot, text)
+        return Policy(formulas, text.image, text.stiffness, text.limits, text.machine)
     header, arrays = read_arrays(data)
     refuse_unless(header["gait"] == gait, "the policy is of another gait")
     refuse_unless(header["kind"] == kind, "the policy is of another kind")
@@ -133,24 +137,17 @@ class Document:
         self.content = read_json(read_bytes(certificate))
         self.check_contents()
         self.robot = self.read_robot(robot)
-        name = self.content["gait"]
-        plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_]+", name)
-        shipped = MODELS / "task" / "gaits" / f"{name}.yaml"
-        refuse_unless(
-            gait or (plain and shipped.is_file()),
-            f"no gait {name!r} ships with the project; name its file by --gait",
-        )
-        path = gait or shipped
-        refuse_unless(path.stem == name, f"{path} is the file of another gait than the {name}")
-        same = not (gait and plain and shipped.is_file()) or read_yaml(path) == read_yaml(shipped)
-        refuse_unless(same, f"{path} is not the {name} that ships; give your gait another name")
-        self.gait = Gait(path)
-        states = self.gait.states
-        refuse_unless(self.content["states"] == states, f"the {name} has other states: {states}")
+        states = self.content["states"]
+        counted = isinstance(states, list) and 0 < len(states) <= MOST_STATES
+        refuse_unless(counted, "the certificate names no states")
         # What a robot senses is what a box of its observations is of.
         self.n_states, self.imu = len(states), "g.x" in self.content["boxes"]["operating"]
         self.names = symbols(self.n_states, self.imu)
-        self.check_policy(policy, plain)
+        read = self.read_certified(policy)
+        self.gait = self.read_gait(gait, read.machine)
+        same = self.gait.states == states
+        refuse_unless(same, f"the {self.content['gait']} has other states: {self.gait.states}")
+        self.check_mirror(read.mirror)
         self.check_boxes()
 
     def check_contents(self) -> None:
@@ -187,9 +184,35 @@ class Document:
         own = [] if self.robot.name == DEFAULT_ROBOT else [self.robot.name]
         return MODELS.joinpath(folder, *own, rest)
 
-    def check_policy(self, policy: Path | None, plain: Any) -> None:
+    @property
+    def plain(self) -> bool:
+        """Whether the gait's name may be that of a file that ships."""
+        name = self.content["gait"]
+        return isinstance(name, str) and bool(re.fullmatch(r"[A-Za-z0-9_]+", name))
+
+    def read_gait(self, given: Path | None, own: Gait | None) -> Gait:
+        """Reads the gait's file, where the policy's file does not hold the gait itself."""
+        if given is None and own is not None:
+            return own
+        name = self.content["gait"]
+        shipped = MODELS / "task" / "gaits" / f"{name}.yaml" if self.plain else None
+        ships = shipped is not None and shipped.is_file()
+        path = given or (shipped if ships else None)
+        if path is None:
+            raise RefusedError(f"no gait {name!r} ships with the project; name its file by --gait")
+        refuse_unless(path.stem == name, f"{path} is the file of another gait than the {name}")
+        found = Gait.load(path)
+        if own is not None:
+            refuse_unless(own.acts_as(found), f"{path} is not the gait that the policy holds")
+        elif shipped is not None and ships:
+            same = path == shipped or read_yaml(path) == read_yaml(shipped)
+            refuse_unless(same, f"{path} is not the {name} that ships; give your gait another name")
+        return found
+
+    def read_certified(self, policy: Path | None) -> Policy:
+        """Reads the policy's file, and refuses another one than the certificate's."""
         own, name = self.content["policy"], self.content["gait"]
-        path = policy or self.shipped_policy(str(own["file"]), plain)
+        path = policy or self.shipped_policy(str(own["file"]))
         data = read_bytes(path)
         refuse_unless(
             hashlib.sha256(data).hexdigest() == own["sha256"],
@@ -202,17 +225,20 @@ class Document:
             self.robot = replace(self.robot, stiffness=read.stiffness)
         if read.limits is not None:
             read.limits.check(self.robot)
+        return read
+
+    def check_mirror(self, said: Any) -> None:
         image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),
             "its mirror does not name each state's image",
         )
-        refuse_unless(read.mirror in (None, image), "its mirror is another one than the policy's")
+        refuse_unless(said in (None, image), "its mirror is another one than the policy's")
         refuse_unless(self.gait.mirrors(image), "its mirror is not that of the gait's machine")
 
-    def shipped_policy(self, file: str, plain: Any) -> Path:
+    def shipped_policy(self, file: str) -> Path:
         refuse_unless(
-            plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
+            self.plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
             f"no policy {file!r} ships with the project; name its file by --policy",
         )
         if self.content["policy"]["kind"] == "neural":

@@ -21,12 +21,17 @@ from .robot import (
     Box,
     RefusedError,
     Robot,
+    is_number,
+    parse_yaml,
     read_yaml,
     refuse_unless,
 )
-from .text import MOST_STATES, is_involution
 
-MOST_CHARACTERS = 1000
+MOST_CHARACTERS, MOST_STATES, DEEPEST = 1000, 32, 50
+
+MOST = {"clearance": 1.0, "max_speed": 100.0, "max_yaw_rate": 100.0}
+"""Greatest numbers of a gait."""
+KEYS = ("description", "states", "initial", "transitions", "dwell", *MOST)
 
 STANCES = [dict(zip(LEGS, feet, strict=True)) for feet in ways((False, True), repeat=len(LEGS))]
 """All ways to touch the ground."""
@@ -43,16 +48,97 @@ class Gait:
         states: Names of the machine's states, in order.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.said = read_yaml(path)
-        refuse_unless(isinstance(self.said, dict), f"{path} is no gait file")
-        states, edges = self.said["states"], self.said["transitions"]
-        plain = isinstance(states, list) and all(isinstance(own, str) for own in states)
-        refuse_unless(plain and 0 < len(states) <= MOST_STATES, f"{path} names no states")
-        short = isinstance(edges, list) and len(edges) <= MOST_STATES * len(STANCES)
-        short = short and all(len(str(edge["when"])) <= MOST_CHARACTERS for edge in edges)
-        refuse_unless(short, f"{path} holds too much for a gait")
-        self.states: list[str] = states
+    def __init__(self, said: Any, source: object) -> None:
+        """
+        Args:
+            said: The file's keys and values.
+            source: What a refusal calls it.
+        """
+        refuse_unless(isinstance(said, dict), f"{source} is no gait")
+        keys = {*said}
+        refuse_unless({*KEYS} <= keys <= {*KEYS, "faults"}, f"{source} has other keys than a gait")
+        self.said = said
+        self.states: list[str] = said["states"]
+        self.check_values(source)
+        for edge in said["transitions"]:
+            self.check_edge(edge, source)
+        self.check_machine(source)
+
+    def check_values(self, source: object) -> None:
+        said, states = self.said, self.states
+        of_text = isinstance(states, list) and all(map(is_name, states))
+        several = of_text and len({*states}) == len(states) and 1 < len(states) <= MOST_STATES
+        refuse_unless(several, f"{source} names no states")
+        faults = said.get("faults", [])
+        inside = isinstance(faults, list) and all(
+            own in states for own in [said["initial"], *faults]
+        )
+        refuse_unless(inside and len({*faults}) == len(faults), f"{source} names another state")
+        dwell, description = said["dwell"], said["description"]
+        whole = (
+            isinstance(dwell, list) and len(dwell) == 2 and all(type(own) is int for own in dwell)
+        )
+        refuse_unless(whole and 1 <= dwell[0] <= dwell[1] <= 1000, f"{source} has no dwell")
+        for key, most in MOST.items():
+            refuse_unless(is_number(said[key]) and 0 < said[key] <= most, f"{source} has no {key}")
+        refuse_unless(isinstance(description, str), f"{source} is not described")
+        line = " ".join(description.split())
+        plain = len(line) <= MOST_CHARACTERS // 2 and line.isprintable()
+        edges = said["transitions"]
+        few = isinstance(edges, list) and len(edges) <= MOST_STATES * len(STANCES)
+        refuse_unless(plain and few, f"{source} holds too much for a gait")
+
+    def check_edge(self, edge: Any, source: object) -> None:
+        must = {"from", "to", "when"}
+        known = isinstance(edge, dict) and must <= {*edge} <= {*must, "dwell", "grace"}
+        refuse_unless(known, f"{source} has a transition with other keys")
+        inside = edge["from"] in self.states and edge["to"] in self.states
+        refuse_unless(inside, f"{source} has a transition of other states")
+        when, share, grace = edge["when"], edge.get("dwell", 1.0), edge.get("grace", 0)
+        short = isinstance(when, str) and len(" ".join(when.split())) <= MOST_CHARACTERS
+        refuse_unless(short, f"{source} has a transition without a condition")
+        sound = (
+            is_number(share) and 0 <= share <= 1 and type(grace) is int and 0 <= grace <= 100_000
+        )
+        refuse_unless(sound, f"{source} has a transition of no dwell or grace")
+
+    def check_machine(self, source: object) -> None:
+        """Refuses states that are never entered, and transitions that may fire together."""
+        reached = [self.said["initial"]]
+        for state in reached:
+            edges = [*self.leaving(self.states.index(state))]
+            fires = [
+                sum(own) for own in zip(*(self.signature(edge)[0] for edge in edges), strict=True)
+            ]
+            once = all(any(self.signature(edge)[0]) for edge in edges)
+            refuse_unless(
+                once and max(fires, default=0) <= 1, f"{source} leaves {state} by two ways"
+            )
+            reached += [
+                own for own in dict.fromkeys(edge["to"] for edge in edges) if own not in reached
+            ]
+        refuse_unless({*reached} == {*self.states}, f"{source} has a state that is never entered")
+
+    @classmethod
+    def load(cls, path: Path) -> "Gait":
+        """Reads a gait's file."""
+        return cls(read_yaml(path), path)
+
+    @classmethod
+    def read(cls, text: str, source: object) -> "Gait":
+        """Reads a gait that stands in another file."""
+        return cls(parse_yaml(text.encode("ascii"), source), source)
+
+    def acts_as(self, other: "Gait") -> bool:
+        """Returns whether two gaits are the same, but for what they are called and described."""
+        return self.acting() == other.acting()
+
+    def acting(self) -> list[Any]:
+        keys = ("initial", "clearance", "dwell", "max_speed", "max_yaw_rate")
+        edges = [
+            [edge["from"], edge["to"], self.signature(edge)] for edge in self.said["transitions"]
+        ]
+        return [self.states, self.said.get("faults", []), [self.said[key] for key in keys], edges]
 
     def mirrors(self, image: list[int] | None) -> bool:
         """Returns whether the machine in the mirror is the machine with its states renamed so.
@@ -139,6 +225,26 @@ class Gait:
         return 0.0, 1.0
 
 
+def is_name(value: object) -> bool:
+    """Returns whether a value may be the name of a state."""
+    return (
+        isinstance(value, str)
+        and 0 < len(value) <= 40
+        and value.isprintable()
+        and value == value.strip()
+    )
+
+
+def is_involution(image: object, count: int) -> bool:
+    """Returns whether numbers name each one's image, whose image is the number itself."""
+    return (
+        isinstance(image, list)
+        and len(image) == count
+        and all(type(own) is int and 0 <= own < count for own in image)
+        and all(image[image[own]] == own for own in range(count))
+    )
+
+
 def outward(low: float, high: float) -> tuple[float, float]:
     # What is off a fourth decimal by rounding alone is on it.
     return (
@@ -151,6 +257,8 @@ class Condition:
     """Evaluates a condition such as FL & (RR | ~FR), of which ~ binds most and | least."""
 
     def __init__(self, text: str, feet: dict[str, bool]) -> None:
+        brackets = [text[:end].count("(") - text[:end].count(")") for end in range(len(text))]
+        refuse_unless(max(brackets, default=0) <= DEEPEST, "a condition is nested too deep")
         self.tokens = re.findall(r"[A-Z]{2}|[&|~()]|[^\s]", text)[::-1]
         self.feet = feet
 

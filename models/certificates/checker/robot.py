@@ -223,18 +223,50 @@ def read_json(data: bytes) -> Any:
 
 
 def read_yaml(path: Path) -> Any:
-    """Reads plain values; aliases, which unfold to gigabytes, are refused."""
-    data = read_bytes(path, MOST_BYTES // 1000)
-    named = any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(data))
-    refuse_unless(not named, f"{path} holds aliases")
-    return yaml.load(data, _Strict)
+    """Reads a file of plain values."""
+    return parse_yaml(read_bytes(path, MOST_BYTES // 1000), path)
+
+
+def parse_yaml(data: bytes, source: object) -> Any:
+    """Reads plain values. Aliases, by which a few bytes unfold to gigabytes, are refused."""
+    try:
+        depth = 0
+        for event in yaml.parse(data):
+            named = getattr(event, "anchor", None) or getattr(event, "tag", None)
+            refuse_unless(not named, f"{source} holds anchors, aliases or tags")
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            refuse_unless(depth <= DEEPEST, f"{source} is nested too deep")
+        return yaml.load(data, _Strict)
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        raise RefusedError(f"{source} is no YAML ({str(error)[:80]})") from error
+
+
+DEEPEST, LONGEST_NUMBER = 20, 100
+"""Greatest nesting of values in YAML, and greatest number of characters of a number."""
 
 
 class _Strict(yaml.SafeLoader):
-    """Plain values, each key once: of two the last would count, and a reader sees the first."""
+    """Plain values, each key once: of two the last would count, and a reader sees the first.
+
+    What is no number, truth value or nothing is text, a date as well.
+    """
+
+    yaml_implicit_resolvers = {  # noqa: RUF012
+        first: [
+            own for own in resolvers if own[0].rsplit(":", 1)[1] in ("null", "bool", "int", "float")
+        ]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+        is_text = node.tag == "tag:yaml.org,2002:str"
+        refuse_unless(is_text or len(node.value) <= LONGEST_NUMBER, "a number is too long")
+        return super().construct_scalar(node)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        refuse_unless(all(isinstance(key, str) for key in keys), "a key is no text")
         refuse_unless(len(keys) == len({*keys}), "a key is given twice")
         return super().construct_mapping(node, deep)
 

@@ -10,13 +10,22 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from keyword import iskeyword
 
+from .gait import MOST_STATES, Gait, is_involution
 from .limits import Limits
 from .program import read_program
 from .readings import Readings
-from .robot import JOINTS, RefusedError, image_of, refuse_unless, stiffness_of, symbols
+from .robot import JOINTS, MIRRORED, RefusedError, image_of, refuse_unless, stiffness_of, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
 HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets", "gains")
+CONTACTS = (
+    "unchanged = min(unchanged + 1, 50) if sensed == sensed.before else 0",
+    "stuck = unchanged == 50",
+    "low = expected < 0.0075",
+    "touching = low if stuck else sensed",
+    "contact = low if stuck else sensed or sensed.before",
+)
+"""What the section of contacts says: a proof needs no more of it than that it is this."""
 ODOMETRY = (
     "predicted = v - 0.02*cross(w, v) + dv + 0.02*9.81*g",
     "sole = dp + cross(w, p) + radius*cross(w + dr, g)",
@@ -31,7 +40,19 @@ ODOMETRY = (
 )
 """What the section of odometry says, but for its gain: of what is estimated a proof knows no more
 than that it lies in a box."""
-MOST_CHARACTERS, MOST_STATES, MOST_DEFINITIONS = 1_000_000, 32, 200
+ORDER = (
+    "contacts",
+    "odometry",
+    "machine",
+    "readings",
+    "definitions",
+    "every state",
+    "limits",
+)
+"""Titles of sections in their order; those of one state each stand as that of every state does."""
+PLAIN = ("contacts", "odometry", "machine", "readings", "limits")
+"""Those that hold no formulas."""
+MOST_CHARACTERS, MOST_DEFINITIONS = 1_000_000, 200
 DEEPEST, MOST_NODES, LARGEST = 100, 5000, 1e30
 
 WORD = r"[A-Za-z_][A-Za-z0-9_]*"
@@ -202,28 +223,28 @@ class FormulaText:
     """What a formula file says.
 
     Attributes:
+        text: The file.
         header: Keys and values before the first section.
         targets: The formula of each state and joint, mirror images included, of quantities alone.
         given: Targets that the file itself holds.
         definitions: Formulas that have names.
         section: The section that is read.
         kinds: Whether formulas serve every state; empty before the first.
-        odometry: The statements of odometry.
-        limited: The statements of limits.
+        sections: The lines of sections that hold no formulas, by their titles.
+        machine: The gait, where the file holds it.
         limits: Limits, where the file has them.
-        ranges: The lines of readings.
         readings: In which ranges formulas read what is sensed, where the file says so.
         stiffness: Stiffness of the joints that the policy moves, where the file says it.
     """
 
+    text: str
     header: dict[str, str] = field(default_factory=dict)
     targets: dict[tuple[int, str], Node] = field(default_factory=dict)
     given: set[tuple[int, str]] = field(default_factory=set)
     definitions: dict[str, Node] = field(default_factory=dict)
-    odometry: list[str] = field(default_factory=list)
-    limited: list[str] = field(default_factory=list)
+    sections: dict[str, list[str]] = field(default_factory=dict)
+    machine: Gait | None = None
     limits: Limits | None = None
-    ranges: list[str] = field(default_factory=list)
     readings: Readings | None = None
     section: str = ""
     kinds: set[bool] = field(default_factory=set)
@@ -236,7 +257,7 @@ class FormulaText:
             not re.search(r"[^\n -~]", text),
             "the policy's file holds other characters than printable ASCII ones and line feeds",
         )
-        own = cls()
+        own = cls(text)
         for first, *more in statements(text):
             own.take(first, more)
         own.finish()
@@ -264,8 +285,7 @@ class FormulaText:
     def take(self, first: str, more: list[str]) -> None:
         key, colon, value = first.partition(":")
         assigned = re.fullmatch(r"([A-Za-z_][A-Za-z0-9_.]*) *=(?!=)(.*)", first)
-        titles = ("odometry", "readings", "definitions", "every state", "limits")
-        title = first in titles or re.fullmatch(r"state [0-9]{1,3}", first)
+        title = first in ORDER or re.fullmatch(r"state [0-9]{1,3}", first)
         if title or (colon and key in HEADER and not self.section):
             refuse_unless(not more, f"{first[:40]!r} goes on in the next line")
         if colon and key in HEADER and not self.section:
@@ -273,12 +293,8 @@ class FormulaText:
             self.header[key] = value.strip(" ")
         elif title:
             self.begin(first)
-        elif self.section == "odometry":
-            self.odometry.append(" ".join([first, *more]))
-        elif self.section == "readings":
-            self.ranges.append(" ".join([first, *more]))
-        elif self.section == "limits":
-            self.limited.append(" ".join([first, *more]))
+        elif self.section in self.sections:
+            self.sections[self.section].append(" ".join([first, *more]))
         elif assigned and self.section:
             self.assign(assigned[1], " ".join([assigned[2], *more]))
         else:
@@ -287,25 +303,51 @@ class FormulaText:
     def begin(self, title: str) -> None:
         if not self.section:
             self.check_header()
-        before = {
-            "odometry": ("",),
-            "readings": ("", "odometry"),
-            "definitions": ("", "odometry", "readings"),
-        }.get(title, (self.section,))
-        refuse_unless(self.section in before, f"{title} stand too late")
-        empty = self.section == "odometry" and not self.odometry
-        refuse_unless(not empty, "the policy's odometry is another program")
-        if self.section == "readings":
-            self.readings = Readings.read(self.ranges, self.names)
-        refuse_unless(self.section != "limits", "the policy's limits do not come last")
-        if title == "limits":
-            self.section = title
-            return
+        else:
+            mine, theirs = place_of(self.section), place_of(title)
+            again = mine == theirs == place_of("every state")
+            refuse_unless(mine < theirs or again, f"{title[:40]!r} stands too late, or twice")
+        self.end()
+        if title in PLAIN:
+            self.sections[title] = []
         if title.startswith("state "):
             refuse_unless(int(title[6:]) < self.n_states, f"there is no {title}")
-        shared = title == "every state"
-        refuse_unless(self.kinds <= {shared}, "formulas serve every state or one each, not both")
+        if place_of(title) == place_of("every state"):
+            shared = {title == "every state"}
+            refuse_unless(self.kinds <= shared, "formulas serve every state or one each, not both")
         self.section = title
+
+    def end(self) -> None:
+        """Ends a section."""
+        lines = self.sections.get(self.section, [])
+        match self.section:
+            case "contacts":
+                read_program("contacts", lines, CONTACTS)
+            case "odometry":
+                said = read_program("odometry", lines, ODOMETRY)
+                refuse_unless(0.0 < said["gain"] <= 1.0, "the odometry's gain is none")
+            case "machine":
+                self.machine = Gait.read(machine_text(self.text), "the policy's machine")
+                states = len(self.machine.states)
+                refuse_unless(states == self.n_states, "the policy's machine has other states")
+            case "readings":
+                self.readings = Readings.read(lines, self.names)
+            case "definitions":
+                self.complete_definitions()
+            case "limits":
+                self.limits = Limits.read(lines)
+
+    def complete_definitions(self) -> None:
+        """Adds images of definitions of a leg, of which the file has none."""
+        if (image := self.image) is None:
+            return
+        for name, formula in [*self.definitions.items()]:
+            kind, _, place = name.partition(".")
+            leg, under, rest = place.partition("_")
+            if leg in MIRRORED:
+                seen = f"{kind}.{MIRRORED[leg]}{under}{rest}"
+                self.definitions.setdefault(seen, in_mirror(formula, image, self.names))
+        refuse_unless(len(self.definitions) <= MOST_DEFINITIONS, "too much is defined")
 
     def check_header(self) -> None:
         said = self.header
@@ -351,21 +393,10 @@ class FormulaText:
             self.targets[state, name] = whole
         self.kinds = {shared}
 
-    def check_odometry(self) -> None:
-        """Asks that odometry, where the file has it, is the one program, with a gain."""
-        if not self.odometry:
-            refuse_unless(self.section != "odometry", "the policy's file holds no formulas")
-            return
-        said = read_program("odometry", self.odometry, ODOMETRY)
-        refuse_unless(0.0 < said["gain"] <= 1.0, "the odometry's gain is none")
-
     def finish(self) -> None:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
         refuse_unless(self.section, "the policy's file holds no formulas")
-        self.check_odometry()
-        refuse_unless(self.section != "readings", "the policy's file holds no formulas")
-        if self.section == "limits":
-            self.limits = Limits.read(self.limited)
+        self.end()
         if (image := self.image) is not None:
             for state, joint in sorted(self.given):
                 place = image[state], image_of(joint, image)[0]
@@ -376,27 +407,37 @@ class FormulaText:
         refuse_unless(places == set(self.targets), "the policy's file lacks a formula of a joint")
 
 
+def machine_text(text: str) -> str:
+    """Returns the lines of the machine without comments, empty ones included, which count there."""
+    lines = [line.partition("#")[0].rstrip(" ") for line in text.split("\n")]
+    inside = lines[lines.index("machine") + 1 :]
+    ends = (
+        i for i, line in enumerate(inside) if line in ORDER or re.match(r"state \d{1,3}$", line)
+    )
+    return "\n".join(inside[: next(ends, len(inside))])
+
+
+def place_of(title: str) -> int:
+    """Returns where a section stands in the order of sections."""
+    return ORDER.index(title if title in ORDER else "every state")
+
+
 def is_amount(text: str) -> bool:
     """Returns whether a text is a number of 0 or more."""
     return bool(re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text))
 
 
-def is_involution(image: object, count: int) -> bool:
-    """Returns whether numbers name each one's image, whose image is the number itself."""
-    return (
-        isinstance(image, list)
-        and len(image) == count
-        and all(type(own) is int and 0 <= own < count for own in image)
-        and all(image[image[own]] == own for own in range(count))
-    )
-
-
 def mirrored(formula: Node, joint: str, image: list[int], names: list[str]) -> Node:
     """Returns what the formula of a joint is for the joint's image."""
+    whole = in_mirror(formula, image, names)
+    return whole if image_of(joint, image)[1] > 0 else Node("neg", (whole,))
+
+
+def in_mirror(formula: Node, image: list[int], names: list[str]) -> Node:
+    """Returns a formula of what is seen in the mirror."""
     images = {}
     for name in names:
         new, sign = image_of(name, image)
         seen = Node("variable", name=new)
         images[name] = seen if sign > 0 else Node("neg", (seen,))
-    whole = formula.replaced(images)
-    return whole if image_of(joint, image)[1] > 0 else Node("neg", (whole,))
+    return formula.replaced(images)

@@ -57,7 +57,7 @@ def write_graph(
     policy, estimator = controller.policy, exported_estimator(controller)
     layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
     for one in (policy, controller.expert):
-        one.check(robot=policy.robot, gait=gait.name, observation_names=layout.names)
+        one.check(robot=policy.robot, gait=gait, observation_names=layout.names)
     graph = GraphBuilder()
     own = graph.add("Cast", OBSERVATION, to=TensorProto.DOUBLE)
     reads, gives = [OBSERVATION], [ACTIONS]

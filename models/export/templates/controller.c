@@ -15,7 +15,7 @@
  * One step:
  *
 {% block diagram %}
- *   feet ----> contacts believed --> reward machine <---- heights estimated at the step before
+ *   feet ----> contacts believed ------> machine <-------- heights estimated at the step before
  *                                        |
  *   joints, {{ 'IMU, command, action' if observes_imu else 'command, last action' }} ----> observation ----> {{ 'policy' if odometry else 'estimator ----> policy' }} ----> targets
 {% if odometry %}
@@ -101,7 +101,70 @@ static const {{ real }} HIGHEST[3] = { {{- highest | map('number') | join(', ') 
 {% endfor %}
 
 {% endif %}
-/* ---- Reward machine: where in the gait the robot is ------------------------------------------ */
+{% if odometry %}
+/* ---- Odometry: how fast the trunk is, and how high its feet are ------------------------------ */
+
+{{ odometry }}
+{% endif %}
+/* ---- Contacts: which sensors are believed ---------------------------------------------------- */
+
+#define UNCHANGED {{ unchanged_steps }} /* control steps after which a sensor that reads the same is not believed */
+#define LOW {{ low | number }} /* m, below which the foot of such a sensor is taken to touch */
+
+{% if odometry %}
+/* Writes how high the feet are, by the ground of the step before, carried along. */
+static void expect_heights(const Controller *controller, const Sensors *sensors, {{ real }} height[4])
+{
+    const {{ real }} *v = controller->velocity, *w = controller->turning;
+    Controller carried = *controller;
+    {{ real }} turned[3];
+    Foot feet[4];
+
+    for (int leg = 0; leg < 4; leg++) {
+        feet[leg] = foot_of(
+            leg, &sensors->joint_position[3 * leg], &sensors->joint_velocity[3 * leg]);
+        cross(w, controller->footholds[leg], turned);
+        for (int axis = 0; axis < 3; axis++)
+            carried.footholds[leg][axis] -= PERIOD * (v[axis] + turned[axis]);
+    }
+    measure_heights(&carried, feet, height);
+}
+
+{% endif %}
+/* Reads the contact sensors, and takes the heights of feet whose sensors seem to be stuck. Writes
+ * which feet the machine takes to touch: the memory of one step bridges a bouncing touch-down. */
+static void believe_contacts(Controller *controller, Sensors *sensors, int contact[4])
+{
+    {{ real }} height[4] = {0};
+    int doubted = 0;
+
+    for (int foot = 0; foot < 4; foot++) {
+        const int reading = sensors->foot_contact[foot] != 0;
+        int *unchanged = &controller->unchanged[foot];
+
+        contact[foot] = reading || controller->reading[foot] == 1;
+        if (reading != controller->reading[foot])
+            *unchanged = 0;
+        else if (*unchanged < UNCHANGED)
+            *unchanged += 1;
+        controller->reading[foot] = reading;
+        doubted |= *unchanged == UNCHANGED;
+    }
+    if (!doubted)
+        return;
+{% if odometry %}
+    if (controller->begun)
+        expect_heights(controller, sensors, height);
+{% else %}
+    for (int foot = 0; foot < 4; foot++)
+        height[foot] = controller->foot_height[foot];
+{% endif %}
+    for (int foot = 0; foot < 4; foot++)
+        if (controller->unchanged[foot] == UNCHANGED)
+            sensors->foot_contact[foot] = contact[foot] = height[foot] < LOW;
+}
+
+/* ---- Machine: where in the gait the robot is ------------------------------------------------- */
 
 #define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
 #define LONGEST 1000000000 /* control steps that are counted */
@@ -128,17 +191,15 @@ typedef struct {
 
 {% endfor %}
 {% endblock %}
-static void step_machine(Controller *controller, const int foot_contact[4], {{ real }} dwell
+static void step_machine(Controller *controller, const int contact[4], {{ real }} dwell
 {%- block requested %}{% endblock %})
 {
     Propositions now;
     int entered;
 
     for (int foot = 0; foot < 4; foot++) {
-        /* The memory of one step bridges a bouncing touch-down. */
-        now.contact[foot] = foot_contact[foot] || controller->touched[foot];
+        now.contact[foot] = contact[foot];
         now.height[foot] = controller->foot_height[foot];
-        controller->touched[foot] = foot_contact[foot] != 0;
     }
     now.dwell = dwell;
     now.spent = controller->iterations + 1;
@@ -206,11 +267,7 @@ static void observe(const Controller *controller, const Sensors *sensors, const 
 }
 
 {% block estimator_and_policy %}
-{% if odometry %}
-/* ---- Odometry: how fast the trunk is, and how high its feet are ------------------------------ */
-
-{{ odometry }}
-{% else %}
+{% if not odometry %}
 /* ---- Estimator ------------------------------------------------------------------------------- */
 
 {{ (only.estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
@@ -232,62 +289,6 @@ static {{ real }} elu({{ real }} x)
 
 {{ helpers | join }}{{ only.policy.functions }}
 {% endblock %}
-/* ---- Contacts: which sensors are believed ---------------------------------------------------- */
-
-#define UNCHANGED {{ unchanged_steps }} /* control steps after which a sensor that reads the same is not believed */
-#define LOW {{ low | number }} /* m, below which the foot of such a sensor is taken to touch */
-
-{% if odometry %}
-/* Writes how high the feet are, by the ground of the step before, carried along. */
-static void expect_heights(const Controller *controller, const Sensors *sensors, {{ real }} height[4])
-{
-    const {{ real }} *v = controller->velocity, *w = controller->turning;
-    Controller carried = *controller;
-    {{ real }} turned[3];
-    Foot feet[4];
-
-    for (int leg = 0; leg < 4; leg++) {
-        feet[leg] = foot_of(
-            leg, &sensors->joint_position[3 * leg], &sensors->joint_velocity[3 * leg]);
-        cross(w, controller->footholds[leg], turned);
-        for (int axis = 0; axis < 3; axis++)
-            carried.footholds[leg][axis] -= PERIOD * (v[axis] + turned[axis]);
-    }
-    measure_heights(&carried, feet, height);
-}
-
-{% endif %}
-/* Reads the contact sensors, and takes the heights of feet whose sensors seem to be stuck. */
-static void believe_contacts(Controller *controller, Sensors *sensors)
-{
-    {{ real }} height[4] = {0};
-    int doubted = 0;
-
-    for (int foot = 0; foot < 4; foot++) {
-        const int reading = sensors->foot_contact[foot] != 0;
-        int *unchanged = &controller->unchanged[foot];
-
-        if (reading != controller->reading[foot])
-            *unchanged = 0;
-        else if (*unchanged < UNCHANGED)
-            *unchanged += 1;
-        controller->reading[foot] = reading;
-        doubted |= *unchanged == UNCHANGED;
-    }
-    if (!doubted)
-        return;
-{% if odometry %}
-    if (controller->begun)
-        expect_heights(controller, sensors, height);
-{% else %}
-    for (int foot = 0; foot < 4; foot++)
-        height[foot] = controller->foot_height[foot];
-{% endif %}
-    for (int foot = 0; foot < 4; foot++)
-        if (controller->unchanged[foot] == UNCHANGED)
-            sensors->foot_contact[foot] = height[foot] < LOW;
-}
-
 {% if limits %}
 /* ---- Limits: what comes last, whatever the policy asks for ----------------------------------- */
 
@@ -416,7 +417,7 @@ int {{ name }}_step(
 {% block observation %}
     {{ real }} observation[N_OBSERVATIONS];
 {% endblock %}
-    int flags = {{ prefix }}_OK;
+    int contact[4], flags = {{ prefix }}_OK;
 
     set_targets(standing, targets);
     if (controller->initialised != INITIALISED)
@@ -437,9 +438,9 @@ int {{ name }}_step(
         {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
 
     believed = *sensors;
-    believe_contacts(&next, &believed);
+    believe_contacts(&next, &believed, contact);
 {% block take %}
-    step_machine(&next, believed.foot_contact, within.dwell);
+    step_machine(&next, contact, within.dwell);
     observe(&next, &believed, &within, observation);
 {% if odometry %}
     estimate(&next, &believed, &observation[BASE_VELOCITY]);

@@ -82,7 +82,6 @@ typedef struct {
     {{ real }} foot_height[4]; /* as estimated at the step before, m */
     int reading[4]; /* of the contact sensors, at the step before */
     int unchanged[4]; /* control steps since each sensor changed */
-    int touched[4]; /* which feet touched at the step before */
 {% block machine %}
     int state; /* of the reward machine: {{ only.state_names }} */
     int iterations; /* control steps in that state */

@@ -53,7 +53,7 @@
 {% endif %}
 {% if groups %}
 
-    /* What the policy defines by these. */
+    /* Definitions: names for formulas of these. */
 {% endif %}
 {% for group in groups %}
 {% if group.type %}

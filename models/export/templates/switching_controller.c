@@ -141,11 +141,6 @@ static {{ real }} elu({{ real }} x)
 
 {% endif %}
 {{ helpers | join }}
-{%- if odometry %}
-/* ---- Odometry: how fast the trunk is, and how high its feet are ------------------------------ */
-
-{{ odometry }}
-{% endif %}
 {%- for own in gaits %}
 /* ---- {{ (own.title ~ ' ' ~ '-' * 90)[:88] }} */
 
@@ -231,7 +226,7 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
     {{ real }} observation[MOST_OBSERVATIONS];
 {% endblock %}
 {% block take %}
-    step_machine(&next, believed.foot_contact, within.dwell, command->gait);
+    step_machine(&next, contact, within.dwell, command->gait);
     observe(&next, &believed, &within, observation);
 {% if odometry %}
     estimate(&next, &believed, &observation[N_OBSERVATIONS[next.gait] - 7]);

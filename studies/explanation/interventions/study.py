@@ -11,8 +11,9 @@ import pandas as pd
 from glassgait.models.arrays import Array
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.expression import Expression, canonical, constant, plus
-from glassgait.models.formulas.file import SUFFIX, FormulaFile, read_formulas, write_formulas
+from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
 from glassgait.models.formulas.mirror import FormulaMirror
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import Robot
 from glassgait.studies.common.console import say

@@ -1,0 +1,251 @@
+"""Formula files that hold a whole controller: contacts, the gait's machine, images left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.certificates.checker import RefusedError
+from glassgait.models.certificates.checker.text import FormulaText
+from glassgait.models.errors import InputError
+from glassgait.models.export.controller import write_controller
+from glassgait.models.formulas.mirror import completed, without_images
+from glassgait.models.formulas.quantities import known_definitions
+from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.policies.controller import alone
+from glassgait.models.policies.library import (
+    STUDENT_DIRECTORY,
+    load_expert,
+    load_student,
+    shipped_students,
+)
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.gait import gait_lines, gait_names, load_gait, parse_gait
+from glassgait.models.task.observation import ObservationLayout
+
+A1, TROT = load_robot(), load_gait("trot")
+PAGE = load_student("trot", "sparse_formula")
+TEXT = PAGE.to_text()
+EDITED = TEXT.replace("clearance: 0.03", "clearance: 0.05")
+
+
+def policy_of(text: str) -> FormulaPolicy:
+    return FormulaPolicy.from_file(read_formulas(text))
+
+
+@pytest.mark.parametrize("name", gait_names())
+def test_formulas_that_ship_hold_their_gait(name):
+    gait, found = load_gait(name), 0
+    for kind in shipped_students(name):
+        policy = load_student(name, kind)
+        if isinstance(policy, FormulaPolicy):
+            found += 1
+            assert policy.machine == gait
+            path = STUDENT_DIRECTORY / name / f"{kind}{policy.suffix}"
+            assert path.read_text() == policy.to_text()
+            assert policy_of(policy.to_text()).digest() == policy.digest()
+    assert found
+
+
+letters = st.characters(codec="utf-8", categories=["L", "N", "P", "S"], include_characters=" ")
+names = st.text(letters, max_size=20)
+
+
+@given(name=st.sampled_from(gait_names()), said=names, states=st.lists(names, min_size=10))
+def test_a_gait_is_read_as_it_was_written(name, said, states):
+    gait = load_gait(name)
+    own = dict(
+        zip(gait.states, (f"{i}{text}".strip() for i, text in enumerate(states)), strict=False)
+    )
+    edges = (
+        replace(edge, source=own[edge.source], target=own[edge.target]) for edge in gait.transitions
+    )
+    other = replace(
+        gait,
+        description=" ".join(said.split()),
+        states=tuple(own.values()),
+        initial=own[gait.initial],
+        faults=tuple(own[state] for state in gait.faults),
+        transitions=tuple(edges),
+    )
+    text = "\n".join(gait_lines(other))
+    assert text.isascii()
+    # In a formula file, what stands behind # is a comment.
+    bare = "\n".join(line.partition("#")[0] for line in text.split("\n"))
+    assert parse_gait(text, name=name) == parse_gait(bare, name=name) == other
+
+
+def test_small_numbers_of_a_gait_are_read_as_numbers():
+    small = replace(TROT, clearance=1e-5, max_yaw_rate=2.5e-7)
+    assert parse_gait("\n".join(gait_lines(small)), name="trot") == small
+
+
+YAML = (
+    ("states: [q0, q1]", "states:\n- q0\n- q1"),
+    ("states: [q0, q1]", "states: [q0, q1\n]"),
+    ("states: [q0, q1]", "states: [q0,\n\n     # c\n  q1]"),
+    ("states: [q0, q1]", 'states: [q0,\n  "q\n\n  1"]'),
+    ("initial: q0", "initial: q0\n? faults\n: [q1]"),
+    ("initial: q0", "initial: q0\nfaults: []"),
+    ("description: Diagonal pairs of feet take turns.", "description: 2026-01-01"),
+    (
+        "description: Diagonal pairs of feet take turns.",
+        "description: >-\n  Some\n\n  machine\n  limits",
+    ),
+    ("q1", "2026-01-01"),
+    ("q1", "<<"),
+    ("q1", "yes"),
+    ("clearance: 0.03", "clearance: 0.03" + "0" * 150),
+    ("clearance: 0.03", "clearance: 0.03\nclearance: 0.04"),
+    ("clearance: 0.03", "clearance: 0.03\n? [a, b]\n: c"),
+    ("clearance: 0.03", "clearance: 0.03\nfaults: " + "[" * 3000 + "]" * 3000),
+    ("clearance: 0.03", "clearance: 0.03\n...\nfoo"),
+    ("dwell: [6, 11]", "dwell: &a [6, 11]"),
+    ("dwell: [6, 11]", "dwell: [6, 0xb]"),
+    ("when: FL &", "when: " + "(" * 60 + "FL" + ")" * 60 + " &"),
+    ("when: FL & RR", "when: ~ ~ FL & RR"),
+)
+
+
+@pytest.mark.parametrize(("old", "new"), YAML, ids=range(len(YAML)))
+def test_a_machine_is_read_alike_by_three(old, new, tmp_path):
+    """By robots, by commands that take the file for a gait, and by the checker, or by none."""
+    start, end = TEXT.index("\nmachine\n"), TEXT.index("\nreadings\n")
+    text = TEXT[:start] + TEXT[start:end].replace(old, new) + TEXT[end:]
+    assert text != TEXT
+    path = tmp_path / "mine.formulas"
+    path.write_text(text)
+    try:
+        machine = read_formulas(text).machine
+    except InputError:
+        with pytest.raises(InputError):
+            load_gait(path)
+        with pytest.raises(RefusedError):
+            FormulaText.read(text)
+        return
+    assert machine is not None
+    assert load_gait(path) == machine
+    theirs = FormulaText.read(text).machine
+    assert theirs is not None
+    assert (theirs.states, theirs.said["initial"]) == ([*machine.states], machine.initial)
+    assert theirs.said.get("faults", []) == [*machine.faults]
+    for edge, other in zip(machine.transitions, theirs.said["transitions"], strict=True):
+        assert (edge.source, edge.target) == (other["from"], other["to"])
+
+
+def test_a_gait_is_another_where_it_acts_otherwise():
+    assert TROT.first_difference(replace(TROT, description="Another.", name="other")) is None
+    assert TROT.first_difference(replace(TROT, dwell=(6, 12))) == "dwell"
+    spaced = parse_gait("\n".join(gait_lines(TROT)).replace("FL & RR &", "RR & FL &"), name="trot")
+    assert spaced != TROT
+    assert TROT.first_difference(spaced) is None
+    other = parse_gait("\n".join(gait_lines(TROT)).replace("& ~RL", ""), name="trot")
+    assert TROT.first_difference(other) == "transitions"
+
+
+def test_a_policy_acts_in_its_own_machine_alone(tmp_path):
+    edited = policy_of(EDITED)
+    assert edited.digest() != PAGE.digest()
+    (path := tmp_path / "mine.formulas").write_text(EDITED)
+    machine = load_gait(path)
+    assert (machine.name, machine.clearance) == ("trot", 0.05)
+    both = alone(edited, load_expert("trot"))
+    for gait, policy in ((TROT, edited), (machine, PAGE)):
+        controller = alone(policy, load_expert("trot"))
+        for build in (
+            lambda gait=gait, policy=policy: MakeLocomotion(gait, policy=policy),
+            lambda gait=gait, own=controller: TaskConfig.of_scenario(gait, Scenario(), own),
+            lambda gait=gait, own=controller: write_controller(
+                gait, own, name="mine", policy_name="mine", version="0"
+            ),
+        ):
+            with pytest.raises(InputError, match="'clearance' differs"):
+                build()
+    assert (
+        "CLEARANCE 0.05"
+        in write_controller(machine, both, name="mine", policy_name="mine", version="0").source
+    )
+    assert TaskConfig.of_scenario(machine, Scenario(), both).gait.clearance == 0.05
+
+
+def test_a_policy_takes_no_machine_of_another_gait():
+    with pytest.raises(InputError, match="made for gait 'trot'"):
+        PAGE.with_machine(load_gait("pace"))
+    free = policy_of(TEXT[: TEXT.index("\nmachine\n")] + TEXT[TEXT.index("\nreadings\n") :])
+    assert free.machine is None
+    assert free.with_machine(TROT).digest() == PAGE.digest()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("clearance: 0.03", "clearance: 0", "line 50, column 1: machine: key 'clearance'"),
+        ("clearance: 0.03", "clearance: [", "machine: is not valid YAML (line 5"),
+        ("states: [q0, q1]", "states: [q0]", "machine: key 'states'"),
+        ("from: q0, to: q1", "from: q0, to: q0", "machine: state 'q1' cannot be reached"),
+        ("from: q1", "from: q2", "machine: transitions[1]"),
+        ("initial: q0\n", "", "machine: missing key 'initial'"),
+        ("states: 2\n", "states: 3\n", "mirror: must name"),
+        ("\nreadings\n", "\nmachine\n\nreadings\n", "'machine' stands too late, or twice"),
+        ("\nlimits\n", "\nmachine\n", "'machine' stands too late, or twice"),
+        (
+            "stuck = unchanged == 50",
+            "stuck = unchanged == 51",
+            "column 22: contacts is one",
+        ),
+        ("low = expected < 0.0075\n", "", "contacts is one program; write 'low ="),
+    ],
+)
+def test_sections_that_are_wrong_are_refused_by_both_readers(old, new, said):
+    assert old in TEXT
+    with pytest.raises(InputError) as refused:
+        read_formulas(TEXT.replace(old, new, 1))
+    assert said in str(refused.value)
+    with pytest.raises(RefusedError):
+        FormulaText.read(TEXT.replace(old, new, 1))
+
+
+def test_a_formula_file_without_its_gait_names_none(tmp_path):
+    path = tmp_path / "mine.formulas"
+    path.write_text(TEXT.replace("\nmachine\n", "\n"))
+    with pytest.raises(InputError, match="has no section 'machine'"):
+        load_gait(path)
+    for name in ("../up", "", ".hidden", "config"):
+        path.write_text(TEXT.replace("gait: trot", f"gait: {name}"))
+        with pytest.raises(InputError, match="gait file"):
+            load_gait(path)
+
+
+def test_definitions_of_right_legs_are_images_of_those_of_left_ones():
+    names = ObservationLayout(2, imu=True).names
+    every = known_definitions(A1, names)
+    kept = without_images(names, (1, 0), every)
+    assert [own.symbol for own in kept if ".FR" in own.symbol or ".RR" in own.symbol] == []
+    assert completed(names, (1, 0), kept) == every
+    # One that is no image stays, and so do all others then.
+    odd = tuple(replace(own, note="odd") if own.symbol == "x.RR" else own for own in every)
+    assert without_images(names, (1, 0), odd) == odd
+    assert "x.FR =" not in TEXT
+    assert "x.FR" in PAGE.vocabulary.symbols
+
+
+def test_an_image_may_be_given_another_formula():
+    line = next(own for own in TEXT.split("\n") if own.startswith("lifted.FL ="))
+    other = line.replace("lifted.FL = tanh(100*h.FL", "lifted.FR = tanh(90*h.FR")
+    for text in (TEXT.replace(line, f"{line}\n{other}"),):
+        with pytest.raises(InputError, match=r"lifted.FL has no mirror image"):
+            read_formulas(text)
+
+
+def test_a_checker_reads_the_machine_that_a_policy_holds():
+    machine = FormulaText.read(EDITED).machine
+    assert machine is not None
+    assert machine.said["clearance"] == 0.05
+    assert machine.mirrors([1, 0])
+    assert np.allclose(machine.said["dwell"], TROT.dwell)
