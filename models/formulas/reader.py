@@ -27,7 +27,7 @@ from glassgait.models.formulas.text import TextError, parse_formula, refuse_unpr
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.task.gait import MACHINE, Gait, parse_gait
+from glassgait.models.task.gait import MACHINE, Gait, machine_text, parse_gait
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
@@ -64,7 +64,7 @@ def read_formulas(text: str) -> FormulaFile:
         InputError: if the text is none; the message begins with line and column.
     """
     try:
-        return _Reader().read(text)
+        return _Reader(text).read()
     except TextError as error:
         raise InputError(f"line {error.line}, column {error.column}: {error}") from error
 
@@ -73,6 +73,7 @@ def read_formulas(text: str) -> FormulaFile:
 class _Reader:
     """Takes a text line by line."""
 
+    text: str
     header: dict[str, str] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     definitions: list[Definition] = field(default_factory=list)
@@ -86,11 +87,11 @@ class _Reader:
     odometry: Odometry | None = None
     ranges: dict[str, Range] = field(default_factory=dict)
     readings: Readings | None = None
-    gait: dict[int, str] = field(default_factory=dict)
     machine: Gait | None = None
     section: str = ""
 
-    def read(self, text: str) -> FormulaFile:
+    def read(self) -> FormulaFile:
+        text = self.text
         if len(text) > MAX_TEXT:
             raise TextError(f"holds more than {MAX_TEXT} characters; write less", 1, 1)
         refuse_unprintable(text, "a formula file")
@@ -113,7 +114,7 @@ class _Reader:
         elif _is_title(bare):
             self._begin(bare, line)
         elif self.section == MACHINE:
-            self.gait |= enumerate([bare, *more], start=line)
+            return
         elif program := _PROGRAMS.get(self.section):
             self.program |= program.read(self.n_statements, " ".join([bare, *more]), line)
             self.n_statements += 1
@@ -185,17 +186,18 @@ class _Reader:
 
     def _machine(self, end: int) -> Gait:
         """Reads the gait, whose lines keep their numbers."""
+        text = machine_text(self.text) or ""
+        lines = enumerate(text.split("\n"), start=1)
+        first = next((number for number, line in lines if line), end)
         try:
-            lines = range(1, 1 + max(self.gait, default=0))
-            text = "\n".join(self.gait.get(number, "") for number in lines)
             gait = parse_gait(text, name=self.header["gait"])
         except InputError as error:
-            raise TextError(f"machine: {error}", min(self.gait, default=end), 1) from error
+            raise TextError(f"machine: {error}", first, 1) from error
         if gait.n_states != self._n_states:
             raise TextError(
                 f"the machine has {gait.n_states} states, and 'states' says {self._n_states}; "
                 "make them the same",
-                min(self.gait),
+                first,
                 1,
             )
         return gait

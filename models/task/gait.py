@@ -165,18 +165,29 @@ def load_gait(gait: str | Path) -> Gait:
 
 def _machine_of(path: Path) -> Gait:
     """Reads the gait that a formula file holds, which may have been edited."""
-    lines = [line.partition("#")[0].rstrip() for line in read_text(path).split("\n")]
-    named = next((line.partition(":")[2].strip() for line in lines if line[:5] == "gait:"), "")
-    if MACHINE not in lines:
+    text = read_text(path)
+    if (machine := machine_text(text)) is None:
         raise InputError(f"{path}: has no section {MACHINE!r}; name a gait, or a gait file")
-    first = lines.index(MACHINE) + 1
-    titles = (i for i in range(first, len(lines)) if _NEXT_TITLE.fullmatch(lines[i]))
-    end = next(titles, None)
-    _check_name(named, path, "change 'gait' in its header")
+    named = re.search(r"^gait:([^#\n]*)", text, re.MULTILINE)
+    name = named[1].strip() if named else ""
+    _check_name(name, path, "change 'gait' in its header")
     try:
-        return parse_gait("\n".join([""] * first + lines[first:end]), name=named)
+        return parse_gait(machine, name=name)
     except InputError as error:
         raise InputError(f"{path}: {MACHINE}: {error}") from error
+
+
+def machine_text(text: str) -> str | None:
+    """Returns the lines of a formula file's machine, each in its place and without comments.
+
+    None where it has none.
+    """
+    lines = [line.partition("#")[0].rstrip() for line in text.split("\n")]
+    if MACHINE not in lines:
+        return None
+    first = lines.index(MACHINE) + 1
+    titles = (i for i in range(first, len(lines)) if _NEXT_TITLE.fullmatch(lines[i]))
+    return "\n".join([""] * first + lines[first : next(titles, None)])
 
 
 def parse_gait(text: str, *, name: str) -> Gait:
