@@ -239,7 +239,7 @@ class BatchSimulator:
         feet = sense_feet(robot, plant, s.touching, touching, self._ground)
         wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
         reading = read_contacts(feet.touching, wrong, s.stuck)
-        trust, contact = s.trust.after(reading), read_contacts(feet.contact, wrong, s.stuck)
+        trust, contact = s.trust.after(reading), s.trust.lasting(reading)
         sensed = reading
         if trust.doubted.any():
             height = self._expected_height(s, plant, joint_noise, feet)
@@ -370,7 +370,7 @@ class BatchSimulator:
         nothing, no_speed = np.zeros((count, N_ESTIMATED)), np.zeros((count, quadruped.N_LEGS))
         start = self.machine.step(
             self.machine.initial((count,)),
-            foot_contact=read_contacts(feet.contact, wrong, stuck),
+            foot_contact=reading,
             foot_height=self._sensed_height(feet, nothing),
             commanded_dwell=command.dwell,
             difficulty=self.difficulty,

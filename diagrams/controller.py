@@ -78,7 +78,6 @@ class Sensed:
 
     Attributes:
         joints: Measured joint positions, then velocities (24; rad, rad/s).
-        foot_contact: Which feet seem to touch, or did a control step ago (4).
         command: Forward speed and yaw rate (2; m/s, rad/s).
         commanded_dwell: Commanded iterations in a state (1, control steps).
         touching: Which feet seem to touch at this instant (4).
@@ -90,7 +89,6 @@ class Sensed:
     """
 
     joints: OutputPort
-    foot_contact: OutputPort
     command: OutputPort
     commanded_dwell: OutputPort
     touching: OutputPort
@@ -153,7 +151,6 @@ def AddController(  # noqa: N802
         one.check(gait=gait, observation_names=layout.names)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     trust = builder.AddNamedSystem("contact_trust", ContactTrustSystem())
-    builder.Connect(sensed.foot_contact, trust.get_foot_contact_input_port())
     builder.Connect(sensed.touching, trust.get_touching_input_port())
     builder.Connect(trust.get_believed_contact_output_port(), machine.get_foot_contact_input_port())
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())

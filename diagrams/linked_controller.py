@@ -13,7 +13,6 @@ from glassgait.models.robots.joint_law import OWN_LAW
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_receiver import CommandReceiver
-from glassgait.systems.contact_memory import ContactMemory
 from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.sensors_receiver import SensorsReceiver
 from glassgait.systems.targets_sender import TargetsSender
@@ -65,11 +64,8 @@ def MakeLinkedController(  # noqa: N802
     builder.ExportInput(receiver.get_message_input_port(), "sensors")
     commander = builder.AddNamedSystem("command_receiver", CommandReceiver(gait))
     builder.ExportInput(commander.get_message_input_port(), "command")
-    memory = builder.AddNamedSystem("contact_memory", ContactMemory())
-    builder.Connect(receiver.get_touching_output_port(), memory.get_touching_input_port())
     sensed = Sensed(
         joints=receiver.get_joints_output_port(),
-        foot_contact=memory.get_foot_contact_output_port(),
         command=commander.get_command_output_port(),
         commanded_dwell=commander.get_commanded_dwell_output_port(),
         touching=receiver.get_touching_output_port(),

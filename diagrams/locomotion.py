@@ -168,7 +168,6 @@ def _sensed(
     command, commanded_dwell = commanded
     return Sensed(
         joints=sensors.joints,
-        foot_contact=sensors.foot_contact,
         command=command,
         commanded_dwell=commanded_dwell,
         touching=sensors.touching,

@@ -43,14 +43,12 @@ class Sensors:
 
     Attributes:
         joints: Joint positions, then velocities (24; rad, rad/s).
-        foot_contact: Which feet seem to touch, or did a control step ago (4).
         touching: Which feet seem to touch at this instant (4).
         imu: The IMU's reading (9); None without an IMU.
         feet: What senses the feet without errors.
     """
 
     joints: OutputPort
-    foot_contact: OutputPort
     touching: OutputPort
     imu: OutputPort | None
     feet: FootSensor
@@ -94,12 +92,9 @@ def AddSensors(  # noqa: N802
         builder.Connect(bias, joints.get_encoder_bias_input_port())
     feet = builder.AddNamedSystem("foot_sensor", FootSensor(robot, scenario.station.ground))
     builder.Connect(state, feet.get_state_input_port())
-    contacts = [
-        _misread(builder, scenario, errors, f"{port.get_name()}_sensors", port)
-        for port in (feet.get_foot_contact_output_port(), feet.get_touching_output_port())
-    ]
+    touching = _misread(builder, scenario, errors, feet.get_touching_output_port())
     reading = _add_imu(builder, scenario, state, errors) if imu else None
-    return Sensors(joints.get_joints_output_port(), *contacts, reading, feet)
+    return Sensors(joints.get_joints_output_port(), touching, reading, feet)
 
 
 def _add_noise(builder: DiagramBuilder, name: str, share: float, size: int) -> OutputPort | None:
@@ -119,18 +114,15 @@ def _add_bias(builder: DiagramBuilder, scenario: Scenario, imu: bool) -> SensorB
 
 
 def _misread(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    errors: SensorErrors,
-    name: str,
-    contact: OutputPort,
+    builder: DiagramBuilder, scenario: Scenario, errors: SensorErrors, touching: OutputPort
 ) -> OutputPort:
-    """Returns contacts as sensors read them; all that sense a foot are wrong at the same times."""
+    """Returns which feet touch as sensors read it."""
     stuck = stuck_sensors(scenario.stuck_open, scenario.stuck_closed)
     if errors.contact_noise is None and not stuck.any():
-        return contact
-    sensors = builder.AddNamedSystem(name, ContactSensor(scenario.contact_flips, stuck))
-    builder.Connect(contact, sensors.get_foot_contact_input_port())
+        return touching
+    sensors = ContactSensor(scenario.contact_flips, stuck)
+    builder.AddNamedSystem("contact_sensors", sensors)
+    builder.Connect(touching, sensors.get_touching_input_port())
     if errors.contact_noise is not None:
         builder.Connect(errors.contact_noise, sensors.get_uniform_noise_input_port())
     return sensors.get_sensed_contact_output_port()

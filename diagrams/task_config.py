@@ -8,7 +8,7 @@ from annotated_types import Ge
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import Controller, expert_of
+from glassgait.models.policies.controller import Controller, acting, expert_of
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot, load_robot
@@ -79,7 +79,7 @@ class TaskConfig(Settings):
         if isinstance(command, SliderCommand):
             raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
         command.check(gait)
-        for one in _acting(policy):
+        for one in acting(policy):
             one.refuse_other_machine(gait)
         robot = scenario.robot_of(policy)
         return cls(
@@ -93,9 +93,3 @@ class TaskConfig(Settings):
             robot=robot,
             observes_imu=policy is not None and expert_of(policy).layout.imu,
         )
-
-
-def _acting(policy: Controller | Policy | None) -> tuple[Policy, ...]:
-    if policy is None:
-        return ()
-    return (policy,) if isinstance(policy, Policy) else tuple(policy.policies.values())

@@ -18,12 +18,12 @@ class ContactSensor(LeafSystem):
 
         name: ContactSensor
         input_ports:
-        - foot_contact
+        - touching
         - uniform_noise
         output_ports:
         - sensed_contact
 
-    Inputs: foot_contact (4, {0, 1}), FL FR RL RR. uniform_noise (4, in [0, 1]), optional: without
+    Inputs: touching (4, {0, 1}), FL FR RL RR. uniform_noise (4, in [0, 1]), optional: without
     it no reading is flipped.
     Outputs: sensed_contact (4, {0, 1}), the opposite where the noise is below the share of wrong
     readings, and of a stuck sensor its constant. State: none. Feedthrough: both inputs.
@@ -42,7 +42,7 @@ class ContactSensor(LeafSystem):
         if not 0.0 <= flip_share <= 1.0:
             raise ValueError(f"contact sensor: flip_share is {flip_share}; it must be from 0 to 1")
         self._flip_share, self._stuck = flip_share, stuck
-        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
+        self._touching_port = self.DeclareVectorInputPort("touching", quadruped.N_LEGS)
         self._uniform_noise_port = self.DeclareVectorInputPort("uniform_noise", quadruped.N_LEGS)
         self._sensed_contact_port = self.DeclareVectorOutputPort(
             name="sensed_contact",
@@ -51,9 +51,9 @@ class ContactSensor(LeafSystem):
             prerequisites_of_calc={self.all_input_ports_ticket()},
         )
 
-    def get_foot_contact_input_port(self) -> InputPort:
+    def get_touching_input_port(self) -> InputPort:
         """Takes which feet touch."""
-        return self._foot_contact_port
+        return self._touching_port
 
     def get_uniform_noise_input_port(self) -> InputPort:
         """Takes the noise."""
@@ -64,7 +64,7 @@ class ContactSensor(LeafSystem):
         return self._sensed_contact_port
 
     def _calc_sensed_contact(self, context: Context, output: BasicVector) -> None:
-        contact = self._foot_contact_port.Eval(context) > 0.5
+        contact = self._touching_port.Eval(context) > 0.5
         wrong = np.zeros(quadruped.N_LEGS, dtype=bool)
         if self._uniform_noise_port.HasValue(context):
             wrong = self._uniform_noise_port.Eval(context) < self._flip_share

@@ -10,7 +10,8 @@ from glassgait.diagrams.batch import BoolArray
 from glassgait.diagrams.controller import Senses
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.policies.library import find_gait
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
 
 SENSES = {
@@ -22,7 +23,7 @@ SENSES = {
 and the angular velocity are observed as well."""
 
 
-def find_gait(gait: Gait | str | Path) -> Gait:
+def gait_given(gait: Gait | str | Path) -> Gait:
     """Returns a gait as it is, or loads it by its name or file.
 
     Raises:
@@ -35,7 +36,7 @@ def find_gait(gait: Gait | str | Path) -> Gait:
             f"environment: gait is {shown(gait)}; give a gait's name, the path of a gait file, or "
             "a Gait"
         )
-    return load_gait(gait)
+    return find_gait(gait)
 
 
 def find_senses(senses: str) -> Senses:

@@ -9,7 +9,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
-from glassgait.diagrams.gym.arguments import check_actions, find_gait, find_senses
+from glassgait.diagrams.gym.arguments import check_actions, find_senses, gait_given
 from glassgait.diagrams.gym.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from glassgait.diagrams.gym.spaces import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
@@ -70,7 +70,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         Raises:
             InputError: if there is no such gait, senses or render mode, or EGL cannot render here.
         """
-        gait = find_gait(gait)
+        gait = gait_given(gait)
         self.render_mode = render_mode
         self._robot = load_robot(robot)
         self._renderer = Renderer(self._robot, render_mode)

@@ -16,9 +16,9 @@ from glassgait.diagrams.gym.arguments import (
     check_actions,
     check_num_envs,
     find_autoreset_mode,
-    find_gait,
     find_reset_mask,
     find_senses,
+    gait_given,
 )
 from glassgait.diagrams.gym.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from glassgait.diagrams.gym.spaces import action_space, observation_space
@@ -86,7 +86,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 render here.
         """
         self.num_envs = check_num_envs(num_envs)
-        gait = find_gait(gait)
+        gait = gait_given(gait)
         self.render_mode = render_mode
         self._renderer = Renderer(load_robot(robot), render_mode)
         self._mode = find_autoreset_mode(autoreset_mode)

@@ -211,9 +211,10 @@ def _gait_code(
 ) -> GaitCode:
     policy, estimator = controller.policy, exported_estimator(controller)
     layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
-    for one in (policy, controller.expert):
-        one.check(robot=policy.robot, gait=gait, observation_names=layout.names)
     is_odometry = isinstance(estimator, Odometry)
+    # An expert gives its estimator alone.
+    for one in (policy,) if is_odometry else (policy, controller.expert):
+        one.check(robot=policy.robot, gait=gait, observation_names=layout.names)
     constants = state_constants(gait, own)
     return GaitCode(
         title=commented(gait.name),

@@ -20,7 +20,7 @@ from glassgait.models.export.binding import (
     Step,
     unpacked_odometry,
 )
-from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
+from glassgait.models.policies.controller import AlternatingController, acting, estimator_in_loop
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import ContactTrust
@@ -46,8 +46,11 @@ class PythonController:
             controller: One policy alone, of several gaits a `SwitchedPolicy`.
 
         Raises:
-            InputError: if it has no estimator.
+            InputError: if it has no estimator, or was made for another machine than the gait's.
         """
+        if isinstance(gait, Gait):
+            for one in acting(controller):
+                one.refuse_other_machine(gait)
         self._switch = gait if isinstance(gait, GaitSwitch) else None
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
         self._policy = controller.policy
@@ -72,9 +75,10 @@ class PythonController:
             requested: Number of the gait that is to run, of several.
         """
         reading, unchanged = memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64)
-        trust = ContactTrust(reading, unchanged).after(sensors.touching)
+        before = ContactTrust(reading, unchanged)
+        trust = before.after(sensors.touching)
         height = self._expected_height(memory, sensors)
-        contact = trust.believed(sensors.touching | (reading == 1), height)
+        contact = trust.believed(before.lasting(sensors.touching), height)
         sensors = replace(sensors, touching=trust.believed(sensors.touching, height))
         machine = self._step_machine(
             MachineState(*memory[MACHINE].astype(np.int64)),

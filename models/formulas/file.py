@@ -69,13 +69,13 @@ from glassgait.models.formulas.text import written_lines, written_number
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.task.gait import FORMULA_FILE, MACHINE, Gait, gait_lines
+from glassgait.models.task.gait import MACHINE, Gait, gait_lines
 from glassgait.models.task.observation import OVERDUE, ObservationLayout, entries_of
 from glassgait.models.task.odometry import Odometry
 
 FORMAT = 1
 
-SUFFIX = FORMULA_FILE
+SUFFIX = ".formulas"
 
 LIMITED = "limited"
 IMU = "imu"

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Self
 
-from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression, canonical, negative, variable
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
@@ -17,6 +16,9 @@ Place = tuple[int, ...]
 @dataclass(frozen=True)
 class FormulaMirror:
     """Maps formulas to their mirror images.
+
+    What a formula calls by a name is called in the mirror by that of its image, where that is
+    defined, and else stands there in full.
 
     Attributes:
         states: State of the machine that each state is in the mirror (n_states).
@@ -33,9 +35,6 @@ class FormulaMirror:
         Args:
             vocabulary: What their variables are.
             states: State that each state of the machine is in the mirror, its own inverse.
-
-        Raises:
-            InputError: if an observation's name is unknown, or a definition has no mirror image.
         """
         observed = _observed(vocabulary.names, states)
         images = dict(enumerate(observed))
@@ -43,14 +42,14 @@ class FormulaMirror:
         defined = []
         for definition in vocabulary.definitions:
             image = canonical(definition.formula.replaced(images))
-            sign = 1.0 if image in formulas else -1.0
-            own = image if sign > 0.0 else negative(image)
-            if own not in formulas:
-                raise InputError(
-                    f"{definition.symbol} has no mirror image among the definitions; define it too"
-                )
-            place = len(vocabulary.names) + formulas.index(own)
-            defined.append(_signed(variable(place), sign))
+            opposite = negative(image)
+            if image in formulas:
+                defined.append(variable(len(vocabulary.names) + formulas.index(image)))
+            elif opposite in formulas:
+                place = len(vocabulary.names) + formulas.index(opposite)
+                defined.append(_signed(variable(place), -1.0))
+            else:
+                defined.append(image)
         return cls(tuple(states), (*observed, *defined))
 
     def place(self, place: Place) -> Place:

@@ -27,7 +27,7 @@ from glassgait.models.formulas.text import TextError, parse_formula, refuse_unpr
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.task.gait import MACHINE, Gait, machine_text, parse_gait
+from glassgait.models.task.gait import MACHINE, Gait, parse_gait
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
@@ -84,6 +84,7 @@ class _Reader:
     law: JointLaw = OWN_LAW
     program: dict[str, float] = field(default_factory=dict)
     n_statements: int = 0
+    believes: bool = False
     odometry: Odometry | None = None
     ranges: dict[str, Range] = field(default_factory=dict)
     readings: Readings | None = None
@@ -178,7 +179,9 @@ class _Reader:
         if program is None:
             return
         program.refuse_end(self.n_statements, line)
-        if program is ODOMETRY:
+        if program is CONTACTS:
+            self.believes = True
+        elif program is ODOMETRY:
             self.odometry = Odometry(gain=self.program["GAIN"])
         elif program is LIMITS:
             self.law = replace(self.law, limits=limits_of(self.program))
@@ -186,9 +189,12 @@ class _Reader:
 
     def _machine(self, end: int) -> Gait:
         """Reads the gait, whose lines keep their numbers."""
-        text = machine_text(self.text) or ""
-        lines = enumerate(text.split("\n"), start=1)
-        first = next((number for number, line in lines if line), end)
+        lines = [line.partition("#")[0].rstrip() for line in self.text.split("\n")]
+        begin = lines.index(MACHINE) + 1
+        titles = (i for i in range(begin, len(lines)) if _is_title(lines[i]))
+        text = "\n".join([""] * begin + lines[begin : next(titles, None)])
+        numbered = enumerate(text.split("\n"), start=1)
+        first = next((number for number, line in numbered if line), end)
         try:
             gait = parse_gait(text, name=self.header["gait"])
         except InputError as error:
@@ -306,13 +312,15 @@ class _Reader:
 
     def _finished(self, last: int) -> FormulaFile:
         self._end_section(last)
+        if self.believes != (self.odometry is not None):
+            lacks = ODOMETRY.title if self.believes else CONTACTS.title
+            raise TextError(
+                f"contacts and odometry go together; add {lacks!r}, or leave the other out", last, 1
+            )
         vocabulary = Vocabulary(self.names, tuple(self.definitions))
         formulas = self.formulas
         if formulas and self.mirror is not None:
-            try:
-                formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
-            except InputError as error:
-                raise TextError(str(error), last, 1) from error
+            formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
         shared = any(len(place) == 1 for place in formulas)
         joints = range(quadruped.N_JOINTS)
         states = range(self._n_states if self.names else 0)

@@ -278,6 +278,16 @@ def expert_of(controller: Controller | Policy) -> Policy:
     return controller if isinstance(controller, Policy) else controller.expert
 
 
+def acting(controller: Controller | Policy | None) -> tuple[Policy, ...]:
+    """Returns the policies that act in a controller, or the policy that acts alone."""
+    match controller:
+        case None:
+            return ()
+        case Policy():
+            return (controller,)
+    return tuple(controller.policies.values())
+
+
 def estimator_in_loop(
     controller: Controller | Policy, *, true_body_state: bool = False
 ) -> Estimator | None:

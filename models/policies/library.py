@@ -21,7 +21,7 @@ from glassgait.models.policies.symbolic import (
 )
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder, robot_of
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait, check_gait_name, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 
@@ -76,10 +76,8 @@ def load_policy(path: Path, robot: Robot | None = None) -> Policy:
             anything that a policy of its kind must not.
     """
     if path.suffix == FormulaPolicy.suffix:
-        # The checker of certificates reads every byte.
-        text = read_text(path, encoding="utf-8")
         try:
-            file = read_formulas(text)
+            file = read_formulas(_read_formula_text(path))
             return FormulaPolicy.from_file(file, robot_of(path, file.robot, robot))
         except InputError as error:
             raise InputError(_of_file(path, error)) from error
@@ -100,9 +98,33 @@ def load_policy(path: Path, robot: Robot | None = None) -> Policy:
         raise InputError(f"{path}: {error}") from error
 
 
+def _read_formula_text(path: Path) -> str:
+    # The checker of certificates reads every byte.
+    return read_text(path, encoding="utf-8")
+
+
 def _of_file(path: Path, error: InputError) -> str:
     """Returns what is wrong with a file, its path before it once."""
     return str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
+
+
+def find_gait(gait: str | Path) -> Gait:
+    """Loads a gait by its name, or from a gait file, or from a formula file that holds one.
+
+    Raises:
+        InputError: if there is no such gait, or the file breaks a rule of its kind.
+    """
+    path = Path(gait)
+    if path.suffix != FormulaPolicy.suffix:
+        return load_gait(gait)
+    try:
+        file = read_formulas(_read_formula_text(path))
+    except InputError as error:
+        raise InputError(_of_file(path, error)) from error
+    if file.machine is None:
+        raise InputError(f"{path}: has no section 'machine'; name a gait, or a gait file")
+    check_gait_name(file.gait, f"{path}: its header names the gait {shown(file.gait)}")
+    return file.machine
 
 
 def save_policy(policy: Policy, path: Path, observations: Array) -> None:

@@ -22,7 +22,7 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait import Gait, gait_names, load_gait
 from glassgait.models.task.observation import (
     Group,
     ObservationLayout,
@@ -310,17 +310,24 @@ class Policy(ABC):
         return [self.kind, self.gait, *robot]
 
     def refuse_other_machine(self, gait: Gait) -> None:
-        """Refuses a gait that differs from the one that the policy's file holds, if it holds one.
+        """Refuses a gait of the policy's name that is not the one it was made for.
+
+        That is the gait which its file holds; where it holds none the one that ships by that name.
 
         Raises:
             InputError: if it differs; the message names the key.
         """
-        if self.machine is None or (key := self.machine.first_difference(gait)) is None:
+        if self.machine is not None:
+            own, remedy = self.machine, "name the policy's file as the gait as well"
+        elif self.gait in gait_names():
+            own, remedy = load_gait(self.gait), "name a policy whose file holds that machine"
+        else:
             return
-        raise InputError(
-            f"this {self.kind} policy holds a machine of its own, whose {key!r} differs from that "
-            f"of the {gait.name}; name its file as the gait as well"
-        )
+        if (key := own.first_difference(gait)) is not None:
+            raise InputError(
+                f"this {self.kind} policy was made for another machine than this {gait.name}, "
+                f"which differs in {key!r}; {remedy}"
+            )
 
     def check(
         self, *, gait: Gait | str, observation_names: tuple[str, ...], robot: Robot | None = None

@@ -50,6 +50,16 @@ class ContactTrust(NamedTuple):
         counted = np.minimum(self.unchanged + 1, UNCHANGED_STEPS)
         return type(self)(read, np.where(read == self.reading, counted, 0))
 
+    def lasting(self, reading: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Returns which feet touch, or did at the step before, as the sensors read them (..., 4).
+
+        The memory of one step bridges a bouncing touch-down.
+
+        Args:
+            reading: What the sensors read after the step that this knows of (..., 4).
+        """
+        return reading | (self.reading == 1)
+
     @property
     def doubted(self) -> NDArray[np.bool_]:
         """Which sensors are not believed (..., 4)."""

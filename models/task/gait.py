@@ -1,11 +1,11 @@
 """Gaits as data: a reward machine and the commands it is meant for, read from a YAML file.
 
-A formula file may hold its gait, as the same YAML in a section of its own.
+A formula file may hold its gait, as the same YAML in a section of its own: `find_gait` of
+`glassgait.models.policies.library` reads both.
 """
 
 import hashlib
 import os
-import re
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
@@ -26,12 +26,6 @@ GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
 
 MACHINE = "machine"
 """Title of the section of a formula file that holds a gait."""
-
-FORMULA_FILE = ".formulas"
-"""How the names of formula files end."""
-
-_NEXT_TITLE = re.compile(r"readings|definitions|every state|state \d{1,3}|limits")
-"""What ends that section."""
 
 LONGEST_NAME = 80
 """Greatest number of bytes of a gait's name, which stands in the names of its files."""
@@ -120,15 +114,14 @@ def gait_path(gait: str | Path) -> Path:
     """Returns the file of a gait that ships with the project, or of one of one's own.
 
     Args:
-        gait: Name of a gait that ships, or path of a gait file or of a formula file.
+        gait: Name of a gait that ships, or path of a gait file.
 
     Raises:
         InputError: if there is no such gait, or the file's name can name no gait.
     """
     path = Path(gait)
     if path.suffix in (".yaml", ".yml"):
-        _check_name(path.stem, path, "rename it")
-    if path.suffix in (".yaml", ".yml", FORMULA_FILE):
+        check_gait_name(path.stem, f"gait file {shown(str(path))}: the gait takes its name from it")
         return path
     if str(gait) not in gait_names():
         raise InputError(
@@ -139,15 +132,13 @@ def gait_path(gait: str | Path) -> Path:
 
 
 def load_gait(gait: str | Path) -> Gait:
-    """Loads a gait by its name, or from a YAML file of one's own, or from a formula file.
+    """Loads a gait by its name, or from a YAML file of one's own.
 
     Raises:
         InputError: if there is no such gait, or its file breaks a rule; the message names the
             file, the key and the remedy.
     """
     path = gait_path(gait)
-    if path.suffix == FORMULA_FILE:
-        return _machine_of(path)
     text = read_text(path, YAML_BYTES)
     try:
         loaded = parse_gait(text, name=path.stem)
@@ -161,33 +152,6 @@ def load_gait(gait: str | Path) -> Gait:
             "the file another name"
         )
     return loaded
-
-
-def _machine_of(path: Path) -> Gait:
-    """Reads the gait that a formula file holds, which may have been edited."""
-    text = read_text(path)
-    if (machine := machine_text(text)) is None:
-        raise InputError(f"{path}: has no section {MACHINE!r}; name a gait, or a gait file")
-    named = re.search(r"^gait:([^#\n]*)", text, re.MULTILINE)
-    name = named[1].strip() if named else ""
-    _check_name(name, path, "change 'gait' in its header")
-    try:
-        return parse_gait(machine, name=name)
-    except InputError as error:
-        raise InputError(f"{path}: {MACHINE}: {error}") from error
-
-
-def machine_text(text: str) -> str | None:
-    """Returns the lines of a formula file's machine, each in its place and without comments.
-
-    None where it has none.
-    """
-    lines = [line.partition("#")[0].rstrip() for line in text.split("\n")]
-    if MACHINE not in lines:
-        return None
-    first = lines.index(MACHINE) + 1
-    titles = (i for i in range(first, len(lines)) if _NEXT_TITLE.fullmatch(lines[i]))
-    return "\n".join([""] * first + lines[first : next(titles, None)])
 
 
 def parse_gait(text: str, *, name: str) -> Gait:
@@ -255,20 +219,26 @@ def _scalar(text: str, place: str = "{{key: {}}}") -> str:
     return quoted.strip().replace("#", "\\x23")
 
 
-def _check_name(name: str, path: Path, remedy: str) -> None:
-    """Refuses names that cannot name a gait and, after it, the files of its runs."""
+def check_gait_name(name: str, said: str) -> None:
+    """Refuses names that cannot name a gait and, after it, the files of its runs.
+
+    Args:
+        said: Where the name stands, as a message begins with.
+
+    Raises:
+        InputError: if it is such a name.
+    """
     # The file system counts bytes.
     short = len(os.fsencode(name)) <= LONGEST_NAME
     plain = is_plain(name, LONGEST_NAME) and not {*name} & {"/", "\\"}
     if not short or not plain or name.startswith("."):
         raise InputError(
-            f"gait file {shown(str(path))}: the gait takes its name from it; {remedy} to printable "
-            f"characters, {LONGEST_NAME} bytes at most, that start with no dot"
+            f"{said}; give it one of printable characters, {LONGEST_NAME} bytes at most, that "
+            "starts with no dot"
         )
     if name in TAKEN_NAMES:
         raise InputError(
-            f"gait file {shown(str(path))}: a run keeps a file of its own under the name {name!r}; "
-            "give the gait another one"
+            f"{said}, and a run keeps a file of its own under the name {name!r}; give it another"
         )
 
 

@@ -83,7 +83,7 @@ def _checked_keys(data: Any) -> dict[str, Any]:
 
 def _check_kind(data: dict[str, Any], key: str, kind: Any) -> None:
     if not isinstance(data[key], kind) or isinstance(data[key], bool):
-        wanted = {str: "text", list: "a list"}.get(kind, "a number")
+        wanted = {str: "text", list: "a list"}.get(kind, "a number such as 0.03 or 3.0e-2")
         raise InputError(f"key {key!r} must be {wanted}, not {shown(data[key])}")
 
 

@@ -31,10 +31,11 @@ from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.files import record_or_made, write_atomically
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.models.task.termination import Falls, limits_of
 from glassgait.studies.common.cases import Case, refuse_commands, run_cases, slow_first
@@ -298,7 +299,7 @@ class Experiment(Settings):
         if names == self.gait:
             found = self.policies[self.gaits[0].name]
         else:
-            found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
+            found = find_policies(find_gait(names[0]), self.source, self.robot, quiet=True)
         return found.output(self.title).parent / called
 
     @property
@@ -309,7 +310,7 @@ class Experiment(Settings):
     @cached_property
     def gaits(self) -> list[Gait]:
         """The gaits."""
-        return [load_gait(name) for name in gaits_named(self.gait)]
+        return [find_gait(name) for name in gaits_named(self.gait)]
 
     @cached_property
     def scenarios(self) -> dict[str, Scenario]:
@@ -372,7 +373,7 @@ class Experiment(Settings):
             )
         kept = []
         for name in names:
-            policies = find_policies(load_gait(name), robot=self.robot, quiet=True)
+            policies = find_policies(find_gait(name), robot=self.robot, quiet=True)
             lacks = [own for own in self.policy if own not in (ALL, EXPERT, *policies.files)]
             if len(lacks) < len(self.policy):
                 kept.append(name)
@@ -459,7 +460,7 @@ def _with_mirror_image(names: tuple[str, ...]) -> tuple[str, ...]:
     """
     kept = []
     for name in names:
-        if mirrored_states(load_gait(name)) is None:
+        if mirrored_states(find_gait(name)) is None:
             say(f"{name}: has no mirror image, since its machine favours a side; left out")
         else:
             kept.append(name)

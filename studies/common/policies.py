@@ -15,6 +15,7 @@ from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
+    find_gait,
     load_expert,
     load_policy,
     load_student_of,
@@ -28,7 +29,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder
 from glassgait.models.settings import Settings
-from glassgait.models.task.gait import Gait, gait_names, load_gait
+from glassgait.models.task.gait import Gait, gait_names
 from glassgait.studies.common.console import note
 from glassgait.studies.common.run_folder import default_folder
 
@@ -342,7 +343,7 @@ class OneGait(Settings):
         Raises:
             InputError: as `find_policies`.
         """
-        return find_policies(load_gait(self.gait), self.source, self.robot)
+        return find_policies(find_gait(self.gait), self.source, self.robot)
 
 
 def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies:

@@ -14,6 +14,7 @@ from joblib import delayed
 from threadpoolctl import threadpool_limits
 
 from glassgait.models.errors import InputError
+from glassgait.models.policies.library import find_gait
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.studies.common.console import console, say
@@ -94,7 +95,7 @@ def gaits_named(names: Sequence[str]) -> tuple[str, ...]:
         InputError: if there is no such gait, `all` stands among others, or two are called the same.
     """
     if ALL_GAITS not in names:
-        called = [load_gait(name).name for name in names]
+        called = [find_gait(name).name for name in names]
         twice = [name for name in called if called.count(name) > 1]
         if twice:
             raise InputError(f"--gait: two gaits are called {twice[0]}; name one of them")

@@ -18,9 +18,10 @@ from matplotlib.ticker import PercentFormatter
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.switched import GREATEST_CHANGE
 from glassgait.models.settings import DISTINCT, FEW, NotNegative, Positive, Share
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import PATIENCE, GaitSwitch
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
@@ -94,7 +95,7 @@ class Transitions(Experiment):
         found = {gait.name: Target(gait, self.controllers[gait.name]) for gait in self.gaits}
         way = {}
         if self.via is not None:
-            gait = load_gait(self.via)
+            gait = find_gait(self.via)
             controllers = self.controllers.get(gait.name) or find_policies(
                 gait, robot=self.robot
             ).controllers(self.policy)

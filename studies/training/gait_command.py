@@ -8,8 +8,8 @@ import tyro
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
+from glassgait.models.policies.library import find_gait
 from glassgait.models.task.drawing import to_graphviz, to_mermaid
-from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
 
 EXTENSIONS = {".mmd": "mermaid", ".md": "mermaid", ".dot": "graphviz", ".gv": "graphviz"}
@@ -34,7 +34,7 @@ class ShowGait:
     def run(self) -> None:
         """Checks and draws."""
         language = self._language()
-        gait = load_gait(self.gait)
+        gait = find_gait(self.gait)
         drawing = to_graphviz(gait) if language == "graphviz" else to_mermaid(gait)
         if self.output is None:
             console.print(drawing, soft_wrap=True)

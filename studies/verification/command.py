@@ -20,9 +20,10 @@ from glassgait.models.certificates.observation_box import ObservationBox, load_b
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
+from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import FEW, Settings
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar
 from glassgait.studies.common.policies import Policies, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig
@@ -80,7 +81,7 @@ class Prove(Settings):
         """Measures where it is asked for, proves, and writes the certificate."""
         if self.box and self.measure:
             raise InputError("--box: is not read where the box is measured; leave out one of both")
-        found = find_policies(load_gait(self.gait), self.source, self.robot)
+        found = find_policies(find_gait(self.gait), self.source, self.robot)
         gait = found.gait
         name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)

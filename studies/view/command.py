@@ -15,12 +15,13 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import save_figure
@@ -114,7 +115,7 @@ class View(Settings):
 
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
-        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        gaits = [find_gait(name) for name in gaits_named(self.gait)]
         found = find_policies_of(gaits, self.source, [self.policy], self.robot)
         policies = list(found.values())
         gait, policy = self._several(policies) if len(gaits) > 1 else self._one(*policies)
@@ -163,7 +164,7 @@ class View(Settings):
         parts += [world] if world != TRAINING else []
         parts += ["changing"] if several else []
         folder = default_folder(self.title, policy.robot.name)
-        return (self.output or folder / load_gait(self.gait[0]).name) / "_".join(parts)
+        return (self.output or folder / find_gait(self.gait[0]).name) / "_".join(parts)
 
     def _play(
         self,

@@ -80,9 +80,9 @@ def test_names_of_states_are_no_paths(trot, make_policy):
         replace(edge, source=states[k], target=states[1 - k])
         for k, edge in enumerate(trot.transitions)
     ]
-    gait = replace(trot, states=states, initial="a", transitions=tuple(edges))
+    gait = replace(trot, name="own", states=states, initial="a", transitions=tuple(edges))
     meshcat = open_meshcat()
-    MakeLocomotion(gait, CALM, policy=make_policy(trot), meshcat=meshcat)
+    MakeLocomotion(gait, CALM, policy=make_policy(gait), meshcat=meshcat)
     assert [meshcat.HasPath(f"/drake/gait/state/{k}") for k in range(3)] == [True, True, False]
     assert not meshcat.HasPath("/drake/gait/state/a")
 

@@ -334,7 +334,6 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"{HEAD}definitions\nFL_hip = 2\n{EVERY}", 5, "'FL_hip' cannot be defined"),
         (f"{HEAD}definitions\na = t\na = t\n{EVERY}", 6, "'a' cannot be defined"),
         (f"{HEAD}definitions\nlate = t\nb = late\n{EVERY}", 6, "nothing is called 'late'"),
-        (f"{HEAD}mirror: 1 0\ndefinitions\nb = q.FL_calf\n{EVERY}", 19, "b has no mirror image"),
     ],
 )
 def test_what_is_no_formula_file_is_refused_with_its_line(text, line, reported):

@@ -145,12 +145,13 @@ def defined(*texts):
     return Vocabulary(NAMES, tuple(definitions))
 
 
-def test_a_definition_without_mirror_image_is_refused():
-    with pytest.raises(InputError, match="d1"):
-        FormulaMirror.of(defined("t", "q.FL_calf"), (1, 0))
-    with pytest.raises(InputError, match="d0"):
-        FormulaMirror.of(defined("s0"), (1, 0))
-    FormulaMirror.of(defined("s0"), (0, 1))
+def test_a_definition_without_an_image_among_them_stands_in_the_mirror_in_full():
+    vocabulary = defined("t", "q.FL_calf", "s0")
+    formula = parse_formula("d0*d1 + d2", vocabulary.symbols)
+    image = FormulaMirror.of(vocabulary, (1, 0)).formula(formula, THIGH)
+    assert write_formula(image, vocabulary.symbols) == "d0*q.FR_calf + s1"
+    image = FormulaMirror.of(vocabulary, (0, 1)).formula(formula, THIGH)
+    assert write_formula(image, vocabulary.symbols) == "d0*q.FR_calf + d2"
 
 
 def test_a_definition_may_be_its_own_image_or_the_negative_of_one():

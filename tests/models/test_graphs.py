@@ -247,5 +247,5 @@ def test_what_there_is_no_graph_for_is_refused(trot, small_expert, make_policy):
 
 def test_a_gait_of_other_states_is_refused(trot, small_expert, make_policy):
     other = replace(trot, states=(*trot.states, "more"))
-    with pytest.raises(InputError, match="observes"):
+    with pytest.raises(InputError, match="differs in 'states'"):
         write_graph(other, alone(make_policy(trot), small_expert(trot)), policy_name="", version="")

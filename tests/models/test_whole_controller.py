@@ -20,14 +20,18 @@ from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
+    find_gait,
     load_expert,
+    load_policy,
     load_student,
     shipped_students,
 )
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_lines, gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 A1, TROT = load_robot(), load_gait("trot")
 PAGE = load_student("trot", "sparse_formula")
@@ -125,12 +129,12 @@ def test_a_machine_is_read_alike_by_three(old, new, tmp_path):
         machine = read_formulas(text).machine
     except InputError:
         with pytest.raises(InputError):
-            load_gait(path)
+            find_gait(path)
         with pytest.raises(RefusedError):
             FormulaText.read(text)
         return
     assert machine is not None
-    assert load_gait(path) == machine
+    assert find_gait(path) == machine
     theirs = FormulaText.read(text).machine
     assert theirs is not None
     assert (theirs.states, theirs.said["initial"]) == ([*machine.states], machine.initial)
@@ -153,7 +157,7 @@ def test_a_policy_acts_in_its_own_machine_alone(tmp_path):
     edited = policy_of(EDITED)
     assert edited.digest() != PAGE.digest()
     (path := tmp_path / "mine.formulas").write_text(EDITED)
-    machine = load_gait(path)
+    machine = find_gait(path)
     assert (machine.name, machine.clearance) == ("trot", 0.05)
     both = alone(edited, load_expert("trot"))
     for gait, policy in ((TROT, edited), (machine, PAGE)):
@@ -165,7 +169,7 @@ def test_a_policy_acts_in_its_own_machine_alone(tmp_path):
                 gait, own, name="mine", policy_name="mine", version="0"
             ),
         ):
-            with pytest.raises(InputError, match="'clearance' differs"):
+            with pytest.raises(InputError, match="differs in 'clearance'"):
                 build()
     assert (
         "CLEARANCE 0.05"
@@ -213,13 +217,14 @@ def test_sections_that_are_wrong_are_refused_by_both_readers(old, new, said):
 
 def test_a_formula_file_without_its_gait_names_none(tmp_path):
     path = tmp_path / "mine.formulas"
-    path.write_text(TEXT.replace("\nmachine\n", "\n"))
+    start, end = TEXT.index("\nmachine\n"), TEXT.index("\nreadings\n")
+    path.write_text(TEXT[:start] + TEXT[end:])
     with pytest.raises(InputError, match="has no section 'machine'"):
-        load_gait(path)
+        find_gait(path)
     for name in ("../up", "", ".hidden", "config"):
         path.write_text(TEXT.replace("gait: trot", f"gait: {name}"))
-        with pytest.raises(InputError, match="gait file"):
-            load_gait(path)
+        with pytest.raises(InputError, match=r"header"):
+            find_gait(path)
 
 
 def test_definitions_of_right_legs_are_images_of_those_of_left_ones():
@@ -235,12 +240,53 @@ def test_definitions_of_right_legs_are_images_of_those_of_left_ones():
     assert "x.FR" in PAGE.vocabulary.symbols
 
 
-def test_an_image_may_be_given_another_formula():
+def test_what_is_defined_for_one_side_alone_stands_in_the_mirror_in_full():
+    """A definition whose image is another one: images of formulas with it are written without."""
     line = next(own for own in TEXT.split("\n") if own.startswith("lifted.FL ="))
     other = line.replace("lifted.FL = tanh(100*h.FL", "lifted.FR = tanh(90*h.FR")
-    for text in (TEXT.replace(line, f"{line}\n{other}"),):
-        with pytest.raises(InputError, match=r"lifted.FL has no mirror image"):
-            read_formulas(text)
+    policy = policy_of(TEXT.replace(line, f"{line}\n{other}"))
+    assert policy_of(policy.to_text()).digest() == policy.digest()
+    seen = np.random.default_rng(0).normal(size=(50, len(PAGE.observation_names)))
+    reflect = reflect_observation(PAGE.observation_names, (1, 0))
+    images = REFLECT_JOINTS(policy(reflect(seen)))
+    np.testing.assert_allclose(policy(seen), images, atol=1e-12)
+    assert np.abs(policy(seen) - PAGE(seen)).max() > 1e-5
+    theirs = FormulaText.read(policy.to_text())
+    assert {*theirs.targets} == {(s, j) for s in range(2) for j in quadruped.JOINTS}
+
+
+@pytest.mark.parametrize("section", ["contacts", "odometry"])
+def test_contacts_and_odometry_go_together(section):
+    start = TEXT.index(f"\n{section}\n")
+    end = TEXT.index("\n\n", start + 1)
+    with pytest.raises(InputError, match="go together"):
+        read_formulas(TEXT[:start] + TEXT[end:])
+    with pytest.raises(RefusedError):
+        FormulaText.read(TEXT[:start] + TEXT[end:])
+
+
+@pytest.mark.parametrize("kind", ["linear", "expert"])
+def test_what_holds_no_machine_acts_in_the_one_that_ships(kind, make_policy):
+    policy = load_expert("trot") if kind == "expert" else make_policy(TROT)
+    policy.refuse_other_machine(TROT)
+    policy.refuse_other_machine(replace(TROT, description="The same."))
+    with pytest.raises(InputError, match="differs in 'dwell'"):
+        policy.refuse_other_machine(replace(TROT, dwell=(6, 12)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("\nlimits\n", "\nlimits \n\n"), ("stuck =", "sunk ="), ("\n", "\r\n")]
+)
+def test_a_gait_is_taken_from_whole_files_alone(old, new, tmp_path):
+    path = tmp_path / "mine.formulas"
+    path.write_text(TEXT.replace(old, new), newline="")
+    try:
+        own = load_policy(path).machine
+    except InputError:
+        with pytest.raises(InputError, match=r"mine.formulas"):
+            find_gait(path)
+    else:
+        assert find_gait(path) == own
 
 
 def test_a_checker_reads_the_machine_that_a_policy_holds():

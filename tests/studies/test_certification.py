@@ -19,6 +19,7 @@ from glassgait.models.certificates.observation_box import (
 )
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
+from glassgait.models.formulas.contacts import CONTACTS
 from glassgait.models.formulas.limits import limits_lines
 from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.policies.library import load_expert, load_policy, load_student
@@ -263,6 +264,9 @@ states: 2
 senses: imu
 mirror: 1 0
 
+contacts
+{contacts}
+
 odometry
 {odometry}
 
@@ -277,7 +281,9 @@ def imu_policy(folder, of_gravity=0.1):
     stance = {joint: A1.default_stance[quadruped.joint_index(joint)] for joint in left}
     formulas = [f"{own} = {angle} + {of_gravity}*g.y - 0.01*w.x" for own, angle in stance.items()]
     text = IMU_FILE.format(
-        odometry="\n".join(odometry_lines(Odometry(gain=0.3))), formulas="\n".join(formulas)
+        contacts="\n".join(CONTACTS.lines()),
+        odometry="\n".join(odometry_lines(Odometry(gain=0.3))),
+        formulas="\n".join(formulas),
     )
     (folder / "imu.formulas").write_text(text)
     gait = load_gait("trot")
@@ -367,9 +373,25 @@ def test_a_machine_that_a_policy_holds_is_the_one_that_is_proved_of(policy, caps
     options = ["--policy", "imu.formulas", "--box", "imu.yaml"]
     with pytest.raises(SystemExit):
         main(["verify", "prove", *options, "--output", "none"])
-    assert "'clearance' differs" in capsys.readouterr().err
+    assert "differs in 'clearance'" in capsys.readouterr().err
     main(["verify", "prove", "--gait", "imu.formulas", *options, "--output", "out"])
     main(["verify", "check", "out", "--policy", "imu.formulas"])
     certificate = policy.parent / "out" / "certificate.json"
     with pytest.raises(RefusedError, match="not the gait that the policy holds"):
         check(certificate, policy.parent / "imu.formulas", gait_path("trot"))
+    with pytest.raises(RefusedError, match="needs no --gait"):
+        check(certificate, policy.parent / "imu.formulas", policy.parent / "imu.formulas")
+
+
+def test_a_machine_that_favours_a_side_is_proved_of_without_its_mirror(policy, capsys):
+    text = imu_policy(policy.parent)
+    lines = "\n".join(gait_lines(load_gait("trot"))).replace("to: q1,", "to: q1, dwell: 0.9,")
+    place = text.index("\nevery state\n")
+    (policy.parent / "imu.formulas").write_text(f"{text[:place]}\nmachine\n{lines}\n{text[place:]}")
+    options = ["--policy", "imu.formulas", "--gait", "imu.formulas", "--box", "imu.yaml"]
+    main(["verify", "prove", *options, "--output", "out"])
+    content = json.loads((policy.parent / "out" / "certificate.json").read_text())
+    assert content["mirror"] is None
+    assert not [own for own in content["claims"] if own["kind"] == "mirror"]
+    main(["verify", "check", "out", "--policy", "imu.formulas"])
+    assert "hold" in capsys.readouterr().out

@@ -1,5 +1,6 @@
 """Scores, scenarios and ratios."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -351,8 +352,12 @@ CONTINUOUS = Scenario("continuous", StationConfig(time_step=0.0), accuracy=1e-2,
 def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
     gait = load_gait("trot")
     anything = parse_formula("FL | ~FL")
-    gait = replace(gait, transitions=tuple(Transition(q, q, anything) for q in ("q0", "q1")))
-    standing = alone(untrained_student(expert), expert)
+    loops = tuple(Transition(q, q, anything) for q in ("q0", "q1"))
+    gait = replace(gait, name="loops", transitions=loops)
+    both = [copy(own) for own in (untrained_student(expert), expert)]
+    for own in both:
+        own.gait = gait.name
+    standing = alone(*both)
     log = roll_out(gait, standing, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=20))
     served = log.served_dwell[:, 0]
     (first, second) = np.flatnonzero(served)

@@ -13,14 +13,14 @@ def sensed(system, context):
 
 def test_flips_where_the_noise_is_below_the_share(fix_inputs):
     system = ContactSensor(0.1)
-    context = fix_inputs(system, foot_contact=[1, 1, 0, 0], uniform_noise=[0.05, 0.1, 0.09, 0.5])
+    context = fix_inputs(system, touching=[1, 1, 0, 0], uniform_noise=[0.05, 0.1, 0.09, 0.5])
     assert sensed(system, context) == [0, 1, 1, 0]
 
 
 def test_what_is_stuck_always_reads_the_same(fix_inputs):
     system = ContactSensor(0.5, stuck_sensors(("FL",), ("RR",)))
     for touching in (0, 1):
-        context = fix_inputs(system, foot_contact=4 * [touching])
+        context = fix_inputs(system, touching=4 * [touching])
         assert sensed(system, context) == [0, touching, touching, 1]
         flipped = fix_inputs(system, context.Clone(), uniform_noise=np.zeros(4))
         assert sensed(system, flipped) == [0, 1 - touching, 1 - touching, 1]
@@ -28,7 +28,7 @@ def test_what_is_stuck_always_reads_the_same(fix_inputs):
 
 def test_contexts_share_nothing(fix_inputs):
     system = ContactSensor(0.5)
-    context = fix_inputs(system, foot_contact=np.ones(4), uniform_noise=np.zeros(4))
+    context = fix_inputs(system, touching=np.ones(4), uniform_noise=np.zeros(4))
     clone = fix_inputs(system, context.Clone(), uniform_noise=np.ones(4))
     assert sensed(system, context) == [0, 0, 0, 0]
     assert sensed(system, clone) == [1, 1, 1, 1]

@@ -12,10 +12,10 @@ def test_stuck_sensors_give_way_to_heights_until_they_change(fix_inputs, latch):
     system = ContactTrustSystem()
     contact = system.get_believed_contact_output_port()
     touching = system.get_believed_touching_output_port()
-    seen = {"touching": [1, 1, 0, 0], "foot_contact": [1, 1, 1, 0], "foot_height": HEIGHT}
+    seen = {"touching": [1, 1, 0, 0], "foot_height": HEIGHT}
     context = fix_inputs(system, **seen)
     for _ in range(UNCHANGED_STEPS):
-        np.testing.assert_array_equal(contact.Eval(context), seen["foot_contact"])
+        np.testing.assert_array_equal(contact.Eval(context), seen["touching"])
         np.testing.assert_array_equal(touching.Eval(context), seen["touching"])
         latch(system, context)
     believed = [1, 0, 1, 0]
@@ -27,3 +27,13 @@ def test_stuck_sensors_give_way_to_heights_until_they_change(fix_inputs, latch):
     latch(system, context)
     np.testing.assert_array_equal(touching.Eval(context), [1, 0, 1, 1])
     np.testing.assert_array_equal(touching.Eval(clone), believed)
+
+
+def test_a_contact_lasts_for_a_step(fix_inputs, latch):
+    system = ContactTrustSystem()
+    contact = system.get_believed_contact_output_port()
+    context = fix_inputs(system, touching=[1, 0, 0, 0], foot_height=HEIGHT)
+    for touching, lasting in (([0, 1, 0, 0], [1, 1, 0, 0]), ([0, 0, 0, 0], [0, 1, 0, 0])):
+        latch(system, context)
+        fix_inputs(system, context, touching=touching, foot_height=HEIGHT)
+        np.testing.assert_array_equal(contact.Eval(context), lasting)

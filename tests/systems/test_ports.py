@@ -6,7 +6,6 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Mapping
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +36,6 @@ from glassgait.systems.command import RandomCommand
 from glassgait.systems.command_receiver import CommandReceiver
 from glassgait.systems.command_sender import CommandSender
 from glassgait.systems.compiled_controller import CompiledController
-from glassgait.systems.contact_memory import ContactMemory
 from glassgait.systems.contact_sensor import ContactSensor
 from glassgait.systems.contact_trust import ContactTrustSystem
 from glassgait.systems.fall_monitor import FallMonitor
@@ -120,18 +118,13 @@ PORTS: dict[Any, Ports] = {
         {"state": 37, **COMMAND, "requested_gait": 1, "imu": 9},
         {"action": 12, "targets": 12, "status": 1},
     ),
-    ContactMemory: Ports(ContactMemory, {"touching": 4}, {"foot_contact": 4}),
     ContactSensor: Ports(
-        lambda: ContactSensor(0.1), {"foot_contact": 4, "uniform_noise": 4}, {"sensed_contact": 4}
+        lambda: ContactSensor(0.1), {"touching": 4, "uniform_noise": 4}, {"sensed_contact": 4}
     ),
     ContactTrustSystem: Ports(
         ContactTrustSystem,
-        {"foot_contact": 4, "touching": 4, "foot_height": 4},
+        {"touching": 4, "foot_height": 4},
         {"believed_contact": 4, "believed_touching": 4},
-        {
-            ("foot_contact", "believed_contact"),
-            *product(("touching", "foot_height"), ("believed_contact", "believed_touching")),
-        },
     ),
     FallMonitor: Ports(
         lambda: FallMonitor(A1),

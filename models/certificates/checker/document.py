@@ -147,7 +147,7 @@ class Document:
         self.gait = self.read_gait(gait, read.machine)
         same = self.gait.states == states
         refuse_unless(same, f"the {self.content['gait']} has other states: {self.gait.states}")
-        self.check_mirror(read.mirror)
+        self.check_mirror()
         self.check_boxes()
 
     def check_contents(self) -> None:
@@ -194,6 +194,10 @@ class Document:
         """Reads the gait's file, where the policy's file does not hold the gait itself."""
         if given is None and own is not None:
             return own
+        if given is not None and given.suffix == ".formulas":
+            raise RefusedError(
+                f"{given} is no gait's file; a policy that holds its gait needs no --gait"
+            )
         name = self.content["gait"]
         shipped = MODELS / "task" / "gaits" / f"{name}.yaml" if self.plain else None
         ships = shipped is not None and shipped.is_file()
@@ -227,13 +231,12 @@ class Document:
             read.limits.check(self.robot)
         return read
 
-    def check_mirror(self, said: Any) -> None:
+    def check_mirror(self) -> None:
         image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),
             "its mirror does not name each state's image",
         )
-        refuse_unless(said in (None, image), "its mirror is another one than the policy's")
         refuse_unless(self.gait.mirrors(image), "its mirror is not that of the gait's machine")
 
     def shipped_policy(self, file: str) -> Path:

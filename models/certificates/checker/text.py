@@ -397,6 +397,10 @@ class FormulaText:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
         refuse_unless(self.section, "the policy's file holds no formulas")
         self.end()
+        refuse_unless(
+            ("contacts" in self.sections) == ("odometry" in self.sections),
+            "the policy's file has one of contacts and odometry without the other",
+        )
         if (image := self.image) is not None:
             for state, joint in sorted(self.given):
                 place = image[state], image_of(joint, image)[0]

@@ -56,7 +56,8 @@ def write_graph(
     """
     policy, estimator = controller.policy, exported_estimator(controller)
     layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
-    for one in (policy, controller.expert):
+    # An expert gives its estimator alone.
+    for one in (policy,) if isinstance(estimator, Odometry) else (policy, controller.expert):
         one.check(robot=policy.robot, gait=gait, observation_names=layout.names)
     graph = GraphBuilder()
     own = graph.add("Cast", OBSERVATION, to=TensorProto.DOUBLE)

@@ -20,9 +20,10 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.link.channels import LinkSettings
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.library import find_gait
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.play import Steps, pusher
@@ -105,7 +106,7 @@ class DriveSimulator(Settings):
 
     def run(self) -> None:
         """Simulates, and reports what was counted."""
-        gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
+        gait, scenario = find_gait(self.gait), load_scenario(self.scenario)
         if self.robot is not None:
             scenario = replace(scenario, robot=self.robot)
         if self.meshcat:

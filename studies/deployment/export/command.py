@@ -10,9 +10,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.export.controller import MOST_NAME
 from glassgait.models.export.language import Real
 from glassgait.models.policies.controller import alone
+from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.settings import Count, Natural, Seed, Settings
-from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import Policies, find_policies_of
@@ -77,7 +77,7 @@ class Export(Settings):
 
     def run(self) -> None:
         """Writes the files, and tables of what was measured."""
-        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        gaits = [find_gait(name) for name in gaits_named(self.gait)]
         found = list(find_policies_of(gaits, self.source, [self.policy or ""], self.robot).values())
         asked = self.policy or default_student(found[0])
         deployment, inputs = self._deployment(found, asked)
