@@ -62,6 +62,10 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "evaluation.pushes:Pushes",
             "Push walking robots from every side, and draw which pushes each policy survives.",
         ),
+        "evaluate basin": (
+            "evaluation.basin:Basin",
+            "Predict which pushes a policy survives, and count on others how often that is true.",
+        ),
         "evaluate transitions": (
             "evaluation.transitions:Transitions",
             "Change the gait of walking robots, each to each, and report falls and waits.",

@@ -63,6 +63,7 @@ class Assurance(RolloutExperiment):
 
     title: ClassVar[str] = "evaluate assurance"
     of_students: ClassVar[bool] = True
+    by_expert: ClassVar[bool] = True
     one: ClassVar[tuple[str, ...]] = ("policy",)
     # A schedule calls the expert as often as the monitor did with the robots of all seeds.
     pooled: ClassVar[bool] = True

@@ -1,6 +1,6 @@
 """The stride map: from one entry of the reward machine's first state to the next."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from glassgait.studies.common.episode import (
     episode,
 )
 from glassgait.studies.common.observers import entered
+from glassgait.studies.evaluation.pushing import horizontal
 
 NAMES = (*COORDINATES, *(f"previous action {joint}" for joint in quadruped.JOINTS))
 """What the closed loop remembers from one control step to the next, but for the machine's state.
@@ -156,6 +157,31 @@ class StrideMap:
         """Maps points (n, d) to those one stride later."""
         return self.stride(points, problems).images
 
+    def pushed(self, point: Array, step: int, direction: Array, speed: float) -> Array:
+        """Takes a stride from one point, with a push of the trunk on the way.
+
+        Args:
+            point: Coordinates (d,), of the first command.
+            step: Control step of the stride before which the push comes.
+            direction: Angles of pushes from straight ahead, to the left (n,; rad).
+            speed: What each adds to the trunk's velocity (m/s).
+
+        Returns:
+            Coordinates one stride later (n, d); NaN for a robot that did not come back.
+        """
+        n = len(direction)
+        points, problems = np.tile(point, (n, 1)), np.zeros(n, dtype=np.int64)
+
+        def push(running: Episode, _: BoolArray) -> None:
+            state = running.simulator.state
+            added = horizontal(state.plant, direction, np.full(n, speed))
+            running.simulator.restore(state.pushed(added))
+            # The next observation shows it.
+            running.simulator.set_command(state.command)
+
+        begin = self._entering(points, problems)
+        return self._until_entered(n, begin, not_before=0, then=[Event(step, None, push)]).images
+
     def _entering(
         self, points: Array, problems: NDArray[np.int64]
     ) -> Callable[[Episode, BoolArray], None]:
@@ -180,7 +206,7 @@ class StrideMap:
                     simulator.state,
                     machine=machine,
                     touching=feet.touching,
-                    trust=ContactTrust.begin((n,)),
+                    trust=ContactTrust.begin((n,)).after(feet.touching),
                     action=action,
                     odometry=self._remembered(simulator.state, remembered, feet.touching),
                     # A new command comes at whole multiples of its period, of which 0 is one.
@@ -204,7 +230,11 @@ class StrideMap:
         return OdometryState(velocity, places, touching, np.zeros_like(velocity))
 
     def _until_entered(
-        self, n: int, begin: Callable[[Episode, BoolArray], None], not_before: int
+        self,
+        n: int,
+        begin: Callable[[Episode, BoolArray], None],
+        not_before: int,
+        then: Sequence[Event] = (),
     ) -> Stride:
         images = _Images(n, self._entered, not_before, self.units)
         episode(
@@ -215,7 +245,7 @@ class StrideMap:
             n_steps=not_before + MOST_STEPS,
             seed=0,
             observers=[images],
-            events=[Event(0, None, begin)],
+            events=[Event(0, None, begin), *then],
         )
         return images.stride
 

@@ -265,6 +265,7 @@ class Symmetry(Experiment):
 
     title: ClassVar[str] = "evaluate symmetry"
     mirrored: ClassVar[bool] = True
+    by_expert: ClassVar[bool] = True
     scenario: ClassVar[tuple[str, ...]] = (TRAINING,)
     n_seeds: ClassVar[int] = 1
 

@@ -13,18 +13,18 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import limits_of
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.push_basin import (
-    Basin,
-    Pushed,
-    PushGrid,
-    failure_counts,
-    push_everywhere,
-)
 from glassgait.studies.evaluation.pushes import (
     half_lines,
     push_figure,
     push_table,
     summary_table,
+)
+from glassgait.studies.evaluation.pushing import (
+    Basin,
+    Pushed,
+    PushGrid,
+    failure_counts,
+    push_everywhere,
 )
 
 TROT = load_gait("trot")
@@ -85,7 +85,7 @@ def test_a_robot_is_pushed_where_it_faces(expert, monkeypatch):
         n = len(state.steps)
         return np.ones(n, dtype=bool), np.full(n, -1)
 
-    monkeypatch.setattr("glassgait.studies.evaluation.push_basin._walk_on", note)
+    monkeypatch.setattr("glassgait.studies.evaluation.pushing._walk_on", note)
     turning = Scenario(command=FixedCommand(0.5, 1.0, 8))
     push_everywhere(TROT, alone(expert), turning, GRID, n_steps=60, seed=3)
     (state,) = seen
@@ -166,7 +166,7 @@ def run(tmp_path, monkeypatch):
             assert n_steps == 50
             draws = np.random.default_rng([seed, policy.period]).random(grid.shape)
             survived = draws > grid.speeds[:, None] / 10.0
-            return Pushed(survived, np.where(survived, -1, 0))
+            return Pushed(survived, np.where(survived, -1, 0), np.ones_like(survived))
 
         monkeypatch.setattr("glassgait.studies.evaluation.pushes.push_everywhere", quickly)
         folder = tmp_path / output

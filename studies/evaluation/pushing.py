@@ -54,16 +54,32 @@ class PushGrid:
         return len(self.directions), len(self.speeds), self.n_phases
 
 
+class PushList(NamedTuple):
+    """Pushes, each of one robot.
+
+    Attributes:
+        direction: Angles from straight ahead, to the left (n,; rad).
+        speed: What they add to the trunk's velocity (n,; m/s).
+        phase: Numbers of the phases in which they come (n,).
+    """
+
+    direction: Array
+    speed: Array
+    phase: NDArray[np.int64]
+
+
 class Pushed(NamedTuple):
-    """What became of the robots, each array as the grid's shape.
+    """What became of the robots, each array as the pushes' shape.
 
     Attributes:
         survived: Whether a robot still walked in the end.
         failure: Index of its first failure in `FAILURES`; -1 for none.
+        came: Whether it walked until its phase, and was pushed.
     """
 
     survived: NDArray[np.bool_]
     failure: NDArray[np.int64]
+    came: NDArray[np.bool_]
 
 
 class _Walk(NamedTuple):
@@ -84,6 +100,33 @@ def push_everywhere(
     n_steps: int,
     seed: int,
 ) -> Pushed:
+    """Pushes robots from every side, and looks whether they walk some seconds later.
+
+    See `push_each`.
+    """
+    numbers = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), -1).reshape(-1, 3)
+    direction, speed, phase = numbers.T
+    pushes = PushList(grid.directions[direction], grid.speeds[speed], phase)
+    generator = np.random.default_rng(seed)
+    pushed = push_each(
+        gait, controller, scenario, pushes, grid.n_phases, n_steps=n_steps, generator=generator
+    )
+    shape = grid.shape
+    return Pushed(
+        pushed.survived.reshape(shape), pushed.failure.reshape(shape), pushed.came.reshape(shape)
+    )
+
+
+def push_each(
+    gait: Gait,
+    controller: AlternatingController,
+    scenario: Scenario,
+    pushes: PushList,
+    n_phases: int,
+    *,
+    n_steps: int,
+    generator: np.random.Generator,
+) -> Pushed:
     """Lets robots walk, pushes each once, and looks whether they walk some seconds later.
 
     A robot of each phase walks from near the default stance. It is copied in the instant of its
@@ -93,25 +136,21 @@ def push_everywhere(
         gait: The gait.
         controller: The controller.
         scenario: The world, with the command that all follow.
-        grid: The pushes.
+        pushes: The pushes.
+        n_phases: Instants of the gait's cycle in which they come, equally far apart.
         n_steps: Control steps from the push to the end.
-        seed: Seed of initial states and noise.
+        generator: Draws initial states and noise.
     """
-    world = World.of(gait, scenario, controller)
-    walk = _Walk(gait, controller, world, np.random.default_rng(seed))
-    robots, walks = _at_phases(walk, grid.n_phases)
-    pushes = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), -1).reshape(-1, 3)
-    rows = np.flatnonzero(walks[pushes[:, 2]])
-    survived = np.zeros(len(pushes), dtype=bool)
-    failure = np.full(len(pushes), -1)
+    walk = _Walk(gait, controller, World.of(gait, scenario, controller), generator)
+    robots, walks = _at_phases(walk, n_phases)
+    came = walks[pushes.phase]
+    rows = np.flatnonzero(came)
+    survived, failure = np.zeros(len(came), dtype=bool), np.full(len(came), -1)
     if len(rows):
-        direction, speed, phase = pushes[rows].T
-        state = robots.of_robots(phase)
-        angle = _headings(state.plant) + grid.directions[direction]
-        push = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(rows))], axis=1)
-        pushed = state.pushed(grid.speeds[speed][:, None] * push)
-        survived[rows], failure[rows] = _walk_on(walk, pushed, n_steps)
-    return Pushed(survived.reshape(grid.shape), failure.reshape(grid.shape))
+        state = robots.of_robots(pushes.phase[rows])
+        push = horizontal(state.plant, pushes.direction[rows], pushes.speed[rows])
+        survived[rows], failure[rows] = _walk_on(walk, state.pushed(push), n_steps)
+    return Pushed(survived, failure, came)
 
 
 class _Caught(Observer):
@@ -212,9 +251,17 @@ def _walk_on(
     return (survival.failure < 0) & (rhythm >= WALKS), survival.failure
 
 
-def _headings(plant: Array) -> Array:
+def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
+    """Returns velocities (n, 3; m/s, world frame) along the ground, by where robots face.
+
+    Args:
+        plant: Plant states x (n, 37).
+        direction: Angles from straight ahead, to the left (n,; rad).
+        speed: Their lengths (n,; m/s).
+    """
     rotation = kinematics.rotation_matrix(plant[:, quadruped.QUATERNION])
-    return np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
+    angle = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]) + direction
+    return speed[:, None] * np.stack([np.cos(angle), np.sin(angle), np.zeros(len(plant))], axis=1)
 
 
 def failure_counts(pushed: Pushed) -> dict[str, int]:
