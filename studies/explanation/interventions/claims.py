@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, indices_of
@@ -46,10 +47,7 @@ def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
     Raises:
         InputError: if fewer terms can be read, or ever count.
     """
-    found = [claim_of(term, file, walk) for term in readable_terms(file)]
-    ranked = sorted(
-        (claim for claim in found if claim is not None), key=lambda claim: -abs(claim.effect)
-    )
+    ranked = _ranked(file, walk)
     refuse_too_few(len(ranked), count)
     taken: list[Claim] = []
     for claim in ranked:
@@ -57,6 +55,34 @@ def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
             taken.append(claim)
     rest = [claim for claim in ranked if claim not in taken]
     return sorted([*taken, *rest][:count], key=lambda claim: -abs(claim.effect))
+
+
+def claims_of_each(file: FormulaFile, walk: Walk) -> list[Claim]:
+    """Derives a claim of each formula that the file holds: that of its largest term.
+
+    Of a formula without a term that can be read, or ever counts, there is none.
+
+    Args:
+        walk: What the robots of its policy saw.
+
+    Returns:
+        Claims in the order of the file's formulas.
+
+    Raises:
+        InputError: if no term can be read, or ever counts.
+    """
+    ranked, largest = _ranked(file, walk), dict[Place, Claim]()
+    refuse_too_few(len(ranked), 1)
+    for claim in ranked:
+        largest.setdefault(claim.term.place, claim)
+    return [largest[place] for place in sorted(largest)]
+
+
+def _ranked(file: FormulaFile, walk: Walk) -> list[Claim]:
+    """Derives the claims of all terms that can be read, the largest first."""
+    found = [claim_of(term, file, walk) for term in readable_terms(file)]
+    there = (claim for claim in found if claim is not None)
+    return sorted(there, key=lambda claim: -abs(claim.effect))
 
 
 def refuse_too_few(found: int, count: int) -> None:
@@ -67,9 +93,9 @@ def refuse_too_few(found: int, count: int) -> None:
     """
     if found < count:
         raise InputError(
-            f"--n-claims: {count} claims are asked for, and {found} terms can be read as a weight "
-            "times a command, gravity, a speed, a foot's place or a definition; ask for fewer, or "
-            "name another policy"
+            f"--n-claims, --each: {count} claims are asked for, and {found} terms can be read as a "
+            "weight times a command, gravity, a speed, a foot's place or a definition; ask for "
+            "fewer, or name another policy"
         )
 
 

@@ -82,9 +82,6 @@ def readable_terms(file: FormulaFile) -> list[Term]:
     Products of sums are multiplied out. A term of another form is left out: one with a function or
     a quotient, with two inputs or with readings of joints. Terms of the same input and gates in one
     formula are one.
-
-    Raises:
-        InputError: if a definition has no mirror image where the file says that formulas have one.
     """
     inputs, gates = _inputs(file.vocabulary), _gates(file.vocabulary)
     return [

@@ -49,13 +49,15 @@ class Walk:
         return int(self.scores["fell"].sum())
 
 
-def walk(gait: Gait, expert: NeuralPolicy, policy: FormulaPolicy, config: RolloutConfig) -> Walk:
+def walk(
+    gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, config: RolloutConfig
+) -> Walk:
     """Lets a policy walk alone in the training scenario.
 
     Equal seeds give equal starts, commands and noise, whatever the policy does.
 
     Args:
-        expert: The expert; its estimator observes for the policy.
+        expert: The expert; its estimator observes for a policy that has none of its own.
         config: How many robots walk, for how long (2 control steps or more), and of which seed.
     """
     controller, observations = alone(policy, expert), Observations()
