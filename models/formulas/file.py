@@ -134,15 +134,22 @@ class FormulaFile:
         )
 
     def written(self) -> dict[Place, Expression]:
-        """Returns the formulas that the file holds, which are no mirror images of ones before."""
+        """Returns the formulas that the file holds: of two that are mirror images the first one.
+
+        Where one alone has the other for its image, it is that one.
+        """
         if self.mirror is None:
             return dict(self.formulas)
         mirror = FormulaMirror.of(self.vocabulary, self.mirror)
+        pairs = {place: mirror.place(place) for place in self.formulas}
+        images = {
+            place: self.formulas[place] == mirror.formula(self.formulas[other], other[-1])
+            for place, other in pairs.items()
+        }
         return {
-            place: formula
-            for place, formula in self.formulas.items()
-            if place < mirror.place(place)
-            or self.formulas[mirror.place(place)] != mirror.formula(formula, place[-1])
+            place: self.formulas[place]
+            for place, other in pairs.items()
+            if not images[place] or (images[other] and place < other)
         }
 
 

@@ -111,6 +111,8 @@ def _of_file(path: Path, error: InputError) -> str:
 def find_gait(gait: str | Path) -> Gait:
     """Loads a gait by its name, or from a gait file, or from a formula file that holds one.
 
+    Of a formula file the whole is read, but for the robot that it names.
+
     Raises:
         InputError: if there is no such gait, or the file breaks a rule of its kind.
     """

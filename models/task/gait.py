@@ -123,6 +123,11 @@ def gait_path(gait: str | Path) -> Path:
     if path.suffix in (".yaml", ".yml"):
         check_gait_name(path.stem, f"gait file {shown(str(path))}: the gait takes its name from it")
         return path
+    if path.suffix == ".formulas":
+        raise InputError(
+            f"{path}: a formula file's machine is for the policy that it holds; copy the section "
+            "to a .yaml file with a name of its own, and give that"
+        )
     if str(gait) not in gait_names():
         raise InputError(
             f"unknown gait {shown(str(gait))}; the gaits are {', '.join(gait_names())}, "

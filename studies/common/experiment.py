@@ -157,6 +157,9 @@ class Experiment(Settings):
     of_students: ClassVar[bool] = False
     """Whether experts are refused."""
 
+    by_expert: ClassVar[bool] = False
+    """Whether policies are measured beside their expert, which then must be there."""
+
     one: ClassVar[tuple[str, ...]] = ()
     """Settings, `policy` or `scenario`, of which one alone is taken."""
 
@@ -335,12 +338,16 @@ class Experiment(Settings):
         Of several gaits, and of policies that are not named, those are taken that there are.
 
         Raises:
-            InputError: if there is no such policy, or it is neural where students are asked for.
+            InputError: if there is no such policy, or it is neural where students are asked for, or
+                there is no expert where one is needed.
         """
         found = {}
         for gait in self.gaits:
             policies = self.policies[gait.name]
             names = policies.named(self.policy)
+            if self.by_expert:
+                # Raises where there is none, before anything is measured.
+                _ = policies.expert
             if len(self.gaits) > 1 or self.policy == type(self).policy:
                 names = tuple(own for own in names if own in (EXPERT, *policies.files)) or names
             found[gait.name] = policies.controllers(names)

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
@@ -30,8 +31,10 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, gait_names
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import note
-from glassgait.studies.common.run_folder import default_folder
+from glassgait.studies.common.run_folder import CONFIG_NAME, default_folder
 
 EXPERT = "expert"
 """Name of the expert."""
@@ -63,17 +66,32 @@ class Policies:
 
     Attributes:
         gait: The gait.
+        robot: The robot.
         place: `shipped`, or the folder of a run.
-        expert: The expert, by whose estimator students observe.
-        expert_place: Where the expert is from: `shipped`, or a file.
+        expert_there: The expert; None where there is none, so that only policies act that need
+            none: files of formulas that hold odometry.
+        expert_place: Where the expert is from: `shipped`, or a file; where there is none, how to
+            make one.
         files: Files of the students by kind, in the order of tables.
     """
 
     gait: Gait
+    robot: Robot
     place: str
-    expert: NeuralPolicy
+    expert_there: NeuralPolicy | None
     expert_place: str
     files: dict[str, Path]
+
+    @property
+    def expert(self) -> NeuralPolicy:
+        """The expert, by whose estimator students observe.
+
+        Raises:
+            InputError: if there is none.
+        """
+        if self.expert_there is None:
+            raise InputError(self.expert_place)
+        return self.expert_there
 
     @property
     def folder(self) -> Path | None:
@@ -82,7 +100,7 @@ class Policies:
 
     def output(self, study: str) -> Path:
         """Returns where a command's run of these policies is kept by default."""
-        return default_folder(study, self.expert.robot.name) / self.gait.name
+        return default_folder(study, self.robot.name) / self.gait.name
 
     @cached_property
     def students(self) -> dict[str, Policy]:
@@ -105,8 +123,10 @@ class Policies:
         if name == EXPERT:
             ships = shipped_expert(self.gait.name, self.expert.robot.name)
             return ships if self.expert_place == SHIPPED else self._expert_file
-        if Path(name).suffix in POLICY_SUFFIXES:
+        if is_file(name):
             return Path(name)
+        if self.expert_there is None:
+            raise InputError(self.expert_place)
         if name not in self.files:
             there = ", ".join((EXPERT, *self.files))
             remedy = f"; make it with 'glassgait distill --gait {self.gait.name} --students {name}'"
@@ -133,9 +153,14 @@ class Policies:
             InputError: if there is no such policy, or it does not fit gait and expert.
         """
         if name == EXPERT:
-            return self.expert
-        path = self.file(name)
-        return load_student_of(self._expert_of(path), path)
+            policy = self.expert
+        elif self.expert_there is None:
+            policy = self._without_expert(self.file(name))
+        else:
+            path = self.file(name)
+            policy = load_student_of(self._expert_of(path), path)
+        policy.refuse_other_machine(self.gait)
+        return policy
 
     def formulas(self, name: str) -> FormulaPolicy:
         """Loads a policy that is made of formulas.
@@ -154,19 +179,24 @@ class Policies:
     def controller(self, name: str) -> AlternatingController:
         """Loads a policy that acts alone, with the estimator that it observes by.
 
-        A neural policy observes by its own estimator, and any other by its expert's.
+        A neural policy observes by its own estimator, and any other by its expert's, if there is
+        one.
         """
         policy = self.policy(name)
-        if isinstance(policy, NeuralPolicy):
+        if isinstance(policy, NeuralPolicy) or self.expert_there is None:
             return alone(policy)
         return alone(policy, self.expert_of(name))
 
-    def expert_of(self, name: str) -> NeuralPolicy:
+    def expert_of(self, name: str) -> NeuralPolicy | None:
         """Returns the expert by whose estimator a policy observes that has none of its own.
+
+        None where there is none, and the policy needs none.
 
         Raises:
             InputError: if there is no such policy.
         """
+        if self.expert_there is None:
+            return None
         if name == EXPERT:
             return self.expert
         return self._expert_of(self.file(name))
@@ -201,7 +231,8 @@ class Policies:
             controllers: Names and policies that act; of the expert alone none.
         """
         pairs = list(controllers)
-        experts = {self.expert.digest(), *(own.expert.digest() for _, own in pairs)}
+        known = [] if self.expert_there is None else [self.expert_there]
+        experts = {own.digest() for own in (*known, *(own.expert for _, own in pairs))}
         acting = (f"{name} {(own.student or own.expert).digest()}" for name, own in pairs)
         return {
             "gait": self.gait.digest(),
@@ -218,6 +249,14 @@ class Policies:
         # Where the recorded expert is not found, loading the student says so.
         found = _find_recorded(self.gait, path.parent, self.expert.robot)
         return found[0] if found else self.expert
+
+    def _without_expert(self, path: Path) -> Policy:
+        policy = load_policy(path, self.robot)
+        if not isinstance(policy.estimator, Odometry):
+            raise InputError(f"{path}: needs its expert's estimator. {self.expert_place}")
+        names = ObservationLayout(self.gait.n_states, imu=policy.layout.imu).names
+        policy.check(gait=self.gait, observation_names=names)
+        return policy
 
     def _where(self) -> str:
         return "shipped" if self.place == SHIPPED else f"in {self.place}"
@@ -258,8 +297,8 @@ def find_policies(
         quiet: Whether nothing is printed.
 
     Raises:
-        InputError: if there is no expert of the gait, the folder holds no policies of it, or the
-            expert that its students were distilled with is not found.
+        InputError: if the folder that is named holds no policies of the gait, or the expert that
+            its students were distilled with is not found.
     """
     name = gait.name
     own = load_robot(robot or DEFAULT_ROBOT)
@@ -267,17 +306,20 @@ def find_policies(
         found = _in_run(gait, source, own if robot else None)
     elif name in shipped_experts(own.name):
         files = _students_in(robot_folder(STUDENT_DIRECTORY, own.name) / name, name)
-        found = Policies(gait, SHIPPED, load_expert(gait, robot=own), SHIPPED, files)
+        found = Policies(gait, own, SHIPPED, load_expert(gait, robot=own), SHIPPED, files)
     else:
         folder = default_folder("distill", own.name) / name
         if not _students_in(folder, name):
             folder = default_folder("train", own.name) / name
-        found = _in_run(gait, folder, own)
+        found = _in_run(gait, folder, own, asked=False)
     if quiet:
         return found
     if names and all(map(is_file, names)):
         expert = "the one that ships" if found.expert_place == SHIPPED else found.expert_place
+        expert = "not found" if found.expert_there is None else expert
         note(f"{name}: policies are the files that are named; the expert is {expert}")
+    elif found.expert_there is None:
+        note(f"{name}: no expert is found; policies are files that need none")
     elif found.place == SHIPPED:
         note(f"{name}: policies are those that ship")
     elif found.expert_place == SHIPPED:
@@ -346,21 +388,32 @@ class OneGait(Settings):
         return find_policies(find_gait(self.gait), self.source, self.robot)
 
 
-def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies:
+def _in_run(gait: Gait, folder: Path, robot: Robot | None, *, asked: bool = True) -> Policies:
+    """Finds the policies of a run.
+
+    Args:
+        asked: Whether a person named the folder, which then must hold policies.
+    """
     files = _students_in(folder, gait.name)
     own = policy_path(folder, gait.name)
+    if own.exists() or files:
+        _refuse_other_gait(gait, folder)
     if own.exists():
-        return Policies(gait, str(folder), load_expert(gait, own, robot), str(own), files)
+        expert = load_expert(gait, own, robot)
+        return Policies(gait, expert.robot, str(folder), expert, str(own), files)
     if not files:
         # A gait of one's own is called as its file.
         of = f"--gait {gait.name}" + ("" if gait.name in gait_names() else ".yaml")
         if robot is not None and robot.name != DEFAULT_ROBOT:
             of += f" --robot {robot.source}"
-        raise InputError(
+        lacks = (
             f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
             f"{of}', students with 'glassgait distill {of}', or name the folder of a run with "
             "--source"
         )
+        if asked or robot is None:
+            raise InputError(lacks)
+        return Policies(gait, robot, str(folder), None, lacks, {})
     recorded = recorded_expert(folder)
     found = _find_recorded(gait, folder, robot)
     if found is None:
@@ -369,7 +422,23 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies:
             f"{where}: the students' expert {digest} (key 'inputs.expert') is not found; put its "
             f"file there, as {policy_path(folder, EXPERT)}"
         )
-    return Policies(gait, str(folder), *found, files)
+    return Policies(gait, found[0].robot, str(folder), *found, files)
+
+
+def _refuse_other_gait(gait: Gait, folder: Path) -> None:
+    """Refuses policies of a gait of one's own that was edited since they were made.
+
+    Of gaits that ship the policies themselves refuse it.
+    """
+    record = folder / CONFIG_NAME
+    found = read_yaml(record) if record.exists() and gait.name not in gait_names() else None
+    inputs = found.get("inputs") if isinstance(found, dict) else None
+    made_for = inputs.get("gait") if isinstance(inputs, dict) else None
+    if isinstance(made_for, str) and made_for != gait.digest():
+        raise InputError(
+            f"{record}: its policies were made for another {gait.name} than the gait is now (key "
+            "'inputs.gait'); undo what was edited, or give the gait another name and train it"
+        )
 
 
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:

@@ -124,9 +124,9 @@ class Prove(Settings):
     def _box(self, policies: Policies, folder: Path) -> ObservationBox:
         gait, measured = policies.gait, folder / BOX_NAME
         if self.box:
-            return load_box(self.box, gait, policies.expert.robot)
+            return load_box(self.box, gait, policies.robot)
         if not self.measure:
-            return operating_box(gait, policies.expert.robot)
+            return operating_box(gait, policies.robot)
         if not (self.resume and measured.exists()):
             box, how = measure_box(
                 gait,
@@ -137,7 +137,7 @@ class Prove(Settings):
                 processes=self.workers.processes,
             )
             box.save(measured, gait, how)
-        return load_box(measured, gait, policies.expert.robot)
+        return load_box(measured, gait, policies.robot)
 
 
 def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:

@@ -1,12 +1,21 @@
 """The one rule by which commands find policies."""
 
+from dataclasses import replace
+
 import pytest
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
+from glassgait.models.policies.library import (
+    STUDENT_DIRECTORY,
+    find_gait,
+    load_expert,
+    load_student,
+)
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of
+from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.study import distill
@@ -77,8 +86,12 @@ def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other
 
 
 def test_the_default_folders_hold_the_policies_of_a_gait_that_does_not_ship(own_gait, tmp_path):
+    nothing = find_policies(own_gait)
+    for ask in (nothing.named, nothing.controllers):
+        with pytest.raises(InputError, match="--source"):
+            nothing.controllers(ask(["all"]))
     with pytest.raises(InputError, match="--source"):
-        find_policies(own_gait)
+        nothing.controller("symbolic")
     expert = keep(load_expert("trot"), tmp_path / "runs/train/prance", "prance", "prance")
     assert find_policies(own_gait).place == "runs/train/prance"
     folder = tmp_path / "runs/distill/prance"
@@ -87,6 +100,34 @@ def test_the_default_folders_hold_the_policies_of_a_gait_that_does_not_ship(own_
     assert found.place == "runs/distill/prance"
     assert found.expert_place == str(expert.parent.relative_to(tmp_path))
     assert found.controller("symbolic").expert.gait == "prance"
+
+
+def test_a_gait_of_ones_own_that_was_edited_has_no_policies(own_gait, tmp_path):
+    folder = tmp_path / "runs/train/prance"
+    keep(load_expert("trot"), folder, "prance", "prance")
+    record = "study: train\ninputs:\n  gait: {}\n"
+    (folder / "config.yaml").write_text(record.format(own_gait.digest()))
+    assert find_policies(own_gait).expert.gait == "prance"
+    with pytest.raises(InputError, match="made for another prance"):
+        find_policies(replace(own_gait, dwell=(6, 12)))
+
+
+def test_formulas_that_hold_all_they_need_act_without_an_expert(own_gait, tmp_path):
+    text = load_student("trot", "sparse_formula").to_text().replace("gait: trot", "gait: prance")
+    (path := tmp_path / "whole.formulas").write_text(text)
+    found = find_policies(find_gait(path))
+    assert found.expert_there is None
+    controller = found.controller(str(path))
+    assert controller.student is None
+    assert controller.estimator == Odometry(gain=0.15)
+    assert found.expert_of(str(path)) is None
+    assert found.output("view") == default_folder("view", "a1") / "prance"
+    # Other formulas need an estimator, and other machines are other gaits.
+    linear = keep(load_student("trot", "statewise_linear"), tmp_path, "own", "prance")
+    with pytest.raises(InputError, match="needs its expert's estimator"):
+        found.controller(str(linear))
+    with pytest.raises(InputError, match="differs in 'dwell'"):
+        find_policies(replace(find_gait(path), dwell=(6, 12))).controller(str(path))
 
 
 def test_files_that_are_named_are_not_said_to_ship(capsys):
@@ -125,3 +166,12 @@ def test_files_of_one_gait_are_refused_for_several(source, names):
 
 def test_every_student_has_its_place_in_tables():
     assert tuple(STUDENTS) == ORDER
+
+
+@pytest.mark.parametrize("study", ["symmetry", "assurance", "alternation"])
+def test_what_compares_with_an_expert_says_that_there_is_none(own_gait, study, tmp_path, refused):
+    text = load_student("trot", "sparse_formula").to_text().replace("gait: trot", "gait: prance")
+    (tmp_path / "whole.formulas").write_text(text)
+    own = ["--gait", "whole.formulas", "--policy", "whole.formulas"]
+    assert "holds no policies of the prance" in refused(["evaluate", study, *own])
+    assert not (tmp_path / "runs").exists()

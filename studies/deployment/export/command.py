@@ -83,7 +83,7 @@ class Export(Settings):
         deployment, inputs = self._deployment(found, asked)
         exported = self._exported(deployment)
         title = Path("_".join(gait.name for gait in gaits)) / deployment.policy_name
-        folder = default_folder(self.title, found[0].expert.robot.name)
+        folder = default_folder(self.title, found[0].robot.name)
         folder = self.output or folder / title
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):

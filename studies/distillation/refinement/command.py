@@ -41,7 +41,7 @@ class Refine(OnePolicy):
         """Runs the study."""
         found, named = self.find()
         gait = found.gait
-        policy, expert = found.formulas(named), found.expert_of(named)
+        policy, expert = found.formulas(named), found.expert_of(named) or found.expert
         terms = self.config.terms
         if terms is not None and not _is_weighted_sum(policy):
             raise InputError(

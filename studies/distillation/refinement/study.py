@@ -170,8 +170,10 @@ class RefinementRun(LearningRun):
             resume: Whether to continue from the folder's checkpoint.
 
         Raises:
-            InputError: if there is nothing to resume, or it is damaged.
+            InputError: if there is nothing to resume, or it is damaged, or the policy was made for
+                another machine than the gait's.
         """
+        policy.refuse_other_machine(gait)
         self._refinement = config
         self._expert = expert
         self._policy = policy
