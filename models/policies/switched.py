@@ -71,7 +71,7 @@ class SwitchedPolicy(Policy):
                 f"switched policy: {len(controllers)} policies cannot act in {len(switch.gaits)} "
                 "gaits; give one for each"
             )
-        self.switch = switch
+        self.switch, self.machine = switch, switch.gait
         self.policies = [_acting(controller) for controller in controllers]
         for gait, policy in zip(switch.gaits, self.policies, strict=True):
             names = ObservationLayout(gait.n_states, imu=layout.imu).names

@@ -131,3 +131,13 @@ def test_what_cannot_act_is_refused(switch, walkers, learners, make_policy, tmp_
     assert SwitchedPolicy(switch, [walk, free]).joint_law == walk.joint_law
     with pytest.raises(InputError, match="has no file"):
         SwitchedPolicy(switch, walkers).save(tmp_path / "policy.safetensors")
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_its_machine_is_that_of_its_gaits(switch, walkers, count):
+    """Of a single gait too, whose states have other names there than alone."""
+    own = GaitSwitch(switch.gaits[:count])
+    policy = SwitchedPolicy(own, walkers[:count])
+    policy.refuse_other_machine(own.gait)
+    with pytest.raises(InputError, match="differs in 'states'"):
+        policy.refuse_other_machine(switch.gaits[0])

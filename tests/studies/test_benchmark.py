@@ -151,7 +151,7 @@ def test_the_same_policies_are_timed_elsewhere(learned_expert, monkeypatch, caps
         # Odometry is no part of a graph.
         assert table["policy, ONNX (µs)"]["expert"] > 0
         assert "both, ONNX (µs)" not in table.columns
-        learned = replace(found, expert=learned_expert)
+        learned = replace(found, expert_there=learned_expert)
         table = python_times.peer_times(learned, count=40).set_index("policy")
         assert table["both, ONNX (µs)"]["expert"] > 0
         assert "policy, ONNX (µs)" not in table.columns
