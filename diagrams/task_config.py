@@ -8,7 +8,7 @@ from annotated_types import Ge
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import Controller, acting, expert_of
+from glassgait.models.policies.controller import Controller, expert_of, refuse_other_machine
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot, load_robot
@@ -79,8 +79,7 @@ class TaskConfig(Settings):
         if isinstance(command, SliderCommand):
             raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
         command.check(gait)
-        for one in acting(policy):
-            one.refuse_other_machine(gait)
+        refuse_other_machine(policy, gait)
         robot = scenario.robot_of(policy)
         return cls(
             gait,

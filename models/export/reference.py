@@ -20,7 +20,11 @@ from glassgait.models.export.binding import (
     Step,
     unpacked_odometry,
 )
-from glassgait.models.policies.controller import AlternatingController, acting, estimator_in_loop
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    estimator_in_loop,
+    refuse_other_machine,
+)
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import ContactTrust
@@ -49,8 +53,7 @@ class PythonController:
             InputError: if it has no estimator, or was made for another machine than the gait's.
         """
         if isinstance(gait, Gait):
-            for one in acting(controller):
-                one.refuse_other_machine(gait)
+            refuse_other_machine(controller, gait)
         self._switch = gait if isinstance(gait, GaitSwitch) else None
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
         self._policy = controller.policy

@@ -22,6 +22,7 @@ from glassgait.models.task.assurance import (
     initial_monitor,
     step_monitor,
 )
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
 
 Estimator = Callable[[Array], Array] | Odometry
@@ -278,14 +279,20 @@ def expert_of(controller: Controller | Policy) -> Policy:
     return controller if isinstance(controller, Policy) else controller.expert
 
 
-def acting(controller: Controller | Policy | None) -> tuple[Policy, ...]:
-    """Returns the policies that act in a controller, or the policy that acts alone."""
+def refuse_other_machine(controller: Controller | Policy | None, gait: Gait) -> None:
+    """Refuses a gait for which a policy that acts was not made.
+
+    Raises:
+        InputError: as `Policy.refuse_other_machine`.
+    """
     match controller:
         case None:
-            return ()
+            return
         case Policy():
-            return (controller,)
-    return tuple(controller.policies.values())
+            controller.refuse_other_machine(gait)
+        case _:
+            for policy in controller.policies.values():
+                policy.refuse_other_machine(gait)
 
 
 def estimator_in_loop(

@@ -11,7 +11,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, acting, alone
+from glassgait.models.policies.controller import AlternatingController, alone, refuse_other_machine
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
@@ -57,8 +57,7 @@ def collect(
     Raises:
         InputError: if a sample is not finite, or a policy was made for another machine.
     """
-    for one in acting(controller):
-        one.refuse_other_machine(gait)
+    refuse_other_machine(controller, gait)
     n, numbers = len(episodes), np.array(episodes)
     if isinstance(worlds, Scenario):
         world: Scenario | World = replace(worlds, command=DrawnCommands())

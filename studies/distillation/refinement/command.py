@@ -41,6 +41,7 @@ class Refine(OnePolicy):
         """Runs the study."""
         found, named = self.find()
         gait = found.gait
+        # Where there is no expert, the second says so.
         policy, expert = found.formulas(named), found.expert_of(named) or found.expert
         terms = self.config.terms
         if terms is not None and not _is_weighted_sum(policy):
