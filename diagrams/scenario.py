@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Le, MaxLen
 
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.description_reader import parse_description
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
@@ -238,7 +239,10 @@ class Scenario(Settings):
 
     def digest(self) -> str:
         """Returns what differs where scenarios differ in anything."""
-        return hashlib.sha256(json.dumps(self.to_plain()).encode()).hexdigest()[:16]
+        text = json.dumps(self.to_plain())
+        if self.station.description is not None:
+            text += parse_description(Path(self.station.description)).to_xml()
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def scenario_names(group: str = "all") -> tuple[str, ...]:

@@ -59,7 +59,7 @@ MOST_STEPS = 2000
 OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
 """Settings of a station that MuJoCo has no counterpart of."""
 
-OF_MUJOCO = ("contact_force", "contact_time")
+OF_MUJOCO = ("contact_force", "contact_time", "description")
 """Settings of a station that Drake has no counterpart of."""
 
 LEAST_FORCE = 1e-3
@@ -112,6 +112,9 @@ class StationConfig(Settings):
         contact_time: Time constant with which a contact pushes out what has sunk in (s), of MuJoCo
             alone, which takes two time steps at least. Its own 0.02 s lets feet sink in by 7 mm and
             rise for the whole stance; 0.01 s is as stiff as Drake's ground here.
+        description: Another description of the robot in URDF or MJCF, which MuJoCo simulates in
+            place of the robot's own, with its masses, shapes and joints' friction but without its
+            motors and meshes.
     """
 
     title: ClassVar[str] = "station"
@@ -133,6 +136,7 @@ class StationConfig(Settings):
     engine: Engine = "drake"
     contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = LEAST_FORCE
     contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
+    description: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -190,13 +194,18 @@ class StationConfig(Settings):
 
 
 def AddStation(  # noqa: N802
-    builder: DiagramBuilder, robot: Robot, config: StationConfig, *, reach: float = REACH
+    builder: DiagramBuilder,
+    robot: Robot,
+    config: StationConfig,
+    *,
+    reach: float = REACH,
+    sampled: bool = False,
 ) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex]:
     """Adds the finalized plant, on its ground, and its scene graph to a diagram.
 
     The PD law lives in the joints' actuators, where the contact solver treats it implicitly and
-    limits it to the motors' effort. Output ports are live rather than sampled, so that the plant
-    moves in the discrete phase of an instant, after a controller's unrestricted updates.
+    limits it to the motors' effort. Output ports are live unless they are to be sampled, so that
+    the plant moves in the discrete phase of an instant, after a controller's unrestricted updates.
 
     In a default context the robot stands at rest. In a random one, as `SetRandomContext` makes it,
     each joint is drawn as evaluations draw it, and the trunk is level, `RANDOM_LIFT` above where it
@@ -207,6 +216,8 @@ def AddStation(  # noqa: N802
         robot: The robot.
         config: Physics.
         reach: How far around the middle period ground other than a plane is laid (m).
+        sampled: Whether contacts and torques that the plant puts out are those of the step that it
+            took last. To put out those of an instant it solves for them once more.
 
     Returns:
         The plant, the scene graph and the robot's model instance, whose `desired_state` input
@@ -226,7 +237,7 @@ def AddStation(  # noqa: N802
             time_step=config.time_step,
             contact_model="point",
             discrete_contact_approximation=config.contact_solver,
-            use_sampled_output_ports=False,
+            use_sampled_output_ports=sampled,
         ),
         builder,
     )

@@ -38,7 +38,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "gait": (
             "training.gait_command:ShowGait",
-            "Check a gait file and draw its reward machine.",
+            "Check a gait file, or a robot's day, and draw its state machine.",
+        ),
+        "robot": (
+            "training.robot_command:MakeRobot",
+            "Make a robot of a description in URDF or MJCF, or check one, and let it stand.",
         ),
     },
     "measure": {
@@ -69,6 +73,10 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         "evaluate transitions": (
             "evaluation.transitions:Transitions",
             "Change the gait of walking robots, each to each, and report falls and waits.",
+        ),
+        "evaluate day": (
+            "evaluation.day:DayOfRobots",
+            "Let robots rise, stand, walk and lie down, push some over, and report falls by mode.",
         ),
         "evaluate stability": (
             "evaluation.stability:Stability",

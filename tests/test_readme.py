@@ -17,6 +17,8 @@ import yaml
 
 from glassgait.models.certificates.claims import load_claims
 from glassgait.models.policies.library import load_policy
+from glassgait.models.robots.description import urdf
+from glassgait.models.robots.robot import load_robot, read_robot
 from glassgait.models.task.gait import load_gait, parse_gait
 from glassgait.studies.cli import COMMANDS, command_class, main
 from glassgait.studies.common.policies import find_policies
@@ -37,6 +39,9 @@ LONGEST_README = 120
 """Lines: a front page is read in one go."""
 
 LONGEST_LINE = 150
+
+LONGEST_ROBOT = 40
+"""Lines of the file of a robot."""
 
 NEEDS_A_DISTILLATION = ("distill", "--sweep")
 """Beginning of the command that reads the samples of one."""
@@ -247,6 +252,11 @@ def test_files_that_are_shown_are_accepted(page, tmp_path):
                 parse_gait(text, name="mine")
             case {"claims": _}:
                 assert load_claims(path)
+            case {"hip_offset": _}:
+                robot = read_robot(path)
+                robot.urdf_path.write_text(urdf(robot))
+                assert load_robot(path).mass == robot.mass
+                assert len(text.splitlines()) <= LONGEST_ROBOT
             case _:
                 resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
 

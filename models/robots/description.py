@@ -1,22 +1,21 @@
-"""Writes a robot's URDF: `python -m glassgait.models.robots.description …/robot.yaml`.
+"""Writes a robot's URDF of its `robot.yaml`.
 
 The feet are merged into the calves, one body fewer a leg; every shape is a primitive, and looks are
 those of one robot, stretched to the sizes of another. The file is kept so that any URDF reader can
 open it. A robot may also have a URDF that was written in another way.
 """
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.files import write_atomically
 from glassgait.models.robots.quadruped import JOINTS, LEGS
-from glassgait.models.robots.robot import AXES, Inertial, Robot, read_robot
+from glassgait.models.robots.robot import AXES, Inertial, Robot
+
+WRITTEN = "Written by models/robots/description.py from robot.yaml."
+"""What a URDF says that was written here."""
 
 TRUNK_LENGTH, LIMB_LENGTH = 0.267, 0.2
 """Sizes (m) of the robot that the looks were drawn for."""
@@ -46,17 +45,6 @@ def mirrored(body: Inertial, *, x: bool = False, y: bool = False) -> Inertial:
     )
 
 
-def matrix(body: Inertial) -> Array:
-    """Returns the inertia about the centre of mass (3, 3)."""
-    return np.array(
-        [
-            [body.ixx, body.ixy, body.ixz],
-            [body.ixy, body.iyy, body.iyz],
-            [body.ixz, body.iyz, body.izz],
-        ]
-    )
-
-
 def merged(first: Inertial, second: Inertial) -> Inertial:
     """Welds two bodies that share a frame into one, by the parallel-axis theorem."""
     mass = first.mass + second.mass
@@ -65,7 +53,7 @@ def merged(first: Inertial, second: Inertial) -> Inertial:
     inertia = np.zeros((3, 3))
     for body in (first, second):
         arm = np.array(body.center) - center
-        inertia += matrix(body) + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        inertia += body.matrix + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.tolist()
     x, y, z = center.tolist()
     return Inertial(mass, (x, y, z), ixx, ixy, ixz, iyy, iyz, izz)
@@ -83,7 +71,7 @@ def urdf(robot: Robot) -> str:
     body = "\n".join([_trunk(robot), *(_leg(robot, leg) for leg in LEGS)])
     return (
         '<?xml version="1.0"?>\n'
-        f"<!-- {robot.full_name}. Written by models/robots/description.py from robot.yaml. -->\n"
+        f"<!-- {robot.full_name}. {WRITTEN} -->\n"
         f'<robot xmlns:drake="http://drake.mit.edu" name="{robot.name}">\n{body}\n</robot>\n'
     )
 
@@ -251,12 +239,3 @@ def _sphere(radius: float) -> str:
 def _triple(values: Triple) -> str:
     # A product with -1 or 0 may be -0.
     return " ".join(f"{value + 0.0:.10g}" for value in values)
-
-
-if __name__ == "__main__":
-    try:
-        for _robot in [read_robot(Path(_path).resolve()) for _path in sys.argv[1:]]:
-            write_atomically(_robot.urdf_path, urdf(_robot))
-            print(f"written to {_robot.urdf_path}")
-    except InputError as _error:
-        sys.exit(f"description: {_error}")

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from annotated_types import Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import StringConstraints
 
 from glassgait.models.arrays import Array, clip
@@ -38,9 +38,13 @@ TOLERANCE = 1e-6
 MASS_TOLERANCE = 1e-3
 """Greatest difference of the robot's mass (kg)."""
 
+PHYSICAL = 1e-6
+"""By how much two principal moments may be less than the third, over it: files round them."""
+
 AXES = {"hip": (1.0, 0.0, 0.0), "thigh": (0.0, 1.0, 0.0), "calf": (0.0, 1.0, 0.0)}
 """Axis of each kind of joint."""
 
+RobotName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
 Length = Annotated[float, Gt(0.0), Le(10.0)]
 Box = tuple[Length, Length, Length]
 Triple = tuple[float, float, float]
@@ -60,6 +64,41 @@ class Inertial(Settings):
     iyy: Positive
     iyz: float
     izz: Positive
+
+    @property
+    def matrix(self) -> Array:
+        """The inertia about the centre of mass (3, 3)."""
+        return np.array(
+            [
+                [self.ixx, self.ixy, self.ixz],
+                [self.ixy, self.iyy, self.iyz],
+                [self.ixz, self.iyz, self.izz],
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class FootForce(Settings):
+    """How the feet's force sensors are read, which count in units of their own.
+
+    Attributes:
+        release: A foot that touches does so until its sensor counts no more than this.
+        touch: One that does not touch does from this count on.
+        per_newton: Counts of a newton, by which a simulated robot's sensors count.
+    """
+
+    title: ClassVar[str] = "foot_force"
+
+    release: Annotated[float, Ge(0.0), Le(30000.0)]
+    touch: Annotated[float, Gt(0.0), Le(30000.0)]
+    per_newton: Annotated[float, Gt(0.0), Le(1000.0)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.release >= self.touch:
+            raise InputError(
+                f"foot_force: release is {self.release:g}; give one below touch = {self.touch:g}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +129,13 @@ class Robot(Settings):
         damping: Gain of their velocity control (N·m·s/rad).
         action_scale: What an action of 1 adds to a joint's target (rad).
         motor_order: Legs in the order in which the vendor's controller numbers their motors.
+        foot_force: How the feet's force sensors are read; only Unitree's messages have them.
         inertias: Inertias of the trunk and of the front left leg's hip, thigh, calf and, where the
             calf's is without it, foot; only `description` reads them.
         path: Where it was loaded from.
     """
 
-    name: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
+    name: RobotName
     full_name: Annotated[str, MinLen(1), MaxLen(80)]
     description: Annotated[str, MinLen(1), MaxLen(200)]
     mass: Annotated[float, Gt(0.0), Le(1000.0)]
@@ -115,6 +155,7 @@ class Robot(Settings):
     damping: Positive
     action_scale: Positive
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
+    foot_force: FootForce | None = None
     inertias: dict[str, Inertial] = field(default_factory=dict)
     path: str = ""
 
@@ -123,6 +164,8 @@ class Robot(Settings):
         for key in ("position_limits", "effort_limits", "velocity_limits"):
             _refuse_other_keys(key, getattr(self, key), {*LEG_JOINTS, *JOINTS})
             self._of_joints(key)
+        for name, body in self.inertias.items():
+            _refuse_of_no_body(name, body)
         for key, legs in (("stance", self.stance), ("motor_order", self.motor_order)):
             if sorted(legs) != sorted(LEGS):
                 raise InputError(f"{key} is of {', '.join(legs)}; name {', '.join(LEGS)}")
@@ -191,6 +234,27 @@ class Robot(Settings):
     def default_stance(self) -> Array:
         """Joint angles of the default stance (12; rad)."""
         return _fixed([angle for leg in LEGS for angle in self.stance[leg]])
+
+    def check_lowered(self, pose: Array, what: str) -> None:
+        """Refuses joint angles that this robot cannot be lowered by.
+
+        Args:
+            pose: Joint angles (12; rad) of legs whose knees point backward.
+            what: What they are for.
+
+        Raises:
+            InputError: if a knee points forward in the stance, or an angle is beyond its range.
+        """
+        for joint, angle, own, low, high in zip(
+            JOINTS, pose, self.default_stance, self.lower_limits, self.upper_limits, strict=True
+        ):
+            bends = joint.endswith(LEG_JOINTS[-1]) and own * angle < 0.0
+            if bends or not low <= angle <= high:
+                raise InputError(
+                    f"{self.path}: {what} would send {joint} to {angle:g} rad, with its knee the "
+                    f"other way or beyond {low:g} to {high:g} rad; it is made for robots whose "
+                    "knees point backward and fold that far"
+                )
 
     @cached_property
     def side(self) -> Array:
@@ -275,7 +339,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
-    """Loads a robot by its name, or from a `robot.yaml` of one's own, once a process.
+    """Loads a robot by its name, or from a `robot.yaml` of one's own, once a process and edit.
 
     Args:
         robot: Name of a robot that ships, or path of a file that ends in .yaml.
@@ -294,7 +358,8 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
                 "give the path of a robot's file ending in .yaml"
             )
         path = ROBOT_DIRECTORY / str(robot) / ROBOT_FILE
-    return _load(path.resolve())
+    path = path.resolve()
+    return _load(path, path.stat().st_mtime_ns if path.exists() else 0)
 
 
 def robot_of(path: Path, name: object, robot: Robot | None = None) -> Robot:
@@ -330,7 +395,7 @@ def robot_folder(directory: Path, robot: str = DEFAULT_ROBOT) -> Path:
 
 
 @cache
-def _load(path: Path) -> Robot:
+def _load(path: Path, _edited: int) -> Robot:
     robot = read_robot(path)
     _Description(robot).compare()
     return robot
@@ -460,6 +525,16 @@ def _refuse_other_keys(key: str, given: Mapping[str, Any], known: set[str]) -> N
         raise InputError(
             f"{key} has the key {shown(unknown[0])}; name kinds of joints, "
             f"{', '.join(LEG_JOINTS)}, or joints, such as RL_thigh"
+        )
+
+
+def _refuse_of_no_body(name: str, body: Inertial) -> None:
+    least, middle, greatest = np.linalg.eigvalsh(body.matrix).tolist()
+    if least <= 0.0 or least + middle < (1.0 - PHYSICAL) * greatest:
+        raise InputError(
+            f"inertias has {name} as no body can be: of its principal moments, {least:.4g}, "
+            f"{middle:.4g} and {greatest:.4g} kg·m², two must be at least the third, and all "
+            "positive; mend a moment, or a product such as ixy"
         )
 
 

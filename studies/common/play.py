@@ -1,7 +1,10 @@
-"""Playing one robot as fast as it goes, and keeping the replay."""
+"""Playing one robot as fast as it goes, keeping the replay, until Ctrl-C where that ends it."""
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 from typing import Annotated
 
 import numpy as np
@@ -92,3 +95,20 @@ def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], 
             push(shown, simulator.get_mutable_context(), velocity)
 
     return pushed
+
+
+@contextmanager
+def first_interrupt() -> Iterator[Callable[[], bool]]:
+    """Has the first Ctrl-C ask for the end, not break off a step; the second one breaks off."""
+    asked = Event()
+    usual = signal.getsignal(signal.SIGINT)
+
+    def ask(*_: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, usual)
+
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGINT, usual)

@@ -1,11 +1,8 @@
 """Playing one robot at real time in Meshcat, until a person has seen enough."""
 
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from threading import Event
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -20,7 +17,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.play import pusher
+from glassgait.studies.common.play import first_interrupt, pusher
 
 STOP_BUTTON = "stop and save"
 
@@ -108,20 +105,3 @@ def _joined(before: Rollout, after: Rollout) -> Rollout:
     values = {name: np.concatenate([before[name], after[name]]) for name in before.values}
     last = slice(-KEPT_STEPS - 1, None)
     return Rollout(time[last], {name: value[last] for name, value in values.items()})
-
-
-@contextmanager
-def first_interrupt() -> Iterator[Callable[[], bool]]:
-    """Has the first Ctrl-C ask for the end, not break off a step; the second one breaks off."""
-    asked = Event()
-    usual = signal.getsignal(signal.SIGINT)
-
-    def ask(*_: object) -> None:
-        asked.set()
-        signal.signal(signal.SIGINT, usual)
-
-    signal.signal(signal.SIGINT, ask)
-    try:
-        yield asked.is_set
-    finally:
-        signal.signal(signal.SIGINT, usual)

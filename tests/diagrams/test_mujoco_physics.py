@@ -197,3 +197,60 @@ def test_bodies_sink_into_the_ground_where_feet_alone_collide(engine, terrain):
             lying = physics.step(lying, A1.default_stance[None]).states
         on_boxes = engine == "drake" and not terrain.is_plane
         assert (lying[0, 6] < 0.0) == (feet_only or on_boxes)
+
+
+def renamed(tmp_path, **changes):
+    """Writes the robot's description by other names, and returns the station that simulates it."""
+    text = A1.urdf_path.read_text()
+    for before, after_ in {"_calf": "_shank", '"trunk"': '"base"', **changes}.items():
+        assert before in text
+        text = text.replace(before, after_)
+    (tmp_path / "other.urdf").write_text(text)
+    return replace(STATION, description=str(tmp_path / "other.urdf"))
+
+
+def test_the_same_robot_by_other_names_moves_as_it_does(tmp_path, random_states, generator):
+    states, _ = standing(4, lift=0.02)
+    targets = A1.default_stance + 0.1 * generator.normal(size=(4, 12))
+    ours = after(STATION, states, targets, n_steps=10)
+    theirs = after(renamed(tmp_path), states, targets, n_steps=10)
+    assert ours.touching.any()
+    np.testing.assert_array_equal(theirs.touching, ours.touching)
+    np.testing.assert_allclose(theirs.states, ours.states, atol=1e-9)
+
+
+def test_another_description_brings_its_own_masses(tmp_path):
+    changes = {'<mass value="6"/>': '<mass value="7"/>'}
+    heavier = make_model(A1, renamed(tmp_path, **changes))
+    assert heavier.body_mass.sum() == pytest.approx(A1.mass + 1.0)
+
+
+def test_a_description_whose_joints_turn_otherwise_is_refused(tmp_path):
+    flipped = {'xyz="0 1 0"': 'xyz="0 -1 0"'}
+    with pytest.raises(InputError, match="FL_thigh turns otherwise"):
+        make_model(A1, renamed(tmp_path, **flipped))
+    with pytest.raises(InputError, match="description"):
+        replace(DRAKE, description="other.urdf")
+    with pytest.raises(InputError, match="no such file"):
+        make_model(A1, replace(STATION, description=str(tmp_path / "none.urdf")))
+
+
+def test_meshes_for_feet_become_spheres(tmp_path):
+    sphere = f'<collision name="{{}}_foot"><origin xyz="0 0 {-A1.calf_length:g}" rpy="0 0 0"/>'
+    text = A1.urdf_path.read_text()
+    for leg in quadruped.LEGS:
+        begin = text.index(sphere.format(leg))
+        text = text[:begin] + text[text.index("</collision>", begin) + len("</collision>") :]
+        toe = (
+            f'<link name="{leg}_toe"/><joint name="{leg}_end" type="fixed"><parent '
+            f'link="{leg}_calf"/><child link="{leg}_toe"/><origin xyz="0 0 {-A1.calf_length}"/>'
+            "</joint></robot>"
+        )
+        text = text.replace("</robot>", toe)
+    (tmp_path / "bare.urdf").write_text(text)
+    states, targets = standing(3, lift=0.02)
+    own = after(replace(STATION, description=str(tmp_path / "bare.urdf")), states, targets, 20)
+    usual = after(STATION, states, targets, 20)
+    assert own.touching.all()
+    # MuJoCo makes contacts of a body a little softer or stiffer by where its mass is.
+    np.testing.assert_allclose(own.states[:, :19], usual.states[:, :19], atol=0.01)

@@ -12,7 +12,7 @@ from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.standing import STATIONS, stand
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
@@ -25,27 +25,27 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import failures
 
 HOUSE = Path(__file__).parents[2]
-STATIONS = [StationConfig(), StationConfig(time_step=0.002, engine="mujoco")]
 
 
 @pytest.mark.parametrize("name", robot_names())
 @pytest.mark.parametrize("station", STATIONS, ids=lambda station: station.engine)
 def test_a_robot_dropped_in_its_stance_stands_steadily(name, station):
     robot = load_robot(name)
-    state = kinematics.standing_state(robot)[None]
-    state[:, quadruped.POSITION.stop - 1] += 0.03
-    physics, targets = make_physics(robot, station), robot.default_stance[None]
-    physics.set_friction(np.array([1.0]))
-    heights = []
-    for _ in range(200):
-        moved = physics.step(state, targets)
-        state = moved.states
-        heights.append(state[0, quadruped.POSITION][2])
-    assert moved.touching.all()
+    standing = stand(robot, station)
+    assert not standing.failure
     # With a PD law of these gains the trunk's weight lowers it by some centimetres.
-    stands = kinematics.standing_state(robot)[quadruped.POSITION][2]
-    assert stands - 0.06 < heights[-1] < stands
-    assert np.ptp(heights[-50:]) < 5e-3
+    assert 0.0 < standing.sag < 0.06
+    assert standing.feet == 4 and standing.torque < 0.5
+
+
+def test_a_robot_without_strength_does_not_stand():
+    weak = replace(STATIONS[0], motor_strength=0.1)
+    assert "sags" in stand(load_robot(), weak).failure
+
+
+def test_a_robot_that_starts_as_it_stands_shows_no_failure():
+    robot = load_robot()
+    state = kinematics.standing_state(robot)[None]
     zero = np.zeros((1, quadruped.N_JOINTS))
     limits = Scenario().limits
     shown = failures(robot, state, action=zero, previous_action=zero, limits=limits)
