@@ -21,6 +21,13 @@ from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.contact import ContactTrust, FootSense, read_contacts, sense_feet
 from glassgait.models.task.imu import N_IMU, ImuReading, measure_imu
+from glassgait.models.task.mode_machine import (
+    ModeMachine,
+    ModeReadings,
+    ModeState,
+    ModeStep,
+    restarted,
+)
 from glassgait.models.task.observation import (
     N_ESTIMATED,
     ObservationLayout,
@@ -64,6 +71,13 @@ class BatchSimulator:
 
     `step` advances all robots and leaves resets to the caller: a robot whose episode ended stays
     as it is until `reset` is called with its index.
+
+    Attributes:
+        day: The machine of a day, whose modes decide when controllers act; None where they always
+            do. `restore` leaves the modes of robots as they are.
+        requested_mode: What the operator requests of it (n,), by number; see `request_mode`.
+        modes: What it remembers of each robot.
+        mode_step: What it brought at the last control step.
     """
 
     def __init__(
@@ -75,6 +89,7 @@ class BatchSimulator:
         generator: np.random.Generator,
         estimator: Estimator | None,
         difficulty: float = 1.0,
+        day: ModeMachine | None = None,
     ) -> None:
         """
         Args:
@@ -88,6 +103,8 @@ class BatchSimulator:
                 ones; a policy's own is `estimator_in_loop`.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
+            day: The machine of a day, whose modes decide when controllers act; by default they
+                always do.
         """
         self.task = task
         self.n_robots = n_robots
@@ -100,7 +117,11 @@ class BatchSimulator:
         self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
         if (limits := task.joint_law.limits) is not None:
             limits.check(task.robot)
-        needs_imu = isinstance(estimator, Odometry) or limits is not None
+        self.day = day
+        self.requested_mode = np.zeros(n_robots, dtype=np.int64)
+        self.modes = None if day is None else day.initial((n_robots,))
+        self.mode_step: ModeStep | None = None
+        needs_imu = isinstance(estimator, Odometry) or limits is not None or day is not None
         self._has_imu = task.observes_imu or needs_imu
         self._weights = task.weights
         self._is_commanded = False
@@ -174,6 +195,17 @@ class BatchSimulator:
         self._is_commanded = True
         self._state = self._estimated(replace(self._state, command=command))
 
+    def request_mode(self, requested: NDArray[np.int64]) -> None:
+        """Requests of every robot's day what the operator wants (n,), by number.
+
+        Raises:
+            ValueError: if there is no day.
+        """
+        if self.day is None:
+            raise ValueError("batch simulator: it plays no day, of which a mode may be requested")
+        self.requested_mode = np.asarray(requested)
+        self._state = self._estimated(self._state)
+
     def proprioception(self) -> Array:
         """Observes the part that needs no estimator (n, 40 + n_states)."""
         return self._proprioception(self._state)
@@ -210,6 +242,9 @@ class BatchSimulator:
             silent: Which controllers ask for nothing (n,): those joints keep their targets.
         """
         s, task, robot = self._state, self.task, self.task.robot
+        if self.day is not None:
+            self.mode_step = self._in_modes(self.day, action)
+            self.modes, action = self.mode_step.state, self.mode_step.action
         asked, action = action, self.limited(action)
         if silent is not None and silent.any():
             action = np.where(silent[:, None], s.action, action)
@@ -244,7 +279,7 @@ class BatchSimulator:
         if trust.doubted.any():
             height = self._expected_height(s, plant, joint_noise, feet)
             sensed, contact = trust.believed(reading, height), trust.believed(contact, height)
-        machine = self._step_machine(s, feet, contact, command)
+        machine = self._step_machine(self._restarted(s), feet, contact, command)
         reward = self._rewarded(s, plant, action, command, feet)
         plain = np.where(lost, 0.0, reward.plain)
         after = TaskState(
@@ -333,6 +368,42 @@ class BatchSimulator:
             difficulty=self.difficulty,
         )
 
+    def _begin_day(self, index: NDArray[np.int64]) -> None:
+        """Begins the day of robots anew."""
+        if self.day is None or self.modes is None:
+            return
+        fresh, begun = self.day.initial((len(index),)), [own.copy() for own in self.modes]
+        for mine, own in zip(begun, fresh, strict=True):
+            mine[index] = own
+        self.modes = ModeState(*begun)
+
+    def _in_modes(self, day: ModeMachine, action: Array) -> ModeStep:
+        """Advances a day, in which controllers ask for actions (n, 12)."""
+        assert self.modes is not None
+        s = self._state
+        return day.step(
+            self.modes,
+            ModeReadings(*s.measured_joints(), s.imu[:, -1]),
+            requested=self.requested_mode,
+            served=self._served(s),
+            action=action,
+            before=s.action,
+        )
+
+    def _served(self, s: TaskState, index: NDArray[np.int64] | None = None) -> Array:
+        """Returns the command (n, 2; m/s, rad/s) that controllers are given, of some robots."""
+        if self.day is None:
+            return s.command.velocity
+        requested = self.requested_mode if index is None else self.requested_mode[index]
+        return self.day.served(s.command.velocity, requested)
+
+    def _restarted(self, s: TaskState) -> TaskState:
+        """Returns a state whose reward machines are at their beginning where no policy acts."""
+        if self.mode_step is None:
+            return s
+        initial = self.machine.initial((self.n_robots,))
+        return replace(s, machine=restarted(initial, s.machine, self.mode_step.acts))
+
     def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
         """Returns what is commanded once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
@@ -360,6 +431,7 @@ class BatchSimulator:
 
     def _begin(self, index: NDArray[np.int64], plant: Array, command: Command) -> TaskState:
         count = len(plant)
+        self._begin_day(index)
         randomization = self.task.randomization
         untouched = np.zeros((count, quadruped.N_LEGS), dtype=bool)
         ground = self._ground.of_robots(index)
@@ -399,12 +471,12 @@ class BatchSimulator:
             odometry=Odometry().begin(self.task.robot, measured),
             steps=np.zeros(count, dtype=np.int64),
         )
-        return self._estimated(self._sensed(begun, index))
+        return self._estimated(self._sensed(begun, index), index)
 
-    def _proprioception(self, s: TaskState) -> Array:
+    def _proprioception(self, s: TaskState, index: NDArray[np.int64] | None = None) -> Array:
         return proprioception(
             self.task.robot,
-            command=s.command.velocity,
+            command=self._served(s, index),
             joint_position=s.plant[:, quadruped.JOINT_POSITION],
             joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
             previous_action=s.action,
@@ -453,8 +525,13 @@ class BatchSimulator:
         )
         return replace(state, odometry=odometry)
 
-    def _estimated(self, state: TaskState) -> TaskState:
-        """Returns a state that is about to be observed, with what the estimator then gives."""
+    def _estimated(self, state: TaskState, index: NDArray[np.int64] | None = None) -> TaskState:
+        """Returns a state that is about to be observed, with what the estimator then gives.
+
+        Args:
+            state: The state.
+            index: Its robots; all by default.
+        """
         match self.estimator:
             case None:
                 return state
@@ -462,7 +539,7 @@ class BatchSimulator:
                 position, _ = state.measured_joints()
                 estimate = odometry.body_state(self.task.robot, state.odometry, position)
             case network:
-                estimate = network(self._proprioception(state))
+                estimate = network(self._proprioception(state, index))
         return replace(state, estimate=estimate)
 
     def _expected_height(

@@ -12,10 +12,12 @@ from glassgait.diagrams.sensors import AddSensorErrors, AddSensors, Sensors
 from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.question import Intervention
+from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.systems.action_delay import ActionDelay
@@ -35,6 +37,7 @@ def MakeLocomotion(  # noqa: N802
     senses: Senses | None = None,
     meshcat: Meshcat | None = None,
     intervention: Intervention | None = None,
+    day: Day | None = None,
 ) -> Diagram:
     """Builds the station with the task and the policies around it.
 
@@ -46,6 +49,7 @@ def MakeLocomotion(  # noqa: N802
         - commanded_dwell
         - actions
         - requested_gait
+        - requested_mode
         output_ports:
         - actions
         - observations
@@ -64,18 +68,22 @@ def MakeLocomotion(  # noqa: N802
         - imu
         - expert_acts
         - overrun
+        - mode
+        - acts
+        - damped
 
     Inputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps), from a planner, limited
     to what the gait is made for; each may stay unconnected, and then the scenario's command holds.
     actions (12), only where no policy is given. requested_gait (1), only of several gaits
-    without buttons; see `GaitSwitchSystem`.
+    without buttons; see `GaitSwitchSystem`. requested_mode (1), only of a day; see
+    `ModeMachineSystem`.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states, or 53 +
     n_states with an IMU). reward (1) and plain_reward (1) of the step that ends now, reward_terms
     (13). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
     foot_contact (4), foot_height (4, m). failures (7). command (2) and commanded_dwell (1), by
     which the robot goes. state (37), the plant's. imu (9), the IMU's reading, only where it is
     needed. Of a policy under assurance alone, expert_acts (1) and overrun (1); see
-    `AssuranceMonitor`.
+    `AssuranceMonitor`. Of a day alone, mode (1), acts (1) and damped (1).
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the
@@ -92,14 +100,19 @@ def MakeLocomotion(  # noqa: N802
         meshcat: Shows robot, contacts and machine state there.
         intervention: Gives the policy another observation for some control steps; the outputs are
             the robot's own.
+        day: The robot's day, whose modes decide when the policy acts; it always does by default.
+            A robot that is to rise from its belly needs a station whose bodies collide.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or has no estimator, and
+        InputError: if a day has no policy, or postures that the robot's joints cannot take; or a
+            policy was made for another gait or observation, or has no estimator, and
             the scenario does not ask for the true body state; or the gait is not made for the
             command.
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
     scenario = scenario or Scenario()
+    if day is not None and policy is None:
+        raise InputError("locomotion: a day lets a policy act in one of its modes; give a policy")
     robot, law = scenario.robot_of(policy), scenario.joint_law(policy)
     first = gait.gait if isinstance(gait, GaitSwitch) else gait
     builder = DiagramBuilder()
@@ -110,14 +123,15 @@ def MakeLocomotion(  # noqa: N802
     if policy is not None:
         senses = Senses.of(policy, true_body_state=scenario.true_body_state)
     senses = senses or Senses()
-    errors = AddSensorErrors(builder, scenario, imu=senses.need_imu)
+    need_imu = senses.need_imu or day is not None
+    errors = AddSensorErrors(builder, scenario, imu=need_imu)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
     plant, scene_graph, instance = AddStation(
         builder, robot, scenario.station_of(policy), reach=laid(scenario.station.terrain)
     )
     state = AddWorldState(builder, plant, scenario.station)
-    sensors = AddSensors(builder, robot, scenario, state, errors, imu=senses.need_imu)
+    sensors = AddSensors(builder, robot, scenario, state, errors, imu=need_imu)
     sensed = _sensed(sensors, commanded, state, scenario)
     machine = AddGaitMachine(builder, gait, scenario.command, meshcat)
     controller = AddController(
@@ -130,6 +144,7 @@ def MakeLocomotion(  # noqa: N802
         senses=senses,
         limited=law.limited,
         intervention=intervention,
+        day=day,
     )
     hold = controller.hold
     if policy is None:
@@ -152,6 +167,8 @@ def MakeLocomotion(  # noqa: N802
             foot_contact=sensors.feet.get_foot_contact_output_port(),
             meshcat=meshcat,
         )
+    if controller.modes is not None:
+        builder.ExportInput(controller.modes.get_requested_mode_input_port(), "requested_mode")
     _export_outputs(builder, sensed, sensors.feet, machine, controller, judged)
     diagram = builder.Build()
     diagram.set_name("Locomotion")
@@ -247,8 +264,19 @@ def _export_outputs(
     controller: ControllerPorts,
     judged: dict[str, OutputPort],
 ) -> None:
+    modes = controller.modes
+    of_day = (
+        {}
+        if modes is None
+        else {
+            "mode": modes.get_mode_output_port(),
+            "acts": modes.get_acts_output_port(),
+            "damped": modes.get_damped_output_port(),
+        }
+    )
     exported = {
         **controller.acting,
+        **of_day,
         "observations": controller.observation,
         **judged,
         "rm_state": machine.get_rm_state_output_port(),

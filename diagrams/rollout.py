@@ -34,6 +34,8 @@ RECORDED_PORTS = (
     "state",
     "expert_acts",
     "overrun",
+    "mode",
+    "damped",
 )
 
 KEPT_STEPS = 3000

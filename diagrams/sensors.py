@@ -81,8 +81,19 @@ def AddSensors(  # noqa: N802
     errors: SensorErrors,
     *,
     imu: bool,
+    imu_period: float = CONTROL_PERIOD,
 ) -> Sensors:
-    """Adds the sensors of a robot whose plant's state (37) is given."""
+    """Adds the sensors of a robot whose plant's state (37) is given.
+
+    Args:
+        builder: Where they are added.
+        robot: The robot.
+        scenario: What is wrong with them.
+        state: The plant's state (37).
+        errors: Where their errors come from.
+        imu: Whether there is an IMU.
+        imu_period: Time from one of its readings to the next (s).
+    """
     joints = builder.AddNamedSystem("joint_sensor", JointSensor(scenario.sensor_noise))
     builder.Connect(state, joints.get_state_input_port())
     if errors.joint_noise is not None:
@@ -93,7 +104,7 @@ def AddSensors(  # noqa: N802
     feet = builder.AddNamedSystem("foot_sensor", FootSensor(robot, scenario.station.ground))
     builder.Connect(state, feet.get_state_input_port())
     touching = _misread(builder, scenario, errors, feet.get_touching_output_port())
-    reading = _add_imu(builder, scenario, state, errors) if imu else None
+    reading = _add_imu(builder, scenario, state, errors, imu_period) if imu else None
     return Sensors(joints.get_joints_output_port(), touching, reading, feet)
 
 
@@ -129,9 +140,15 @@ def _misread(
 
 
 def _add_imu(
-    builder: DiagramBuilder, scenario: Scenario, state: OutputPort, errors: SensorErrors
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    state: OutputPort,
+    errors: SensorErrors,
+    period: float,
 ) -> OutputPort:
-    sensor = ImuSensor(scenario.station.terrain.gravity, scenario.imu.delay, scenario.sensor_noise)
+    delay = round(scenario.imu.delay * CONTROL_PERIOD / period)
+    gravity = scenario.station.terrain.gravity
+    sensor = ImuSensor(gravity, delay, scenario.sensor_noise, period)
     builder.AddNamedSystem("imu", sensor)
     builder.Connect(state, sensor.get_state_input_port())
     if errors.imu_noise is not None:

@@ -12,6 +12,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import FootSense
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.mode_machine import ModeMachine
 from glassgait.models.task.reward_machine import IntArray, MachineStep
 
 
@@ -34,6 +35,7 @@ class SwitchingSimulator(BatchSimulator):
         generator: np.random.Generator,
         estimator: Estimator | None,
         policy: Controller | Policy | None = None,
+        day: ModeMachine | None = None,
     ) -> None:
         """
         Args:
@@ -44,6 +46,7 @@ class SwitchingSimulator(BatchSimulator):
             generator: Source of all randomness.
             estimator: What estimates the body state, as `BatchSimulator` takes it.
             policy: The controller, as `TaskConfig.of_scenario` takes it.
+            day: The machine of a day, as `BatchSimulator` takes it.
 
         Raises:
             InputError: if commands come from sliders, or a gait is not made for them.
@@ -56,6 +59,7 @@ class SwitchingSimulator(BatchSimulator):
             n_robots=n_robots,
             generator=generator,
             estimator=estimator,
+            day=day,
         )
 
     @property

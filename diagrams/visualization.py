@@ -68,15 +68,22 @@ def AddLocomotionDisplay(  # noqa: N802
         foot_contact: Which feet touch (4).
         meshcat: Where it shows.
     """
+    AddRobotDisplay(builder, scene_graph, terrain=terrain, meshcat=meshcat)
+    display = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
+    builder.Connect(state, display.get_state_input_port())
+    builder.Connect(rm_state, display.get_rm_state_input_port())
+    builder.Connect(foot_contact, display.get_foot_contact_input_port())
+
+
+def AddRobotDisplay(  # noqa: N802
+    builder: DiagramBuilder, scene_graph: SceneGraph, *, terrain: Terrain, meshcat: Meshcat
+) -> None:
+    """Shows robot and ground in Meshcat."""
     draw_ground(meshcat, terrain)
     meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
     MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
     )
-    display = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
-    builder.Connect(state, display.get_state_input_port())
-    builder.Connect(rm_state, display.get_rm_state_input_port())
-    builder.Connect(foot_contact, display.get_foot_contact_input_port())
 
 
 def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import Context, InputPort
 
 from glassgait.models.task.gait_switch import GaitSwitch
-from glassgait.models.task.reward_machine import MachineState, MachineStep
+from glassgait.models.task.reward_machine import MachineStep
 from glassgait.systems.reward_machine import RewardMachineSystem
 
 
@@ -18,6 +18,7 @@ class GaitSwitchSystem(RewardMachineSystem):
         - foot_contact
         - foot_height
         - commanded_dwell
+        - acted
         - requested_gait
         output_ports:
         - rm_state
@@ -26,7 +27,8 @@ class GaitSwitchSystem(RewardMachineSystem):
         - served_dwell
 
     Inputs: foot_contact (4, {0, 1}), FL FR RL RR. foot_height (4, m), above the ground.
-    commanded_dwell (1, control steps). requested_gait (1), the number of the gait that is to run;
+    commanded_dwell (1, control steps). acted (1, {0, 1}), as `RewardMachineSystem` has it; may stay
+    unconnected. requested_gait (1), the number of the gait that is to run;
     may stay unconnected, and then the gait that runs goes on.
     Outputs: rm_state (n_states of all gaits, one-hot) and rm_iterations (1, control steps), after
     this instant's propositions and change of gait. reward_multiplier (1) and served_dwell (1,
@@ -46,8 +48,8 @@ class GaitSwitchSystem(RewardMachineSystem):
         return self._requested_gait_port
 
     def _calc_step(self, context: Context) -> MachineStep:
-        stored = context.get_discrete_state(self._machine_state).value().astype(np.int64)
-        machine, requested = MachineState(*stored), self._switch.gait_of(stored[0])
+        machine = self._before(context)
+        requested = self._switch.gait_of(machine.state)
         if self._requested_gait_port.HasValue(context):
             requested = np.rint(self._requested_gait_port.Eval(context)[0]).astype(np.int64)
         return self._switch.step(

@@ -38,6 +38,9 @@ MACHINE = slice(UNCHANGED.stop, N_MEMORY)
 ODOMETRY = slice(N_MEMORY, N_MEMORY + N_ODOMETRY)
 """Where its parts stand among them, as `Step` has it."""
 
+N_DAY = 4 + quadruped.N_JOINTS
+"""Numbers that a day remembers, a `ModeState`; they are the last."""
+
 
 class Step(NamedTuple):
     """What a step of a controller brings.
@@ -48,14 +51,16 @@ class Step(NamedTuple):
             changed (4), and the machine's state, iterations and age. States of several gaits are
             counted as `GaitSwitch` counts them, those of the first gait first. With odometry,
             whether it has begun, its velocity (3; m/s), footholds (12; m), which feet touch (4) and
-            how the trunk turns (3; rad/s).
+            how the trunk turns (3; rad/s). With a day, its `ModeState` (16).
         targets: Joint position targets (12; rad).
         status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`.
+        damped: Of a day, whether joints are to be damped alone.
     """
 
     memory: Array
     targets: Array
     status: int
+    damped: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,6 +115,7 @@ class LoadedController:
         name: Its name.
         n_gaits: Number of its gaits; of several, one is requested at each step.
         has_imu: Whether it reads an IMU.
+        has_day: Whether it lives through a day, of which a mode is requested at each step.
         joint_law: How joints are to follow its targets, which it limits itself if they are to.
     """
 
@@ -128,6 +134,7 @@ class LoadedController:
         number = ctypes.c_int
         self.n_gaits = len(written.n_states)
         self.has_imu, self._has_odometry = written.has_imu, written.has_odometry
+        self.has_day = written.has_day
         self.joint_law = written.joint_law
         self._first_states = np.cumsum([0, *written.n_states[:-1]])
         several: dict[str, Any] = {"gait": number} if self.n_gaits > 1 else {}
@@ -142,13 +149,17 @@ class LoadedController:
             iterations=number,
             age=number,
             **(_odometry_fields(real) if self._has_odometry else {}),
+            **(_day_fields(real) if self.has_day else {}),
         )
         parts = dict.fromkeys(ImuReading._fields, real * 3) if written.has_imu else {}
         self._sensors = _struct(
             joint_position=joints, joint_velocity=joints, foot_contact=flags, **parts
         )
-        self._command = _struct(speed=real, yaw_rate=real, dwell=real, **several)
-        self._targets = _struct(joint_position=joints)
+        request = {"request": number} if self.has_day else {}
+        self._command = _struct(speed=real, yaw_rate=real, dwell=real, **several, **request)
+        self._targets = _struct(
+            joint_position=joints, **({"damped": number} if self.has_day else {})
+        )
         self.name = written.name
         try:
             library = ctypes.CDLL(str(path.resolve()))
@@ -171,7 +182,14 @@ class LoadedController:
         state = memory[MACHINE][0]
         return int(np.searchsorted(self._first_states, state, side="right")) - 1
 
-    def step(self, memory: Array, sensors: Sensors, command: Command, requested: int = 0) -> Step:
+    def step(
+        self,
+        memory: Array,
+        sensors: Sensors,
+        command: Command,
+        requested: int = 0,
+        requested_mode: int = 0,
+    ) -> Step:
         """Takes one step.
 
         Args:
@@ -179,6 +197,7 @@ class LoadedController:
             sensors: What the robot senses now.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
             requested: Number of the gait that is to run, of several.
+            requested_mode: Number of what the operator requests, of a day.
 
         Raises:
             ValueError: if it reads an IMU and the robot has none.
@@ -191,9 +210,11 @@ class LoadedController:
             *self._readings(sensors),
         )
         request = (requested,) if self.n_gaits > 1 else ()
+        request += (requested_mode,) if self.has_day else ()
         commanded = self._command(*command.velocity, float(command.dwell), *request)
         status = self._step(*map(ctypes.byref, (own, sensed, commanded, targets)))
-        return Step(self._packed(own), np.array(targets.joint_position, dtype=float), status)
+        found = np.array(targets.joint_position, dtype=float)
+        return Step(self._packed(own), found, status, bool(self.has_day and targets.damped))
 
     def _readings(self, sensors: Sensors) -> tuple[tuple[float, ...], ...]:
         if not self.has_imu:
@@ -216,6 +237,7 @@ class LoadedController:
             iterations,
             age,
             *(self._odometry_memory(memory) if self._has_odometry else ()),
+            *(_day_memory(memory[-N_DAY:]) if self.has_day else ()),
         )
 
     def _odometry_memory(self, memory: Array) -> tuple[Any, ...]:
@@ -232,6 +254,9 @@ class LoadedController:
         if self._has_odometry:
             feet = (value for foot in memory.footholds for value in foot)
             whole += [memory.begun, *memory.velocity, *feet, *memory.touching, *memory.turning]
+        if self.has_day:
+            counts = (memory.mode, memory.mode_steps, memory.idle, memory.unsound)
+            whole += [*counts, *memory.begin]
         return np.array(whole, dtype=float)
 
 
@@ -246,6 +271,17 @@ def _odometry_fields(real: Any) -> dict[str, Any]:
         "touching": flags,
         "turning": real * 3,
     }
+
+
+def _day_fields(real: Any) -> dict[str, Any]:
+    """Returns the fields of what a day remembers, as a `ModeState` has them."""
+    counts = dict.fromkeys(("mode", "mode_steps", "idle", "unsound"), ctypes.c_int)
+    return {**counts, "begin": real * quadruped.N_JOINTS}
+
+
+def _day_memory(memory: Array) -> tuple[Any, ...]:
+    *counts, begin = np.split(memory, [1, 2, 3, 4])
+    return (*(int(count[0]) for count in counts), tuple(begin))
 
 
 def _struct(**fields: Any) -> type[ctypes.Structure]:

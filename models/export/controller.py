@@ -10,6 +10,7 @@ import numpy as np
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.export.code import Code, Style, policy_code
+from glassgait.models.export.day import day_code
 from glassgait.models.export.language import Real, commented, is_identifier, rendered
 from glassgait.models.export.policies import network_code, odometry_code
 from glassgait.models.export.reward_machine import Case, cases, state_constants
@@ -23,9 +24,11 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
+from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.imu import GRAVITY
+from glassgait.models.task.mode_machine import BEYOND, GREATEST_GRAVITY, LEAST_GRAVITY
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
 from glassgait.models.task.odometry import Odometry
 
@@ -65,6 +68,7 @@ class ControllerSource:
         joint_law: How joints are to follow its targets, which it limits itself if they are to.
         has_imu: Whether it reads an IMU.
         has_odometry: Whether it estimates by odometry.
+        has_day: Whether it lives through a day.
         source: The C file.
         header: Its header.
     """
@@ -76,6 +80,7 @@ class ControllerSource:
     joint_law: JointLaw
     has_imu: bool
     has_odometry: bool
+    has_day: bool
     source: str
     header: str
 
@@ -122,6 +127,7 @@ def write_controller(
     policy_name: str,
     version: str,
     real: Real = "double",
+    day: Day | None = None,
 ) -> ControllerSource:
     """Writes a controller that acts from sensors, and of several gaits from the requested one.
 
@@ -132,9 +138,11 @@ def write_controller(
         policy_name: What its comments call the policy.
         version: Version of this project.
         real: The type to compute in.
+        day: The robot's day, in some of whose modes the policy acts; it always does by default.
 
     Raises:
-        InputError: if the name can be none in C, a policy is made for another gait or observation,
+        InputError: if the name can be none in C, a day does not suit the controller, a policy is
+            made for another gait or observation,
             or there is no C for its kind, or for its estimator.
     """
     refuse_other_than_names(name)
@@ -163,6 +171,10 @@ def write_controller(
         "has_imu": has_imu,
         "observes_imu": policy.layout.imu,
         "gravity": GRAVITY,
+        "day": day and day_code(day, policy.robot, limits),
+        "beyond": BEYOND,
+        "least_gravity": LEAST_GRAVITY**2,
+        "greatest_gravity": GREATEST_GRAVITY**2,
         "odometry": odometry and odometry_code(odometry, policy.robot, name, real),
         **(
             _switching_values(switched, gaits, policy_name, has_odometry=has_odometry)
@@ -181,6 +193,7 @@ def write_controller(
         joint_law=controller.joint_law,
         has_imu=has_imu,
         has_odometry=has_odometry,
+        has_day=day is not None,
         source=source,
         header=header,
     )

@@ -8,8 +8,10 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import (
     ACTION,
+    BAD_INPUT,
     FOOT_HEIGHT,
     MACHINE,
+    N_DAY,
     N_MEMORY,
     N_ODOMETRY,
     ODOMETRY,
@@ -28,9 +30,11 @@ from glassgait.models.policies.controller import (
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import ContactTrust
+from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.imu import ImuReading
+from glassgait.models.task.mode_machine import ModeMachine, ModeReadings, ModeState, restarted
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
@@ -42,15 +46,22 @@ class PythonController:
     It calls the functions that the systems diagram and the batch simulator call.
     """
 
-    def __init__(self, gait: Gait | GaitSwitch, controller: AlternatingController) -> None:
+    def __init__(
+        self,
+        gait: Gait | GaitSwitch,
+        controller: AlternatingController,
+        day: Day | None = None,
+    ) -> None:
         """
         Args:
             gait: The gait, whose reward machine runs, or several of which one is requested at each
                 step.
             controller: One policy alone, of several gaits a `SwitchedPolicy`.
+            day: The robot's day.
 
         Raises:
-            InputError: if it has no estimator, or was made for another machine than the gait's.
+            InputError: if it has no estimator, the robot cannot take the day's postures, or it was
+                made for another machine than the gait's.
         """
         if isinstance(gait, Gait):
             refuse_other_machine(controller, gait)
@@ -59,16 +70,26 @@ class PythonController:
         self._policy = controller.policy
         self._estimator = estimator_in_loop(controller)
         self._law = controller.joint_law
+        self._day = day and ModeMachine(day, controller.robot, self._law.limits)
 
     def initial(self) -> Array:
-        """Returns what it remembers before its first step (27, with odometry 50)."""
+        """Returns what it remembers before its first step (27, or 50; of a day 16 more)."""
         odometry = N_ODOMETRY if isinstance(self._estimator, Odometry) else 0
         memory = np.zeros(N_MEMORY + odometry)
         memory[READING], memory[UNCHANGED] = ContactTrust.begin()
         memory[MACHINE] = np.ravel(self._machine.initial())
-        return memory
+        if self._day is None:
+            return memory
+        return np.concatenate([memory, _packed(self._day.initial())])
 
-    def step(self, memory: Array, sensors: Sensors, command: Command, requested: int = 0) -> Step:
+    def step(
+        self,
+        memory: Array,
+        sensors: Sensors,
+        command: Command,
+        requested: int = 0,
+        requested_mode: int = 0,
+    ) -> Step:
         """Takes one step.
 
         Args:
@@ -76,7 +97,65 @@ class PythonController:
             sensors: What the robot senses now.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
             requested: Number of the gait that is to run, of several.
+            requested_mode: Number of what the operator requests, of a day.
         """
+        if self._day is None:
+            return self._acted(memory, sensors, command, requested)
+        return self._lived(self._day, memory, sensors, command, requested, requested_mode)
+
+    def _lived(
+        self,
+        day: ModeMachine,
+        memory: Array,
+        sensors: Sensors,
+        command: Command,
+        requested: int,
+        requested_mode: int,
+    ) -> Step:
+        """Takes a step of a day. Without sound readings the day's machine alone does."""
+        own, state = memory[:-N_DAY].copy(), _unpacked(memory[-N_DAY:])
+        request, before = np.array(requested_mode), own[ACTION].copy()
+        served = day.served(command.velocity, request)
+        assert sensors.imu is not None
+        readings = ModeReadings(sensors.joint_position, sensors.joint_velocity, sensors.imu)
+        machine = MachineState(*own[MACHINE].astype(np.int64))
+        begun = restarted(self._machine.initial(), machine, day.acted(state))
+        policy_action, status = before, BAD_INPUT
+        after = own
+        if day.sound(readings):
+            own[MACHINE] = np.ravel(begun)
+            given = command._replace(velocity=served)
+            after, policy_action = self._observed(own, sensors, given, requested)
+            status = OK
+        step = day.step(
+            state,
+            readings,
+            requested=request,
+            served=served,
+            action=policy_action,
+            before=before,
+        )
+        action = before
+        if status == OK:
+            action = self._within(step.action, before, sensors)
+        after[ACTION] = action
+        targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
+        whole = np.concatenate([after, _packed(step.state)])
+        return Step(whole, targets, status, bool(step.damped))
+
+    def _acted(self, memory: Array, sensors: Sensors, command: Command, requested: int) -> Step:
+        """Takes a step in which the policy acts."""
+        after, asked = self._observed(memory, sensors, command, requested)
+        action = self._within(asked, memory[ACTION], sensors)
+        after[ACTION] = action
+        targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
+        return Step(after, targets, OK)
+
+    def _observed(
+        self, memory: Array, sensors: Sensors, command: Command, requested: int
+    ) -> tuple[Array, Array]:
+        """Returns what is remembered after a step, but for its action, and what the policy asks for
+        (12)."""
         reading, unchanged = memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64)
         before = ContactTrust(reading, unchanged)
         trust = before.after(sensors.touching)
@@ -109,12 +188,10 @@ class PythonController:
             case network:
                 assert network is not None
                 body = network(own)
-        action = self._within(self._policy(np.concatenate([own, body])), memory[ACTION], sensors)
-        after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
+        after[FOOT_HEIGHT] = body[-quadruped.N_LEGS :]
         after[READING], after[UNCHANGED] = trust
         after[MACHINE] = np.ravel(machine)
-        targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
-        return Step(after, targets, OK)
+        return after, self._policy(np.concatenate([own, body]))
 
     def _within(self, action: Array, before: Array, sensors: Sensors) -> Array:
         """Returns what limits leave of an action (12), given the one before."""
@@ -162,3 +239,12 @@ class PythonController:
         if self._switch is None:
             return self._machine.step(machine, **senses)
         return self._switch.step(machine, requested=np.array(requested), **senses)
+
+
+def _packed(state: ModeState) -> Array:
+    return np.concatenate([np.array(state[:-1], dtype=float), state.begin])
+
+
+def _unpacked(memory: Array) -> ModeState:
+    counts = (np.asarray(value) for value in memory[: -quadruped.N_JOINTS].astype(np.int64))
+    return ModeState(*counts, begin=memory[-quadruped.N_JOINTS :])

@@ -1,46 +1,105 @@
-"""Drawings of a reward machine: Graphviz and Mermaid text.
+"""Drawings of state machines, a gait's and a day's: Graphviz and Mermaid text.
 
 Names are a person's own words, so they are quoted as each language asks.
 """
 
 import re
+from itertools import cycle
+from typing import NamedTuple
 
+from glassgait.models.task.day import DAMP, POLICY, Day
 from glassgait.models.task.gait import Gait, Transition
-from glassgait.models.task.palette import state_colors
+from glassgait.models.task.palette import COLORS, FAULT_COLORS, state_colors
 
 
-def to_graphviz(gait: Gait) -> str:
-    """Draws the reward machine in Graphviz's language."""
+class _Arrow(NamedTuple):
+    """An edge: the state that it leaves, the one that it enters, its formula and what else it asks
+    for."""
+
+    source: str
+    target: str
+    formula: str
+    conditions: str
+
+
+class _Graph(NamedTuple):
+    """What is drawn of a machine: its states in colours, those at fault in double circles."""
+
+    name: str
+    initial: str
+    colors: dict[str, str]
+    faults: tuple[str, ...]
+    arrows: list[_Arrow]
+
+
+def to_graphviz(machine: Gait | Day) -> str:
+    """Draws a gait's reward machine, or a day, in Graphviz's language."""
+    graph = _graph(machine)
     lines = [
-        f"digraph {_quoted(gait.name)} {{",
+        f"digraph {_quoted(graph.name)} {{",
         "  rankdir=LR;",
         '  node [shape=circle, style=filled, fontname="Helvetica", fontcolor=white];',
         '  edge [fontname="Helvetica", fontsize=10];',
         # No state has an empty name.
         '  "" [shape=point, fillcolor=black];',
-        f'  "" -> {_quoted(gait.initial)};',
+        f'  "" -> {_quoted(graph.initial)};',
     ]
-    for state, color in zip(gait.states, state_colors(gait), strict=True):
-        shape = ", shape=doublecircle" if state in gait.faults else ""
+    for state, color in graph.colors.items():
+        shape = ", shape=doublecircle" if state in graph.faults else ""
         lines.append(f'  {_quoted(state)} [fillcolor="{color}"{shape}];')
-    for edge in gait.transitions:
-        label = f"{edge.when.text}\\n{_conditions(gait, edge)}"
-        arrow = f"{_quoted(edge.source)} -> {_quoted(edge.target)}"
-        lines.append(f'  {arrow} [label="{label}"];')
+    for source, target, formula, conditions in graph.arrows:
+        label = f"{formula}\\n{conditions}"
+        lines.append(f'  {_quoted(source)} -> {_quoted(target)} [label="{label}"];')
     return "\n".join([*lines, "}"]) + "\n"
 
 
-def to_mermaid(gait: Gait) -> str:
-    """Draws the reward machine in Mermaid's language."""
+def to_mermaid(machine: Gait | Day) -> str:
+    """Draws a gait's reward machine, or a day, in Mermaid's language."""
+    graph = _graph(machine)
     # Some names, such as "end", are words of the language, so that states go by their numbers.
-    ids = {state: f"s{i}" for i, state in enumerate(gait.states)}
+    ids = {state: f"s{i}" for i, state in enumerate(graph.colors)}
     lines = ["stateDiagram-v2", "  direction LR"]
-    lines += [f'  state "{_coded(state)}" as {ids[state]}' for state in gait.states]
-    lines.append(f"  [*] --> {ids[gait.initial]}")
-    for edge in gait.transitions:
-        label = f"{edge.when.text}, {_conditions(gait, edge)}"
-        lines.append(f"  {ids[edge.source]} --> {ids[edge.target]}: {label}")
+    lines += [f'  state "{_coded(state)}" as {ids[state]}' for state in graph.colors]
+    lines.append(f"  [*] --> {ids[graph.initial]}")
+    for source, target, *texts in graph.arrows:
+        label = ", ".join(filter(None, texts))
+        lines.append(f"  {ids[source]} --> {ids[target]}: {label}")
     return "\n".join(lines) + "\n"
+
+
+def _graph(machine: Gait | Day) -> _Graph:
+    return _of_day(machine) if isinstance(machine, Day) else _of_gait(machine)
+
+
+def _of_gait(gait: Gait) -> _Graph:
+    arrows = [
+        _Arrow(edge.source, edge.target, edge.when.text, _conditions(gait, edge))
+        for edge in gait.transitions
+    ]
+    colors = dict(zip(gait.states, state_colors(gait), strict=True))
+    return _Graph(gait.name, gait.initial, colors, gait.faults, arrows)
+
+
+def _of_day(day: Day) -> _Graph:
+    """Draws the fault as an edge of the mode in which the day begins alone, and says so."""
+    holding, damping = cycle(COLORS), cycle(FAULT_COLORS)
+    colors = {
+        name: next(damping if mode.joints == DAMP else holding) for name, mode in day.modes.items()
+    }
+    arrows = [
+        _Arrow(edge.source, edge.target, edge.when.text, _duration(day, edge.target))
+        for edge in day.edges
+    ]
+    (damped, fault), *_ = day.fault.items()
+    arrows.append(_Arrow(day.initial, damped, fault, "so from every mode, before all else"))
+    return _Graph("day", day.initial, colors, (damped,), arrows)
+
+
+def _duration(day: Day, mode: str) -> str:
+    """Says what the joints do in the mode that is entered."""
+    own = day.modes[mode]
+    what = {POLICY: "policy acts", DAMP: "damped"}.get(own.joints, f"to {own.joints}")
+    return f"{what} in {own.seconds:g} s" if own.seconds else what
 
 
 def _quoted(name: str) -> str:

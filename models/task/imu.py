@@ -78,21 +78,23 @@ class ImuErrors(Settings):
         return np.repeat([self.gyroscope_bias, velocity, self.attitude_bias], 3)
 
 
-def measure_imu(state: Array, velocity_before: Array, gravity: Array) -> Array:
+def measure_imu(
+    state: Array, velocity_before: Array, gravity: Array, period: float = CONTROL_PERIOD
+) -> Array:
     """Measures without errors.
 
     Args:
         state: The plant's state x (..., 37).
-        velocity_before: The trunk's linear velocity one control step before (..., 3; m/s, world
-            frame).
+        velocity_before: The trunk's linear velocity one period before (..., 3; m/s, world frame).
         gravity: Acceleration by gravity (..., 3; m/s², world frame).
+        period: Time over which the specific force is summed (s).
 
     Returns:
         The reading (..., 9): angular velocity (rad/s), change of velocity (m/s), gravity's
         direction, in the trunk's frame.
     """
     to_trunk = kinematics.rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
-    change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - CONTROL_PERIOD * gravity
+    change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - period * gravity
     world = np.empty((*state.shape[:-1], 3, 3))
     world[..., 0, :] = state[..., quadruped.ANGULAR_VELOCITY]
     world[..., 1, :] = change

@@ -28,9 +28,13 @@ from glassgait.models.policies.controller import (
     estimator_in_loop,
 )
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
+from glassgait.models.task.day import REQUESTS, Day, lying_state
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.mode_machine import ModeMachine, ModeStep
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -75,6 +79,7 @@ class ControlStep(NamedTuple):
         outcome: What the simulator returned.
         after: The task's state after the step.
         fallen: Which robots had fallen by the end of the step (n,).
+        modes: Of a day, what its machine brought.
     """
 
     step: int
@@ -86,6 +91,7 @@ class ControlStep(NamedTuple):
     outcome: BatchStep
     after: TaskState
     fallen: BoolArray
+    modes: ModeStep | None = None
 
 
 class Observer:
@@ -190,6 +196,34 @@ def dropout(step: int | IntArray, mask: BoolArray | None = None) -> Event:
     return Event(step, mask, apply)
 
 
+def request_mode(step: int | IntArray, requested: str, mask: BoolArray | None = None) -> Event:
+    """Returns the operator's request of a mode, such as `stand`; for episodes of a day."""
+    number = REQUESTS.index(requested)
+
+    def apply(episode: Episode, robots: BoolArray) -> None:
+        before = episode.simulator.requested_mode
+        episode.simulator.request_mode(np.where(robots, number, before))
+
+    return Event(step, mask, apply)
+
+
+def lie(robot: Robot, day: Day, errors: Array) -> Event:
+    """Returns the begin of a day: robots lie where they are to stand, facing as they did.
+
+    Args:
+        robot: The robot.
+        day: The day.
+        errors: What is added to the angles of folded legs (n, 12; rad).
+    """
+
+    def apply(episode: Episode, _: BoolArray) -> None:
+        state, lying = episode.simulator.state, lying_state(robot, day, errors)
+        lying[:, quadruped.QUATERNION] = state.plant[:, quadruped.QUATERNION]
+        episode.simulator.start_at(lying, state.command)
+
+    return Event(0, None, apply)
+
+
 class Ended(NamedTuple):
     """What became of the n robots of an episode.
 
@@ -215,6 +249,7 @@ def episode(
     start: TaskState | None = None,
     when_fallen: Literal["rest", "restart", "go on"] = "rest",
     leave_out_every: int | None = None,
+    day: Day | None = None,
 ) -> Ended:
     """Lets a controller move robots, each control step alike: events, observe, act, step, record.
 
@@ -234,13 +269,15 @@ def episode(
             well diverge on the ground; `restart` its episode; or `go on` as if nothing was.
         leave_out_every: Control steps after which fallen robots are left out, so that they cost
             nothing more; by default none is. Others draw other noise from then on.
+        day: A day, whose modes decide when the controller acts; it always does by default. With it
+            no robot may be left out.
 
     Raises:
         InputError: if commands come from sliders, or the gait is not made for them; or the
             controller has no estimator, and the scenario does not ask for the true body state.
     """
     controller = alone(controller) if isinstance(controller, Policy) else controller
-    make = _maker(gait, controller, scenario, np.random.default_rng(seed))
+    make = _maker(gait, controller, scenario, np.random.default_rng(seed), day)
     everyone = np.arange(n_robots)
     running = Episode(make(n_robots), everyone, 0, np.zeros(n_robots, dtype=bool))
     if start is not None:
@@ -273,7 +310,16 @@ def episode(
         for observer in observers:
             observer.observe(
                 ControlStep(
-                    step, robots, before, observation, output, action, outcome, after, fallen
+                    step,
+                    robots,
+                    before,
+                    observation,
+                    output,
+                    action,
+                    outcome,
+                    after,
+                    fallen,
+                    simulator.mode_step,
                 )
             )
         if any(observer.done for observer in observers):
@@ -290,11 +336,13 @@ def _maker(
     controller: Controller,
     scenario: Scenario | World,
     generator: np.random.Generator,
+    day: Day | None,
 ) -> Callable[[int], BatchSimulator]:
     """Returns what makes a simulator of some robots, closed on what the controller observes."""
     shared: dict[str, Any] = {
         "generator": generator,
         "estimator": estimator_in_loop(controller, true_body_state=scenario.true_body_state),
+        "day": day and ModeMachine(day, controller.robot, controller.joint_law.limits),
     }
     if isinstance(gait, GaitSwitch):
         assert isinstance(scenario, Scenario)

@@ -177,7 +177,7 @@ def test_targets_stay_within_the_joints_ranges_where_the_policy_is_run_so(
     written = write_controller(trot, controller, **WRITTEN)
     assert written.joint_law.limited is (kind != "free")
     compiled, python = load_controller(written, tmp_path), PythonController(trot, controller)
-    sensors, command, _ = random_sequences(A1, trot, 1, 3)[0][0]
+    sensors, command, *_ = random_sequences(A1, trot, 1, 3)[0][0]
     memory = compiled.initial()
     memory[ACTION] = np.tile([-50.0, 50.0], 6)
     # A bad input holds the targets of the action before.

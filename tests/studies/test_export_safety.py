@@ -327,7 +327,7 @@ def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, tr
     # No contact sensor was read yet.
     assert (memory[READING] == UNREAD).all()
     assert not np.delete(memory, READING).any()
-    sensors, command, _ = random_sequences(A1, trot, 1, 0)[0][0]
+    sensors, command, *_ = random_sequences(A1, trot, 1, 0)[0][0]
     broken = replace(sensors, joint_position=np.full(12, np.nan))
     step = compiled_page.step(memory, broken, command)
     np.testing.assert_array_equal(step.targets, A1.default_stance)

@@ -8,6 +8,9 @@
  *   policy     {{ '%-28s' % policy_name }} {{ only.digests[1] }}
  *   estimator  {{ '%-28s' % ('odometry' if odometry else 'of the expert') }} {{ only.digests[2] }}
 {% endblock %}
+{% if day %}
+ *   day        {{ '%-28s' % '' }} {{ day.digest }}
+{% endif %}
  *   numbers    {{ real }}
  *
  * Made by glassgait {{ version }}. Edit the policy and export it anew rather than this file.
@@ -35,6 +38,13 @@
  *
 {% block changes_of_gait %}
 {% endblock %}
+{% if day %}
+ * Set command.request to what the operator wants at any time; controller.mode tells what the robot
+ * does. The policy acts in some modes alone, and is started anew each time. Where targets.damped is
+ * not 0, a driver that has gains sets the stiffness to 0; the targets alone damp as well, since
+ * they are where the joints are.
+ *
+{% endif %}
  * -ffp-contract=off keeps a product and a sum two operations, as they are where the policy was
  * made; without it last digits differ on some machines.
  *
@@ -337,9 +347,16 @@ static int sound_input(const Sensors *sensors, const Command *command)
         && all_sound(sensors->joint_velocity, 12){% if has_imu %}
 
         && all_sound(sensors->angular_velocity, 3) && all_sound(sensors->velocity_change, 3)
-        && all_sound(sensors->gravity, 3){% endif %}{% block sound_request %}{% endblock %};
+        && all_sound(sensors->gravity, 3){% endif %}{% block sound_request %}{% endblock %}
+{%- if day %}
+
+        && command->request >= 0 && command->request <= {{ prefix }}_REQUEST_{{ day.requests[-1] | upper }}
+{%- endif %};
 }
 
+{% if day %}
+{% include 'day.c' %}
+{% endif %}
 static int sound_counts(const Controller *controller)
 {
     for (int foot = 0; foot < 4; foot++)
@@ -370,6 +387,10 @@ static int sound_memory(const Controller *controller)
 {%- if odometry %}
 
         && sound_odometry(controller)
+{%- endif %}
+{%- if day %}
+
+        && sound_mode(controller)
 {%- endif %};
 }
 
@@ -394,6 +415,16 @@ static void set_targets(const {{ real }} action[12], Targets *targets)
 {% endif %}
 }
 
+{% if day %}
+/* Keeps the targets of the step before, and lets time pass; returns no flag. */
+static int stay(Controller *controller, Targets *targets)
+{
+    step_blindly(controller);
+    targets->damped = DAMPS[controller->mode];
+    return {{ prefix }}_OK;
+}
+
+{% endif %}
 void {{ name }}_init(Controller *controller)
 {
 {% block standing %}
@@ -401,6 +432,9 @@ void {{ name }}_init(Controller *controller)
         .initialised = INITIALISED,
         .reading = {-1, -1, -1, -1}, /* nothing yet */
         .state = {{ initial }},
+{% if day %}
+        .mode = {{ prefix }}_{{ day.initial }},
+{% endif %}
     };
 {% endblock %}
 
@@ -418,8 +452,14 @@ int {{ name }}_step(
     {{ real }} observation[N_OBSERVATIONS];
 {% endblock %}
     int contact[4], flags = {{ prefix }}_OK;
+{% if day %}
+    int go;
+{% endif %}
 
     set_targets(standing, targets);
+{% if day %}
+    targets->damped = 1;
+{% endif %}
     if (controller->initialised != INITIALISED)
         return {{ prefix }}_NOT_INITIALISED;
     if (!sound_memory(controller))
@@ -428,14 +468,33 @@ int {{ name }}_step(
 
     /* Until all is known to be sound, the targets are those of the step before. */
     set_targets(controller->action, targets);
+{% if day %}
+    if (!sound_input(sensors, command) || !sound_readings(sensors))
+        return {{ prefix }}_BAD_INPUT | stay(controller, targets);
+{% else %}
     if (!sound_input(sensors, command))
         return {{ prefix }}_BAD_INPUT;
+{% endif %}
     within.speed = limited(command->speed,
         -{{ prefix }}_MAX_SPEED, {{ prefix }}_MAX_SPEED, &flags);
     within.yaw_rate = limited(command->yaw_rate,
         -{{ prefix }}_MAX_YAW_RATE, {{ prefix }}_MAX_YAW_RATE, &flags);
     within.dwell = limited(command->dwell,
         {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
+{% if day %}
+
+    /* The policy is given no command unless it is to walk, and begins anew where it did not act. */
+    go = command->request == {{ prefix }}_REQUEST_WALK
+        && ({{ 'fabs' | function }}(within.speed) > SPEED || {{ 'fabs' | function }}(within.yaw_rate) > YAW_RATE);
+    if (!go)
+        within.speed = within.yaw_rate = {{ 0.0 | number }};
+    if (!ACTS[next.mode]) {
+{% block begin_anew %}
+        next.state = {{ initial }};
+{% endblock %}
+        next.iterations = next.age = 0;
+    }
+{% endif %}
 
     believed = *sensors;
     believe_contacts(&next, &believed, contact);
@@ -449,10 +508,18 @@ int {{ name }}_step(
     estimate(observation, &observation[BASE_VELOCITY]);
     if (!all_sound(observation, N_OBSERVATIONS))
 {% endif %}
-        return flags | {{ prefix }}_BAD_TARGET;
+        return flags | {{ prefix }}_BAD_TARGET{{ ' | stay(controller, targets)' if day }};
+{% if day %}
+    step_mode(&next, sensors, command->request, go);
+    if (ACTS[next.mode])
+        act({{ 'next.state, ' if takes_state }}observation, next.action);
+    else
+        pose(&next, sensors, next.action);
+{% else %}
     act({{ 'next.state, ' if takes_state }}observation, next.action);
+{% endif %}
     if (!all_sound(next.action, 12))
-        return flags | {{ prefix }}_BAD_TARGET;
+        return flags | {{ prefix }}_BAD_TARGET{{ ' | stay(controller, targets)' if day }};
     for (int foot = 0; foot < 4; foot++)
         next.foot_height[foot] = observation[FOOT_HEIGHT + foot];
 {% endblock %}
@@ -462,6 +529,9 @@ int {{ name }}_step(
 {% endif %}
     *controller = next;
     set_targets(controller->action, targets);
+{% if day %}
+    targets->damped = DAMPS[controller->mode];
+{% endif %}
     return flags;
 }
 {% if arrays %}

@@ -11,6 +11,9 @@ extern "C" {
 
 /* The version of glassgait that wrote it, and digests of what it was written from. */
 #define {{ prefix }}_VERSION "{{ version }}"
+{% if day %}
+#define {{ prefix }}_DAY "{{ day.digest }}"
+{% endif %}
 {% block made_of %}
 #define {{ prefix }}_GAIT "{{ only.digests[0] }}"
 #define {{ prefix }}_POLICY "{{ only.digests[1] }}"
@@ -31,6 +34,20 @@ enum { {% for leg in legs %}{{ prefix }}_{{ leg }}{{ ', ' if not loop.last }}{% 
 
 {% block gaits %}
 {% endblock %}
+{% if day %}
+/* What the operator may request, and what the robot then does. */
+enum {
+{% for request in day.requests %}
+    {{ prefix }}_REQUEST_{{ request | upper }}{{ ',' if not loop.last }}
+{% endfor %}
+};
+enum {
+{% for mode in day.modes %}
+    {{ prefix }}_{{ mode.constant }}{{ ',' if not loop.last }} /* {{ mode.title }} */
+{% endfor %}
+};
+
+{% endif %}
 /* What {{ name }}_step returns: 0, or the sum of what happened. */
 enum {
     {{ prefix }}_OK = 0,
@@ -69,10 +86,16 @@ typedef struct {
     {{ real }} dwell;    /* control steps that a state of the gait should last */
 {% block request %}
 {% endblock %}
+{% if day %}
+    int request;     /* of the operator, such as {{ prefix }}_REQUEST_STAND */
+{% endif %}
 } {{ name }}_command;
 
 typedef struct {
     {{ real }} joint_position[12]; /* rad{{ ', within the joints\' ranges' if limits_targets }}, to be held until the next step */
+{% if day %}
+    int damped; /* not 0 where joints are to be damped alone: stiffness 0 */
+{% endif %}
 } {{ name }}_targets;
 
 /* What it remembers from one step to the next. {{ name }}_init sets all of it. */
@@ -93,6 +116,13 @@ typedef struct {
     {{ real }} footholds[4][3]; /* where each foot stands, or stood last, m, in the trunk's frame */
     int touching[4]; /* which feet touched at odometry's step before */
     {{ real }} turning[3]; /* angular velocity of the trunk at that step, rad/s */
+{% endif %}
+{% if day %}
+    int mode; /* of the day, such as {{ prefix }}_{{ day.initial }} */
+    int mode_steps; /* control steps in it */
+    int idle; /* control steps since the command last was to go */
+    int unsound; /* control steps for which readings have not been sound */
+    {{ real }} begin[12]; /* action at which the mode began */
 {% endif %}
 } {{ name }}_controller;
 

@@ -220,7 +220,14 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
         .reading = {-1, -1, -1, -1}, /* nothing yet */
         .gait = {{ prefix }}_GAIT_{{ gaits[0].constant }},
         .state = {{ initial }},
+{% if day %}
+        .mode = {{ prefix }}_{{ day.initial }},
+{% endif %}
     };
+{% endblock %}
+{% block begin_anew %}
+        next.gait = {{ prefix }}_GAIT_{{ gaits[0].constant }};
+        next.state = {{ initial }};
 {% endblock %}
 {% block observation %}
     {{ real }} observation[MOST_OBSERVATIONS];
@@ -235,11 +242,20 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
     estimate(next.gait, observation);
     if (!all_sound(observation, N_OBSERVATIONS[next.gait]))
 {% endif %}
-        return flags | {{ prefix }}_BAD_TARGET;
-    act(next.gait, {{ 'next.state, ' if takes_state }}observation, next.action);
+        return flags | {{ prefix }}_BAD_TARGET{{ ' | stay(controller, targets)' if day }};
+{% if day %}
+    step_mode(&next, sensors, command->request, go);
+    if (!ACTS[next.mode])
+        pose(&next, sensors, next.action);
+    else
+{% endif %}
+    {{ '    ' if day }}act(next.gait, {{ 'next.state, ' if takes_state }}observation, next.action);
     if (!all_sound(next.action, 12))
-        return flags | {{ prefix }}_BAD_TARGET;
-    limit_change(&observation[PREVIOUS_ACTION], next.action);
+        return flags | {{ prefix }}_BAD_TARGET{{ ' | stay(controller, targets)' if day }};
+{% if day %}
+    if (ACTS[next.mode])
+{% endif %}
+    {{ '    ' if day }}limit_change(&observation[PREVIOUS_ACTION], next.action);
     for (int foot = 0; foot < 4; foot++)
         next.foot_height[foot] = observation[N_OBSERVATIONS[next.gait] - 4 + foot];
 {% endblock %}

@@ -1,7 +1,7 @@
 """Whether the C of a controller does what Python does: both take the same steps."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,13 +9,14 @@ import numpy as np
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.export.binding import MACHINE, LoadedController, Sensors
+from glassgait.models.export.binding import MACHINE, N_DAY, LoadedController, Sensors
 from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.day import REQUESTS, Day
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -28,6 +29,7 @@ from glassgait.studies.common.episode import (
     IntArray,
     Observer,
     episode,
+    lie,
 )
 from glassgait.studies.common.observers import Observations
 
@@ -43,8 +45,21 @@ REQUEST_STEPS = 100
 RANDOM_REQUEST_STEPS = 20
 """Control steps from one request to the next where sensors are drawn at random."""
 
+MODE_STEPS = 100
+"""Control steps from one request of a mode to the next, where they are drawn."""
+
+LEANING = 5
+"""Every so many random sequences of a day are of robots that lean anyhow."""
+
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
+
+
+MODE = -N_DAY
+"""Where the number of the mode stands in what a controller with a day remembers."""
+
+COUNTS = slice(MODE, MODE + 4)
+"""Where its mode and its counts of control steps do."""
 
 
 class Moment(NamedTuple):
@@ -54,11 +69,13 @@ class Moment(NamedTuple):
         sensors: What the robot senses.
         command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
         requested: Number of the gait that is to run, of several.
+        requested_mode: Number of what the operator requests, of a day.
     """
 
     sensors: Sensors
     command: Command
     requested: int = 0
+    requested_mode: int = 0
 
 
 @dataclass(frozen=True)
@@ -71,6 +88,8 @@ class Agreement:
         machine: Control steps at which the machine's state, iterations or age differ.
         changes: Changes of the machine's state.
         gaits: Changes of the gait among them; None where there is only one.
+        modes: Control steps at which what is remembered of a day differs; None without one.
+        mode_changes: Changes of its mode.
     """
 
     steps: int
@@ -78,26 +97,33 @@ class Agreement:
     machine: int
     changes: int
     gaits: int | None = None
+    modes: int | None = None
+    mode_changes: int | None = None
 
 
 def compare_controllers(
     python: PythonController, compiled: LoadedController, sequences: list[list[Moment]]
 ) -> Agreement:
     """Lets both take the steps of each sequence, each with its own memory."""
-    greatest, apart, changes, gaits = 0.0, 0, 0, 0
+    greatest, apart, changes, gaits, modes, mode_changes = 0.0, 0, 0, 0, 0, 0
     for sequence in sequences:
         ours, theirs = python.initial(), compiled.initial()
         for moment in sequence:
             state, gait = ours[MACHINE][0], compiled.gait_of(ours)
+            mode = ours[MODE]
             one = python.step(ours, *moment)
             other = compiled.step(theirs, *moment)
             ours, theirs = one.memory, other.memory
+            modes += not np.array_equal(ours[COUNTS], theirs[COUNTS])
+            mode_changes += bool(ours[MODE] != mode)
             greatest = max(greatest, float(np.abs(one.targets - other.targets).max()))
             apart += not np.array_equal(ours[MACHINE], theirs[MACHINE])
             changes += bool(ours[MACHINE][0] != state)
             gaits += compiled.gait_of(ours) != gait
     steps = sum(map(len, sequences))
-    return Agreement(steps, greatest, apart, changes, gaits if compiled.n_gaits > 1 else None)
+    of_day = (modes, mode_changes) if compiled.has_day else (None, None)
+    of_gaits = gaits if compiled.n_gaits > 1 else None
+    return Agreement(steps, greatest, apart, changes, of_gaits, *of_day)
 
 
 def random_sequences(
@@ -123,6 +149,34 @@ def random_sequences(
         [moment._replace(requested=int(asked)) for moment, asked in zip(own, row, strict=False)]
         for own, row in zip(sequences, requested.T, strict=True)
     ]
+
+
+def with_requested_modes(sequences: list[list[Moment]], seed: int) -> list[list[Moment]]:
+    """Draws what the operator requests, another thing from time to time.
+
+    Trunks are held nearly level in all but a few sequences: a lean would end the day's others.
+    """
+    generator = np.random.default_rng([seed, 2])
+    return [
+        [
+            _level(moment)._replace(requested_mode=int(asked)) if (number + 1) % LEANING else moment
+            for moment, asked in zip(own, _drawn_modes(len(own), generator), strict=True)
+        ]
+        for number, own in enumerate(sequences)
+    ]
+
+
+def _drawn_modes(count: int, generator: np.random.Generator) -> IntArray:
+    asked = generator.integers(len(REQUESTS), size=-(-count // MODE_STEPS))
+    return np.repeat(asked, MODE_STEPS)[:count]
+
+
+def _level(moment: Moment) -> Moment:
+    sensors = moment.sensors
+    assert sensors.imu is not None
+    imu = np.concatenate([sensors.imu[:6] * [0.5, 0.5, 0.5, 1, 1, 1], [0.0, 0.0, -1.0]])
+    slow = replace(sensors, joint_velocity=0.1 * sensors.joint_velocity, imu=imu)
+    return moment._replace(sensors=slow)
 
 
 def random_readings(count: int, generator: np.random.Generator) -> Array:
@@ -151,9 +205,16 @@ def _random_moments(
 
 
 def recorded_sequences(
-    gait: Gait | GaitSwitch, controller: AlternatingController, n_steps: int, seed: int
+    gait: Gait | GaitSwitch,
+    controller: AlternatingController,
+    n_steps: int,
+    seed: int,
+    day: Day | None = None,
 ) -> list[list[Moment]]:
-    """Records what robots sense that the controller moves, in the training world."""
+    """Records what robots sense that the controller moves, in the training world.
+
+    With a day they lie at first, and what is requested of them is drawn.
+    """
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
     own_steps = n_steps // n_robots
     if isinstance(gait, GaitSwitch):
@@ -161,7 +222,12 @@ def recorded_sequences(
         world, events = Scenario(), [asking(requested)]
     else:
         requested, world, events = None, UNLIMITED, []
-    recorded = RecordedMoments(n_robots, requested)
+    modes = None
+    if day is not None:
+        modes = drawn_mode_requests(n_robots, own_steps, seed)
+        folded = np.zeros((n_robots, quadruped.N_JOINTS))
+        events += [lie(controller.robot, day, folded), asking_modes(modes)]
+    recorded = RecordedMoments(n_robots, requested, modes)
     episode(
         gait,
         controller,
@@ -172,8 +238,28 @@ def recorded_sequences(
         observers=[recorded],
         events=events,
         when_fallen="go on",
+        day=day,
     )
     return recorded.sequences
+
+
+def drawn_mode_requests(n_robots: int, n_steps: int, seed: int) -> IntArray:
+    """Draws what the operator requests of robots (n_steps, n_robots), at first to walk."""
+    generator = np.random.default_rng([seed, 3])
+    asked = [_drawn_modes(n_steps, generator) for _ in range(n_robots)]
+    modes = np.stack(asked, axis=1)
+    # Long enough to rise and walk a while.
+    modes[: 3 * MODE_STEPS] = REQUESTS.index("walk")
+    return modes
+
+
+def asking_modes(requested: IntArray) -> Event:
+    """Returns the event that requests modes in each control step (T, n)."""
+
+    def ask(running: Episode, _: BoolArray) -> None:
+        running.simulator.request_mode(requested[running.step])
+
+    return Event(None, None, ask)
 
 
 def drawn_requests(
@@ -210,17 +296,24 @@ class RecordedMoments(Observer):
         sequences: Moments of each robot.
     """
 
-    def __init__(self, n_robots: int, requested: IntArray | None = None) -> None:
+    def __init__(
+        self,
+        n_robots: int,
+        requested: IntArray | None = None,
+        requested_modes: IntArray | None = None,
+    ) -> None:
         self.sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
-        self._requested = requested
+        self._requested, self._requested_modes = requested, requested_modes
 
     def observe(self, step: ControlStep) -> None:
         """Records a control step."""
         asked = self._requested
         # What is requested in a step is read in the next one.
         now = None if asked is None or step.step == 0 else asked[step.step - 1]
-        for sequence, moment in zip(self.sequences, moments(step.before, now), strict=True):
-            sequence.append(moment)
+        for i, moment in enumerate(moments(step.before, now)):
+            # A mode is requested before robots are observed.
+            mode = 0 if self._requested_modes is None else int(self._requested_modes[step.step, i])
+            self.sequences[i].append(moment._replace(requested_mode=mode))
 
 
 def recorded_observations(
