@@ -7,22 +7,21 @@ of an instant as soon as they are computed, ahead of the clock on the wall.
 
 import struct
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from glassgait.diagrams import linked_controller, linked_robot
+from glassgait.diagrams.answering import MOST_MADE_UP, Answering, AnsweringEnd, take_in
 from glassgait.diagrams.linked_controller import MakeLinkedController
 from glassgait.diagrams.linked_robot import MakeLinkedRobot
-from glassgait.diagrams.plant_state import recenter, set_plant_state
-from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.arrays import Array
+from glassgait.diagrams.simulated_robot import SimulatedRobot
 from glassgait.models.link.channels import Channels, Tally
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.packing import (
@@ -40,21 +39,29 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.systems.link_watchdog import LinkWatchdog
 
-MOST_MADE_UP = 50
-"""Control steps without sensors that a controller makes up for; after more it starts anew."""
-
 LONGEST_SESSION = 10**9
 """Greatest number of a control step that is believed: more than half a year of walking."""
 
+MILLISECONDS = 1e3
+
 FOLLOWED = (Phase.FOLLOWING, Phase.HOLDING)
 
+REPORTED = {
+    (Phase.STANDING, Phase.FOLLOWING): "a controller is followed",
+    (Phase.HOLDING, Phase.LOWERED): "no answer: the robot is lowered",
+    (Phase.FOLLOWING, Phase.LOWERED): "no answer: the robot is lowered",
+    (Phase.LOWERED, Phase.STANDING): "answers come again: the robot rises",
+    (Phase.LOWERED, Phase.TIPPED): "answers come again, but the robot leans too far to rise",
+    (Phase.TIPPED, Phase.STANDING): "the robot is level again, and rises",
+    (Phase.STANDING, Phase.LOWERED): "the robot leans too far to stand: it is lowered",
+}
+"""Changes of phase that are reported."""
 
-class ControllerEnd:
+
+class ControllerEnd(AnsweringEnd):
     """Answers sensors, as they come, by joint targets.
 
-    The caller of `answer` handles the subscriptions of its LCM before. Its time is that of the
-    sensors. For steps whose sensors never came it goes on with those that it had, so that its
-    reward machine counts them too.
+    The caller of `answer` handles the subscriptions of its LCM before, by `listen` or itself.
 
     Attributes:
         tally: Counts of the sensors that came.
@@ -75,9 +82,8 @@ class ControllerEnd:
         """
         self.diagram = MakeLinkedController(robot, gait, policy, lcm, channels)
         self.tally = Tally()
-        self._simulator = Simulator(self.diagram)
+        self._lcm, self._answering = lcm, Answering(self.diagram)
         self._latest: sensors_t | None = None
-        self._answered: sensors_t | None = None
         self._command = command_t()
         self._listeners = (
             Listener(lcm, channels.sensors, sensors_t, self._hear),
@@ -87,7 +93,7 @@ class ControllerEnd:
     @property
     def simulator(self) -> Simulator:
         """The simulator, at the instant that was answered last."""
-        return self._simulator
+        return self._answering.simulator
 
     @property
     def n_foreign(self) -> int:
@@ -100,23 +106,21 @@ class ControllerEnd:
         self._latest = None
         if message is None:
             return False
-        instant = message.sequence * CONTROL_PERIOD
-        steps = self._steps_since_answer(message)
-        if message.followed and steps is not None and 0 < steps <= MOST_MADE_UP:
-            self._simulator.AdvanceTo(instant)
-        else:
-            self._start_anew(instant)
-        take_in(self.diagram, self._simulator, "sensors", message)
-        take_in(self.diagram, self._simulator, "command", self._command)
-        publish(self.diagram, self._simulator, linked_controller.TARGETS_PUBLISHER)
-        self._answered = message
+        self._answering.take(message, self._command)
+        publish(self.diagram, self.simulator, linked_controller.TARGETS_PUBLISHER)
         return True
 
-    def _start_anew(self, instant: float) -> None:
-        context = self._simulator.get_mutable_context()
-        self.diagram.SetDefaultContext(context)
-        context.SetTime(instant)
-        self._simulator.Initialize()
+    def listen(self, seconds: float) -> None:
+        """Handles the subscriptions for some time (s), or until a message came."""
+        self._lcm.HandleSubscriptions(round(MILLISECONDS * seconds))
+
+    def counts(self) -> dict[str, float]:
+        """Returns what was counted of messages, by name."""
+        return {
+            **{f"sensors {name}": count for name, count in self.tally.rows().items()},
+            "messages of another kind": self.n_foreign,
+            "robots heard": self.tally.sessions,
+        }
 
     def _hear(self, message: sensors_t) -> None:
         measured = [*unpack_joints(message), *unpack_imu(message)]
@@ -128,8 +132,8 @@ class ControllerEnd:
 
     def _is_wanted(self, message: sensors_t) -> bool:
         """Returns whether sensors are to be answered rather than those that wait for an answer."""
-        waiting, before = self._latest, self._answered
-        steps = self._steps_since_answer(message)
+        waiting, before = self._latest, self._answering.answered
+        steps = self._answering.steps_since(message)
         # What came twice or was overtaken is late; what is far behind is a start anew.
         if steps is not None and -MOST_MADE_UP <= steps <= 0:
             return False
@@ -140,32 +144,24 @@ class ControllerEnd:
         # Sensors of the session that goes on wait: those of another one may be a remnant.
         return before is None or waiting.session != before.session
 
-    def _steps_since_answer(self, message: sensors_t) -> int | None:
-        """Counts control steps since the sensors answered last; None in another session."""
-        before = self._answered
-        if before is None or before.session != message.session:
-            return None
-        return message.sequence - before.sequence
-
     def _hear_command(self, message: command_t) -> None:
         before = self._command
         if message.session != before.session or message.sequence >= before.sequence:
             self._command = message
 
 
-class RobotEnd:
+class RobotEnd(SimulatedRobot):
     """Simulates a robot that sends what it senses and follows the targets that it is sent.
 
-    A control step is a call of `send`, and of `advance` for each step of the plant, of which it has
-    `n_parts`. Its session is the number of this start, not 0.
+    Its session is the number of this start, not 0. Its diagram is what `MakeLinkedRobot` built.
 
     Attributes:
         tally: Counts of the answers that came; one is late if the next sensors had been sent.
-        diagram: What `MakeLinkedRobot` built.
-        simulator: Its simulator.
-        n_parts: Steps of the plant in a control period.
-        step: Control steps since the start.
     """
+
+    reported = REPORTED
+    counted: ClassVar = {"times lowered": Phase.LOWERED, "times kept down": Phase.TIPPED}
+    held = Phase.HOLDING
 
     def __init__(
         self,
@@ -184,13 +180,11 @@ class RobotEnd:
             InputError: if the scenario is not made for two processes, or the gait not for it.
             ValueError: if commands come from sliders, and there is no Meshcat.
         """
-        self.diagram = MakeLinkedRobot(
+        diagram = MakeLinkedRobot(
             gait, scenario, lcm, channels, watchdog=watchdog, session=session, meshcat=meshcat
         )
-        self.simulator = make_simulator(self.diagram, seed=seed)
+        super().__init__(diagram, scenario, seed)
         self.tally = Tally()
-        self.n_parts = scenario.station.plant_steps()
-        self.step = 0
         self._lcm, self._session = lcm, session
         self._robot = scenario.robot_of()
         self._answered, self._taken = -1, -np.inf
@@ -212,21 +206,9 @@ class RobotEnd:
         """Number of messages of another kind, or another version, that came on its channel."""
         return self._listener.n_foreign
 
-    def advance(self, part: int) -> None:
-        """Takes the latest answer in, and a step of the plant."""
-        self._lcm.HandleSubscriptions(0)
-        last = part == self.n_parts - 1
-        # Between two steps of the plant nothing is due; at an instant itself rounding would decide
-        # whether its updates are taken.
-        if part == 0:
-            recenter(self.diagram, self.simulator.get_mutable_context())
-        share = 1.0 if last else (part + 0.5) / self.n_parts
-        self.simulator.AdvanceTo((self.step + share) * CONTROL_PERIOD)
-        self.step += last
-
-    def output(self, name: str) -> Array:
-        """Evaluates an output port of the diagram."""
-        return self.diagram.GetOutputPort(name).Eval(self.simulator.get_context())
+    def listen(self, seconds: float) -> None:
+        """Handles the subscriptions for some time (s), or until a message came."""
+        self._lcm.HandleSubscriptions(int(MILLISECONDS * seconds))
 
     @property
     def phase(self) -> Phase:
@@ -245,6 +227,14 @@ class RobotEnd:
         guard = self.diagram.GetSubsystemByName(linked_robot.WATCHDOG)
         assert isinstance(guard, LinkWatchdog)
         guard.restart(guard.GetMyMutableContextFromRoot(context))
+
+    def counts(self) -> dict[str, float]:
+        """Returns what was counted of messages, by name."""
+        return {
+            "sensors sent": self.step,
+            **{f"answers {name}": count for name, count in self.tally.rows().items()},
+            "messages of another kind": self.n_foreign,
+        }
 
     def _hear(self, message: targets_t) -> None:
         sent = message.session == self._session and 0 <= message.sequence <= self.step
@@ -288,12 +278,6 @@ class Listener:
 
 def _is_stamped(message: sensors_t) -> bool:
     return message.session != NOBODY and 0 <= message.sequence <= LONGEST_SESSION
-
-
-def take_in(diagram: Diagram, simulator: Simulator, name: str, message: Any) -> None:
-    """Gives a message to an input port of a diagram."""
-    port = diagram.GetInputPort(name)
-    port.FixValue(simulator.get_mutable_context(), AbstractValue.Make(message))
 
 
 def publish(diagram: Diagram, simulator: Simulator, name: str) -> None:

@@ -1,7 +1,7 @@
 """A robot's controller, which meets the robot over LCM."""
 
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem
 
 from glassgait.diagrams.controller import AddController, Sensed, Senses
@@ -60,6 +60,52 @@ def MakeLinkedController(  # noqa: N802
             "another policy"
         )
     builder = DiagramBuilder()
+    message = AddAnsweringController(builder, robot, gait, policy)
+    publisher = LcmPublisherSystem.Make(
+        channels.targets, targets_t, lcm, publish_triggers={TriggerType.kForced}
+    )
+    builder.AddNamedSystem(TARGETS_PUBLISHER, publisher)
+    builder.Connect(message, publisher.get_input_port())
+    diagram = builder.Build()
+    diagram.set_name("LinkedController")
+    return diagram
+
+
+def MakeAnsweringController(robot: Robot, gait: Gait, policy: Controller) -> Diagram:  # noqa: N802
+    """Builds the same controller without a wire: the answer is an output port.
+
+    .. pydrake_system::
+
+        name: AnsweringController
+        input_ports:
+        - sensors
+        - command
+        output_ports:
+        - actions
+        - observations
+        - rm_state
+        - targets
+
+    Ports as those of `MakeLinkedController`; targets (targets_t) is the answer.
+
+    Raises:
+        InputError: if a policy was made for another gait or observation, or has no estimator.
+    """
+    builder = DiagramBuilder()
+    builder.ExportOutput(AddAnsweringController(builder, robot, gait, policy), "targets")
+    diagram = builder.Build()
+    diagram.set_name("AnsweringController")
+    return diagram
+
+
+def AddAnsweringController(  # noqa: N802
+    builder: DiagramBuilder, robot: Robot, gait: Gait, policy: Controller
+) -> OutputPort:
+    """Adds a controller between messages, with ports as those of `MakeLinkedController`.
+
+    Returns:
+        The answer (targets_t).
+    """
     receiver = builder.AddNamedSystem("sensors_receiver", SensorsReceiver())
     builder.ExportInput(receiver.get_message_input_port(), "sensors")
     commander = builder.AddNamedSystem("command_receiver", CommandReceiver(gait))
@@ -85,14 +131,7 @@ def MakeLinkedController(  # noqa: N802
     sender = builder.AddNamedSystem("targets_sender", TargetsSender(robot))
     builder.Connect(controller.acting["actions"], sender.get_action_input_port())
     builder.ConnectInput("sensors", sender.get_sensors_input_port())
-    publisher = LcmPublisherSystem.Make(
-        channels.targets, targets_t, lcm, publish_triggers={TriggerType.kForced}
-    )
-    builder.AddNamedSystem(TARGETS_PUBLISHER, publisher)
-    builder.Connect(sender.get_message_output_port(), publisher.get_input_port())
     builder.ExportOutput(controller.acting["actions"], "actions")
     builder.ExportOutput(controller.observation, "observations")
     builder.ExportOutput(machine.get_rm_state_output_port(), "rm_state")
-    diagram = builder.Build()
-    diagram.set_name("LinkedController")
-    return diagram
+    return sender.get_message_output_port()

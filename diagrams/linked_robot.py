@@ -79,7 +79,7 @@ def MakeLinkedRobot(  # noqa: N802
         InputError: if the scenario is not made for two processes, or the gait not for the command.
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
-    _check(scenario)
+    refuse_unfit(scenario)
     robot = scenario.robot_of()
     builder = DiagramBuilder()
     # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
@@ -118,7 +118,7 @@ def MakeLinkedRobot(  # noqa: N802
         )
     exported = {
         "state": state,
-        "failures": _add_fall_monitor(builder, robot, scenario, state),
+        "failures": AddFallMonitor(builder, robot, scenario, state),
         "targets": guard.get_targets_output_port(),
         "phase": guard.get_phase_output_port(),
         "command": command,
@@ -173,7 +173,11 @@ def _add_publishers(
         builder.Connect(message, publisher.get_input_port())
 
 
-def _check(scenario: Scenario) -> None:
+def refuse_unfit(scenario: Scenario) -> None:
+    """
+    Raises:
+        InputError: if a scenario is not made for two processes.
+    """
     refused = {
         "station.time_step": (scenario.station.time_step == 0, "a step such as 0.01"),
         "contact_flips": (scenario.contact_flips > 0, "0"),
@@ -193,9 +197,10 @@ def _check(scenario: Scenario) -> None:
             )
 
 
-def _add_fall_monitor(
+def AddFallMonitor(  # noqa: N802
     builder: DiagramBuilder, robot: Robot, scenario: Scenario, state: OutputPort
 ) -> OutputPort:
+    """Adds what watches for failures but `abrupt_action`, and returns them (7)."""
     monitor = builder.AddNamedSystem(
         "fall_monitor", FallMonitor(robot, scenario.limits, scenario.station.ground)
     )

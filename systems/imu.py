@@ -40,27 +40,39 @@ class ImuSensor(LeafSystem):
     Outputs: imu (9; rad/s, m/s, none), the reading of `glassgait.models.task.imu`, of this control
     instant or as many before as it is late; at first the first.
     State: whether there is an instant before (1), the trunk's velocity then (3, world frame), and
-    the readings since then that are still to come (delay × 9), latched every 20 ms (unrestricted
-    update). Drake's `DiscreteTimeDelay` would latch after the velocity had been overwritten.
-    Feedthrough: all inputs.
+    the readings since then that are still to come (delay × 9), latched every period, by default 20
+    ms (unrestricted update). Drake's `DiscreteTimeDelay` would latch after the velocity had been
+    overwritten. Feedthrough: all inputs.
     """
 
-    def __init__(self, gravity: Array, delay: int = 0, noise_factor: float = 1.0) -> None:
+    def __init__(
+        self,
+        gravity: Array,
+        delay: int = 0,
+        noise_factor: float = 1.0,
+        period: float = CONTROL_PERIOD,
+    ) -> None:
         """
         Args:
             gravity: Acceleration by gravity (3; m/s², world frame).
-            delay: Control steps by which readings are late.
+            delay: Periods by which readings are late.
             noise_factor: Factor on the noise.
+            period: Time from one reading to the next (s). Errors are those of a control period; of
+                the change of velocity a shorter one has its share.
 
         Raises:
-            ValueError: if the delay is negative, or the factor negative or not finite.
+            ValueError: if the delay is negative, the factor negative or not finite, or the period
+                not positive.
         """
         super().__init__()
         if delay < 0:
             raise ValueError(f"IMU: delay is {delay}; it must be 0 or more")
         if not 0.0 <= noise_factor < math.inf:
             raise ValueError(f"IMU: noise_factor is {noise_factor}; it must be 0 or more")
-        self._gravity = np.array(gravity, dtype=float)
+        if not period > 0.0:
+            raise ValueError(f"IMU: period is {period}; it must be above 0")
+        self._gravity, self._period = np.array(gravity, dtype=float), period
+        self._error_share = np.repeat([1.0, period / CONTROL_PERIOD, 1.0], 3)
         self._half_width = noise_factor * IMU_NOISE
         self._begun = self.DeclareDiscreteState(1)
         self._velocity_before = self.DeclareDiscreteState(3)
@@ -81,7 +93,7 @@ class ImuSensor(LeafSystem):
             prerequisites_of_calc={self._readings.ticket()},
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
-            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+            period_sec=period, offset_sec=0.0, update=self._latch
         )
 
     def get_state_input_port(self) -> InputPort:
@@ -107,12 +119,13 @@ class ImuSensor(LeafSystem):
         before = state[quadruped.LINEAR_VELOCITY]
         if has_begun:
             before = context.get_discrete_state(self._velocity_before).value()
-        reading = measure_imu(state, before, self._gravity)
+        reading = measure_imu(state, before, self._gravity, self._period)
         if self._uniform_noise_port.HasValue(context):
             uniform = self._uniform_noise_port.Eval(context)
-            reading = reading + self._half_width * (2.0 * uniform - 1.0)
+            noise = self._half_width * (2.0 * uniform - 1.0)
+            reading = reading + self._error_share * noise
         if self._imu_bias_port.HasValue(context):
-            reading = reading + self._imu_bias_port.Eval(context)
+            reading = reading + self._error_share * self._imu_bias_port.Eval(context)
         coming = context.get_discrete_state(self._coming).value().reshape(-1, N_IMU)
         readings = np.empty((1 + len(coming), N_IMU))
         readings[0] = reading

@@ -21,6 +21,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.mode_machine import eased
 
 Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(60.0)]
 
@@ -131,7 +132,13 @@ class Watch(NamedTuple):
 
 
 def initial_watch(robot: Robot) -> Watch:
-    """Returns the watch of a robot that stands, and has had no answer from a controller."""
+    """Returns the watch of a robot that stands, and has had no answer from a controller.
+
+    Raises:
+        InputError: if the robot's legs cannot be folded as they are when it is lowered.
+    """
+    for pose in (FOLDED, BRACED, CROUCH):
+        robot.check_lowered(pose, "the watchdog")
     stance = robot.default_stance
     return Watch(Phase.STANDING, -np.inf, -np.inf, -np.inf, stance, stance, stance)
 
@@ -173,7 +180,7 @@ def step_watch(
     elapsed = now - watch.since
     match phase:
         case Phase.STANDING:
-            targets = _between(watch.begin, robot.default_stance, elapsed / settings.rising)
+            targets = between(watch.begin, robot.default_stance, elapsed / settings.rising)
         case Phase.LOWERED:
             targets = lowering_targets(watch.begin, elapsed, settings)
         case Phase.TIPPED:
@@ -214,7 +221,7 @@ def lowering_targets(begin: Array, elapsed: float, settings: Watchdog) -> Array:
     """
     pose = begin
     for end, seconds in ((FOLDED, FOLDING), (BRACED, BRACING), (CROUCH, settings.lowering)):
-        pose = _between(pose, end, elapsed / seconds)
+        pose = between(pose, end, elapsed / seconds)
         elapsed -= seconds
     return pose
 
@@ -239,7 +246,6 @@ def _next_phase(
     return Phase.STANDING if level else Phase.TIPPED
 
 
-def _between(begin: Array, end: Array, share: float) -> Array:
+def between(begin: Array, end: Array, share: float) -> Array:
     """Goes from one pose to another, at rest at both ends."""
-    share = min(max(share, 0.0), 1.0)
-    return begin + share * share * (3.0 - 2.0 * share) * (end - begin)
+    return begin + eased(np.asarray(min(max(share, 0.0), 1.0))) * (end - begin)

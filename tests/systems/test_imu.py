@@ -26,6 +26,21 @@ def read(system, context):
     return system.get_imu_output_port().Eval(context)
 
 
+def test_errors_of_a_shorter_period_have_their_share(standing, fix_inputs):
+    system = ImuSensor(DOWN, period=CONTROL_PERIOD / 10)
+    context = fix_inputs(system, state=standing, uniform_noise=np.ones(9), imu_bias=np.ones(9))
+    share = np.repeat([1.0, 0.1, 1.0], 3)
+    at_rest = [0, 0, 0, 0, 0, 0.1 * CONTROL_PERIOD * GRAVITY, 0, 0, -1]
+    np.testing.assert_allclose(
+        read(system, context), at_rest + share * (1.0 + IMU_NOISE), atol=1e-12
+    )
+
+
+def test_a_period_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="period is 0"):
+        ImuSensor(DOWN, period=0.0)
+
+
 def moving(standing, speed):
     state = standing.copy()
     state[quadruped.LINEAR_VELOCITY] = [speed, 0.0, 0.0]

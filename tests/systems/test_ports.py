@@ -6,6 +6,7 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Mapping
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.assurance import Hysteresis, Region
+from glassgait.models.task.day import load_day
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
@@ -39,6 +41,7 @@ from glassgait.systems.compiled_controller import CompiledController
 from glassgait.systems.contact_sensor import ContactSensor
 from glassgait.systems.contact_trust import ContactTrustSystem
 from glassgait.systems.fall_monitor import FallMonitor
+from glassgait.systems.foot_force_sensor import FootForceSensor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.function import FunctionSystem
 from glassgait.systems.gait_display import GaitDisplay
@@ -50,6 +53,7 @@ from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.meshcat_command import MeshcatCommand
 from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
+from glassgait.systems.mode_machine import ModeMachineSystem
 from glassgait.systems.observation_offset import ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
@@ -131,6 +135,9 @@ PORTS: dict[Any, Ports] = {
         {"state": 37, "action": 12, "previous_action": 12},
         {"failures": 7},
     ),
+    FootForceSensor: Ports(
+        lambda: FootForceSensor({}), {"contact_results": ABSTRACT}, {"foot_force": 4}
+    ),
     FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, {**FEET, "touching": 4}),
     GaitDisplay: Ports(
         lambda meshcat: GaitDisplay(A1, TROT, meshcat),
@@ -139,7 +146,7 @@ PORTS: dict[Any, Ports] = {
     ),
     GaitSwitchSystem: Ports(
         lambda: GaitSwitchSystem(GaitSwitch([TROT, WALK])),
-        {**FEET, "commanded_dwell": 1, "requested_gait": 1},
+        {**FEET, "commanded_dwell": 1, "acted": 1, "requested_gait": 1},
         {**MACHINE, "rm_state": 6},
     ),
     GivenCommand: Ports(
@@ -177,6 +184,33 @@ PORTS: dict[Any, Ports] = {
     MeshcatGaitRequest: Ports(
         lambda meshcat: MeshcatGaitRequest([TROT, WALK], meshcat), {}, {"requested_gait": 1}
     ),
+    ModeMachineSystem: Ports(
+        lambda: ModeMachineSystem(A1, load_day()),
+        {
+            "action": 12,
+            "previous_action": 12,
+            "joints": 24,
+            "imu": 9,
+            "command": 2,
+            "requested_mode": 1,
+        },
+        {
+            "asked_action": 12,
+            "served_command": 2,
+            "mode": 1,
+            "acts": 1,
+            "damped": 1,
+            "acted": 1,
+        },
+        {
+            *product(
+                ("action", "previous_action", "joints", "imu", "command", "requested_mode"),
+                ("asked_action", "mode", "acts", "damped"),
+            ),
+            ("command", "served_command"),
+            ("requested_mode", "served_command"),
+        },
+    ),
     ObservationOffset: Ports(
         lambda: ObservationOffset(Intervention(np.zeros(3), first=2, count=2)),
         {"observation": 3},
@@ -206,7 +240,7 @@ PORTS: dict[Any, Ports] = {
     ),
     RandomCommand: Ports(lambda: RandomCommand(TROT), {"seed": 1}, COMMAND),
     RewardMachineSystem: Ports(
-        lambda: RewardMachineSystem(TROT), {**FEET, "commanded_dwell": 1}, MACHINE
+        lambda: RewardMachineSystem(TROT), {**FEET, "commanded_dwell": 1, "acted": 1}, MACHINE
     ),
     RewardSystem: Ports(
         lambda: RewardSystem(A1),

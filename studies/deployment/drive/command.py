@@ -2,40 +2,60 @@
 
 import time
 from abc import abstractmethod
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 import pandas as pd
 import tyro
 from annotated_types import Ge, Le
+from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcm
 
 from glassgait.diagrams.commands import SliderCommand
 from glassgait.diagrams.link import ControllerEnd, RobotEnd
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
+from glassgait.diagrams.simulated_robot import SimulatedRobot
+from glassgait.diagrams.unitree_controller_end import UnitreeControllerEnd
+from glassgait.diagrams.unitree_robot_end import UnitreeRobotEnd
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError, shown
 from glassgait.models.link.channels import LinkSettings
+from glassgait.models.link.dds import (
+    STATES,
+    DdsSettings,
+    open_controllers_end,
+    open_robots_end,
+)
+from glassgait.models.link.remote import Remote, Sticks, remote_command
+from glassgait.models.link.supervision import Supervision
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import find_gait
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
-from glassgait.studies.common.play import Steps, pusher
+from glassgait.studies.common.play import Steps, first_interrupt, pusher
 from glassgait.studies.common.policies import OneGait
 from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table
 from glassgait.studies.deployment.drive.dropout import silence_controllers
+from glassgait.studies.deployment.drive.look import look
 from glassgait.studies.deployment.drive.packet_loss import lose_packets
 from glassgait.studies.deployment.drive.processes import Record, RobotProcess, control
 from glassgait.studies.view.command import OwnCommand
-from glassgait.studies.view.live import first_interrupt
+
+Wire = Literal["lcm", "unitree"]
+
+Dds = Annotated[DdsSettings, tyro.conf.arg(name="")]
 
 Link = Annotated[LinkSettings, tyro.conf.arg(name="")]
 
@@ -49,24 +69,86 @@ class DriveController(OneGait):
 
     Attributes:
         policy: `expert`, a kind of student, or the path of a policy file.
-        link: Where messages go.
+        wire: `lcm`, or `unitree` for Unitree's own messages over DDS, by which this end drives the
+            motors: it lets the robot rise first, and damps it when anything is wrong.
+        link: Where messages go over LCM.
+        dds: Where Unitree's go.
+        command: What the robot is to do, over Unitree's wire, where the robot's end sends no
+            command. By default it steps on the spot in the middle of the gait's rhythm.
+        remote: Take speed and yaw rate from the robot's own remote, over Unitree's wire. Its
+            buttons L2 and B damp the robot in any case.
+        sticks: How the remote's sticks command.
+        supervision: When joints are damped, over Unitree's wire.
+        look: Send nothing, and print once a second what a robot on Unitree's wire senses.
     """
 
     title: ClassVar[str] = "drive controller"
 
     policy: str = "expert"
+    wire: Wire = "lcm"
     link: Link = field(default_factory=LinkSettings)
+    dds: Dds = field(default_factory=DdsSettings)
+    command: OwnCommand = field(default_factory=OwnCommand)
+    remote: bool = False
+    sticks: Sticks = field(default_factory=Sticks)
+    supervision: Supervision = field(default_factory=Supervision)
+    look: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.wire == "lcm" and self.look:
+            raise InputError(f"{self.title}: look is for Unitree's wire; add --wire unitree")
+        if self.wire == "lcm" and (self.remote or self.command != OwnCommand()):
+            raise InputError(
+                f"{self.title}: over LCM the robot's end sends the command; give it there, or "
+                "--wire unitree here"
+            )
+        if self.remote and (self.command.speed, self.command.yaw_rate) != (None, None):
+            raise InputError(
+                f"{self.title}: speed and yaw rate come from the remote; leave --remote or "
+                "--command.speed and --command.yaw-rate out"
+            )
 
     def run(self) -> None:
         """Answers, and reports what was counted."""
         found = self.policies()
         gait, policy = found.gait, found.controller(self.policy)
-        lcm = open_lcm(self.link)
-        controller = ControllerEnd(policy.robot, gait, policy, lcm, self.link.names)
-        say(f"listening on {self.link.names.sensors}; Ctrl-C ends")
+        if self.look:
+            self._look(policy.robot)
+            return
+        if self.wire == "lcm":
+            lcm, heard = open_lcm(self.link), self.link.names.sensors
+            controller = ControllerEnd(policy.robot, gait, policy, lcm, self.link.names)
+        else:
+            heard = f"{STATES} of domain {self.dds.domain} at {self.dds.interface}"
+            controller = UnitreeControllerEnd(
+                policy.robot,
+                gait,
+                policy,
+                open_controllers_end(self.dds),
+                command=self._commanded(gait),
+                supervision=self.supervision,
+            )
+        say(f"listening on {heard}; Ctrl-C ends")
         with first_interrupt() as interrupted:
-            record = control(controller, lcm, interrupted)
+            record = control(controller, interrupted)
         print_table(f"{gait.name}, {self.policy}: the controller", _table(record))
+
+    def _look(self, robot: Robot) -> None:
+        endpoint = open_controllers_end(self.dds)
+        with first_interrupt() as interrupted:
+            counts = look(robot, endpoint, interrupted).counts
+        record = counts.rows("states", timed=True) | {"messages of another kind": counts.foreign}
+        print_table(f"{robot.full_name}: what was heard", _table(record))
+
+    def _commanded(self, gait: Gait) -> Callable[[Remote], Command]:
+        """Returns what the robot is asked to do, given what its remote's operator does."""
+        own = self.command
+        dwell = float(sum(gait.dwell) // 2 if own.dwell is None else own.dwell)
+        if self.remote:
+            return lambda remote: remote_command(remote, gait, self.sticks, dwell)
+        velocity = np.array([own.speed or 0.0, own.yaw_rate or 0.0])
+        return lambda _: Command(velocity, np.array(dwell))
 
 
 @dataclass(frozen=True)
@@ -74,6 +156,8 @@ class DriveSimulator(Settings):
     """Simulate a robot at real time that a controller in another process moves, until Ctrl-C.
 
     Attributes:
+        wire: `lcm`, or `unitree` for Unitree's own messages over DDS, by which the controller's end
+            lets the robot rise, commands and damps it.
         gait: Name of a gait, or path of a gait file: commands are made for it.
         robot: Name of a robot, or path of its robot.yaml; by default the scenario's.
         scenario: Name of a scenario that ships, or path of a scenario file.
@@ -84,14 +168,16 @@ class DriveSimulator(Settings):
         patience: Time to wait for the answer to each message of sensors (s): answers that come by
             then act at once. By default none is waited for, and answers act at the next step of
             the plant, as on a robot.
-        watchdog: How long the robot waits for its controller.
-        link: Where messages go.
+        watchdog: How long the robot waits for its controller, over LCM.
+        link: Where messages go over LCM.
+        dds: Where Unitree's go.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
         output: New folder for what was counted; only printed by default.
     """
 
     title: ClassVar[str] = "drive simulator"
 
+    wire: Wire = "lcm"
     gait: str = "trot"
     robot: str | None = None
     scenario: str = TRAINING
@@ -101,19 +187,26 @@ class DriveSimulator(Settings):
     patience: Annotated[NotNegative, Le(1.0)] = 0.0
     watchdog: Watchdog = field(default_factory=Watchdog)
     link: Link = field(default_factory=LinkSettings)
+    dds: Dds = field(default_factory=DdsSettings)
     seed: Seed = 0
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.wire == "unitree" and self.command != OwnCommand():
+            raise InputError(
+                f"{self.title}: over Unitree's wire the controller's end has the command; give it "
+                "there, or --wire lcm here"
+            )
 
     def run(self) -> None:
         """Simulates, and reports what was counted."""
         gait, scenario = find_gait(self.gait), load_scenario(self.scenario)
         if self.robot is not None:
             scenario = replace(scenario, robot=self.robot)
-        if self.meshcat:
-            scenario = replace(scenario, command=SliderCommand())
-        else:
-            scenario = self.command.over(scenario)
-        lcm = open_lcm(self.link)
+        if self.wire == "lcm":
+            sliders = replace(scenario, command=SliderCommand())
+            scenario = sliders if self.meshcat else self.command.over(scenario)
         inputs = {"gait": gait.digest(), "world": scenario.digest()}
         opened = (
             open_run(self.output, study=self.title, settings=self, inputs=inputs, resume=False)
@@ -122,21 +215,12 @@ class DriveSimulator(Settings):
         )
         with opened:
             meshcat = open_meshcat() if self.meshcat else None
-            robot = RobotEnd(
-                gait,
-                scenario,
-                lcm,
-                self.link.names,
-                watchdog=self.watchdog,
-                session=time.time_ns(),
-                seed=self.seed,
-                meshcat=meshcat,
-            )
+            robot = self._robot(gait, scenario, meshcat)
             if meshcat is not None:
-                say(f"open {meshcat.web_url()} and move the sliders under 'Open Controls'")
-            say(f"sending on {self.link.names.sensors}, waiting for a controller; Ctrl-C ends")
+                sliders = ", and move the sliders under 'Open Controls'"
+                say(f"open {meshcat.web_url()}{sliders if self.wire == 'lcm' else ''}")
             pushed = pusher(robot.simulator, scenario, self.seed)
-            process = RobotProcess(robot, lcm, patience=self.patience, pushed=pushed)
+            process = RobotProcess(robot, patience=self.patience, pushed=pushed)
             with first_interrupt() as interrupted:
                 record = process.run(self.n_steps, interrupted)
             if self.output:
@@ -144,6 +228,27 @@ class DriveSimulator(Settings):
         print_table(f"{gait.name}: the robot", _table(record))
         if self.output:
             console.print(f"written to {self.output}")
+
+    def _robot(self, gait: Gait, scenario: Scenario, meshcat: Meshcat | None) -> SimulatedRobot:
+        """Opens the robot's end."""
+        if self.wire == "unitree":
+            endpoint = open_robots_end(self.dds)
+            robot = UnitreeRobotEnd(scenario, endpoint, seed=self.seed, meshcat=meshcat)
+            sent = f"{STATES} of domain {self.dds.domain} at {self.dds.interface}"
+        else:
+            robot = RobotEnd(
+                gait,
+                scenario,
+                open_lcm(self.link),
+                self.link.names,
+                watchdog=self.watchdog,
+                session=time.time_ns(),
+                seed=self.seed,
+                meshcat=meshcat,
+            )
+            sent = self.link.names.sensors
+        say(f"sending on {sent}, waiting for a controller; Ctrl-C ends")
+        return robot
 
 
 @dataclass(frozen=True)

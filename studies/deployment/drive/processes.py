@@ -4,12 +4,12 @@ import os
 import time
 from collections import Counter, deque
 from collections.abc import Callable
+from enum import IntEnum
 
 import numpy as np
-from pydrake.lcm import DrakeLcmInterface
 
-from glassgait.diagrams.link import ControllerEnd, RobotEnd
-from glassgait.models.link.watchdog import Phase
+from glassgait.diagrams.answering import AnsweringEnd
+from glassgait.diagrams.simulated_robot import SimulatedRobot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.console import say
 
@@ -21,27 +21,19 @@ KEPT = 500_000
 
 MILLISECONDS = 1e3
 
-LISTENING = 100
-"""Time for which a controller listens before it asks whether to end (ms)."""
+LISTENING = 0.1
+"""Time for which a controller listens before it asks whether to end (s)."""
+
+SHORTEST = 1e-3
+"""Time below which a wait is not spent listening (s)."""
 
 SILENCE = 1.0
 """Time without sensors that is reported (s)."""
 
 FOREIGN = (
     "a message came that is of another kind, or of another version: it was passed over; run both "
-    "processes of one version, or name other --channels"
+    "processes of one version, or give them a link of their own"
 )
-
-REPORTED = {
-    (Phase.STANDING, Phase.FOLLOWING): "a controller is followed",
-    (Phase.HOLDING, Phase.LOWERED): "no answer: the robot is lowered",
-    (Phase.FOLLOWING, Phase.LOWERED): "no answer: the robot is lowered",
-    (Phase.LOWERED, Phase.STANDING): "answers come again: the robot rises",
-    (Phase.LOWERED, Phase.TIPPED): "answers come again, but the robot leans too far to rise",
-    (Phase.TIPPED, Phase.STANDING): "the robot is level again, and rises",
-    (Phase.STANDING, Phase.LOWERED): "the robot leans too far to stand: it is lowered",
-}
-"""Changes of phase that are reported."""
 
 
 class RobotProcess:
@@ -49,8 +41,7 @@ class RobotProcess:
 
     def __init__(
         self,
-        robot: RobotEnd,
-        lcm: DrakeLcmInterface,
+        robot: SimulatedRobot,
         *,
         patience: float = 0.0,
         pushed: Callable[[], None] = lambda: None,
@@ -58,16 +49,15 @@ class RobotProcess:
         """
         Args:
             robot: The robot.
-            lcm: Where its messages go.
             patience: Time to wait for the answer to each message of sensors (s).
             pushed: Called between two control steps.
         """
-        self._robot, self._lcm, self._patience, self._pushed = robot, lcm, patience, pushed
+        self._robot, self._patience, self._pushed = robot, patience, pushed
         self._pace = Pace(self._listen)
         self._sent_at: float | None = None
         self._answer_times: deque[float] = deque(maxlen=KEPT)
-        self._steps = Counter[Phase]()
-        self._changes = Counter[tuple[Phase, Phase]]()
+        self._steps = Counter[IntEnum]()
+        self._begun = Counter[IntEnum]()
         self._falls = 0
         self._warned = False
 
@@ -120,10 +110,10 @@ class RobotProcess:
 
     def _listen(self, seconds: float) -> None:
         """Spends some time, of which messages take none."""
-        milliseconds = int(1e3 * seconds)
-        if milliseconds == 0:
+        if seconds < SHORTEST:
             time.sleep(seconds)
-        self._lcm.HandleSubscriptions(milliseconds)
+            seconds = 0.0
+        self._robot.listen(seconds)
         self._note_answer()
 
     def _note_answer(self) -> None:
@@ -131,30 +121,23 @@ class RobotProcess:
             self._answer_times.append(time.monotonic() - self._sent_at)
             self._sent_at = None
 
-    def _reported(self, before: Phase) -> Phase:
-        phase = self._robot.phase
+    def _reported(self, before: IntEnum) -> IntEnum:
+        phase, reported = self._robot.phase, self._robot.reported
         self._steps[phase] += 1
         if phase != before:
-            self._changes[before, phase] += 1
-            if (before, phase) in REPORTED:
-                say(f"{self._now:.2f} s: {REPORTED[before, phase]}")
+            self._begun[phase] += 1
+            if (before, phase) in reported:
+                say(f"{self._now:.2f} s: {reported[before, phase]}")
         return phase
 
     def _record(self, wall: float) -> Record:
-        robot, tally, pace = self._robot, self._robot.tally, self._pace
-        n_steps = robot.step
-        began = Counter[Phase]()
-        for (_, after), count in self._changes.items():
-            began[after] += count
+        robot, pace = self._robot, self._pace
         return {
             "simulated (s)": self._now,
             "on the wall (s)": wall,
-            "sensors sent": n_steps,
-            **{f"answers {name}": count for name, count in tally.rows().items()},
-            "messages of another kind": robot.n_foreign,
-            "share of steps held": self._steps[Phase.HOLDING] / max(n_steps, 1),
-            "times lowered": began[Phase.LOWERED],
-            "times kept down": began[Phase.TIPPED],
+            **robot.counts(),
+            "share of steps held": self._steps[robot.held] / max(robot.step, 1),
+            **{name: self._begun[phase] for name, phase in robot.counted.items()},
             "falls": self._falls,
             **pace.jitter(),
             "slips": pace.slips,
@@ -165,18 +148,32 @@ class RobotProcess:
         }
 
 
-def control(
-    controller: ControllerEnd, lcm: DrakeLcmInterface, stopped: Callable[[], bool]
-) -> Record:
+def control(controller: AnsweringEnd, stopped: Callable[[], bool]) -> Record:
     """Answers until it is asked to end.
 
     Returns:
         What was counted, by name.
     """
     taken: deque[float] = deque(maxlen=KEPT)
+    try:
+        answered = _answer_until(controller, stopped, taken)
+    finally:
+        # Whatever ended it, the robot is not left to its last command.
+        controller.leave()
+    return {
+        "answers sent": answered,
+        **controller.counts(),
+        **spread("time of a step", np.array(taken)),
+    }
+
+
+def _answer_until(
+    controller: AnsweringEnd, stopped: Callable[[], bool], taken: deque[float]
+) -> int:
+    """Answers until it is asked to end, notes how long each answer took (s), and counts them."""
     answered, last, hears, warned = 0, time.monotonic(), False, False
     while not stopped():
-        lcm.HandleSubscriptions(LISTENING)
+        controller.listen(LISTENING)
         if controller.n_foreign and not warned:
             warned = True
             say(FOREIGN)
@@ -190,13 +187,9 @@ def control(
         elif hears and now - last > SILENCE:
             say("the robot is silent")
             hears = False
-    return {
-        "answers sent": answered,
-        **{f"sensors {name}": count for name, count in controller.tally.rows().items()},
-        "messages of another kind": controller.n_foreign,
-        "robots heard": controller.tally.sessions,
-        **spread("time of a step", np.array(taken)),
-    }
+        if (news := controller.news()) is not None:
+            say(news)
+    return answered
 
 
 class Pace:
