@@ -154,7 +154,7 @@ def test_robots_that_move_otherwise_are_seen_to(several, monkeypatch):
     gait, controller, compiled = several
     step = compiled.step
     monkeypatch.setattr(
-        compiled, "step", lambda memory, sensors, command, _: step(memory, sensors, command)
+        compiled, "step", lambda memory, sensors, command, *_: step(memory, sensors, command)
     )
     exported = by_controller(compiled)
     table = walk_both(gait, controller, exported, title="C", n_robots=2, n_steps=70, seed=3)
@@ -328,3 +328,14 @@ def test_a_step_in_c_is_the_step_that_the_page_describes(switched_pages, compile
         memory = compiled_pages.step(memory, sensors, command, 1).memory
         ran.append(switched_pages.switch.gaits[compiled_pages.gait_of(memory)].name)
     assert ran == ["walk"] * 15 + ["trot"] * 5
+
+
+def test_a_day_is_exported_and_compared_with_python(tmp_path):
+    folder = tmp_path / "run"
+    main(["export", "--day", "day", "--n-steps", "1000", "--output", str(folder)])
+    recorded, drawn = json.loads((folder / "metrics.json").read_text())["agreement"]
+    for row in (recorded, drawn):
+        assert row["target"] < 1e-12
+        assert (row["machine"], row["modes"]) == (0, 0)
+        assert row["mode_changes"] > 3
+    assert "_REQUEST_STAND" in next(folder.glob("*.h")).read_text()

@@ -13,6 +13,7 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.task.day import load_day
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import Policies, find_policies_of
@@ -34,6 +35,8 @@ class Export(Settings):
             expert or a kind of students that every gait has.
         policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
             shortest by default.
+        day: Of a C file, the robot's day, in some of whose modes the policy acts: `day`, which
+            ships, or path of a day's file; by default the policy always acts.
         format: `c` is all from sensors to joint targets, `onnx` the estimator and the policy, which
             `pip install 'glassgait[onnx]'` is for.
         precision: Type that the C file computes in, or that the ONNX file reads and gives.
@@ -56,6 +59,7 @@ class Export(Settings):
 
     gait: Gaits = ("trot",)
     policy: str | None = None
+    day: str | None = None
     format: Literal["c", "onnx"] = "c"
     precision: Real = "double"
     name: str | None = None
@@ -75,6 +79,17 @@ class Export(Settings):
                 "--format c"
             )
 
+        if self.day is not None and self.format == "onnx":
+            raise InputError(
+                "export: an ONNX file holds a policy alone, and no day; leave --day out, or give "
+                "--format c"
+            )
+        if self.day is not None and self.n_robots:
+            raise InputError(
+                "export: robots of a day do not only walk, as those of --n-robots do; leave one of "
+                "them out"
+            )
+
     def run(self) -> None:
         """Writes the files, and tables of what was measured."""
         gaits = [find_gait(name) for name in gaits_named(self.gait)]
@@ -88,13 +103,13 @@ class Export(Settings):
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
             tables = exported.check(Effort(self.n_steps, self.n_robots, self.seed))
-            first, *others = exported.write(folder)
+            first, *others = exported.write_all(folder)
             for title, table in tables.items():
                 write_table(table, folder / title)
                 print_table(f"{deployment.name}: {title.replace('_', ' ')}", table)
             records = {title: json_records(table) for title, table in tables.items()}
             write_metrics({"bytes": first.stat().st_size} | records, folder / "metrics.json")
-        console.print(f"written to {' and '.join([str(first), *(own.name for own in others)])}")
+        console.print(f"written to {', '.join([str(first), *(own.name for own in others)])}")
 
     def _deployment(
         self, found: Sequence[Policies], asked: str
@@ -112,7 +127,9 @@ class Export(Settings):
         policy_name = Path(asked).stem
         gaits = "_".join(own.gait.name for own in found)
         name = self.name or controller_name(gaits, policy_name)
-        return Deployment(gait, controller, name, policy_name), inputs
+        day = None if self.day is None else load_day(self.day)
+        inputs |= {} if day is None else {"day": day.digest()}
+        return Deployment(gait, controller, name, policy_name, day), inputs
 
     def _exported(self, deployment: Deployment) -> Exported:
         if self.format == "c":

@@ -13,12 +13,14 @@ import pandas as pd
 
 from glassgait.models.errors import InputError, brief
 from glassgait.models.export.binding import LoadedController
+from glassgait.models.export.contract import CONTRACT, contract_of
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.export.language import Real
 from glassgait.models.export.reference import PythonController
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import say
@@ -26,6 +28,7 @@ from glassgait.studies.deployment.export.agreement import (
     compare_controllers,
     random_sequences,
     recorded_sequences,
+    with_requested_modes,
 )
 from glassgait.studies.deployment.export.closed_loop import Maker, by_controller, walk_both
 
@@ -44,12 +47,14 @@ class Deployment:
         controller: One policy alone, of several gaits a `SwitchedPolicy`.
         name: What the names of files begin with.
         policy_name: What the policy is called.
+        day: The robot's day; none where the policy always acts.
     """
 
     gait: Gait | GaitSwitch
     controller: AlternatingController
     name: str
     policy_name: str
+    day: Day | None = None
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,18 @@ class Exported(ABC):
             InputError: if they cannot be written.
         """
 
+    def write_all(self, folder: Path) -> tuple[Path, ...]:
+        """Writes its files and the contract beside them, and returns their paths.
+
+        Raises:
+            InputError: if they cannot be written.
+        """
+        first, *others = self.write(folder)
+        own = self.deployment
+        contract = contract_of(own.gait, own.controller, first, own.policy_name, own.day)
+        write_atomically(folder / CONTRACT, contract.text())
+        return first, *others, folder / CONTRACT
+
     def _walked(self, exported: Maker, effort: Effort) -> dict[str, pd.DataFrame]:
         """Lets robots walk, if any are to."""
         if not effort.n_robots:
@@ -139,6 +156,7 @@ class CFile(Exported):
             policy_name=deployment.policy_name,
             version=version("glassgait"),
             real=real,
+            day=deployment.day,
         )
 
     def check(self, effort: Effort) -> dict[str, pd.DataFrame]:
@@ -158,12 +176,13 @@ class CFile(Exported):
     def _agreement(self, compiled: LoadedController, effort: Effort) -> pd.DataFrame:
         """Compares both over recorded and over random sequences: a row each."""
         gait, controller = self.deployment.gait, self.deployment.controller
-        recorded, seed = effort.n_recorded, effort.seed
+        day, recorded, seed = self.deployment.day, effort.n_recorded, effort.seed
+        drawn = random_sequences(controller.robot, gait, effort.n_steps - recorded, seed)
         sequences = {
-            "recorded": recorded_sequences(gait, controller, recorded, seed),
-            "random": random_sequences(controller.robot, gait, effort.n_steps - recorded, seed),
+            "recorded": recorded_sequences(gait, controller, recorded, seed, day),
+            "random": drawn if day is None else with_requested_modes(drawn, seed),
         }
-        python = PythonController(gait, controller)
+        python = PythonController(gait, controller, day)
         rows = [
             {"sensors": name, **asdict(compare_controllers(python, compiled, own))}
             for name, own in sequences.items()

@@ -1,0 +1,143 @@
+"""`deploy.yaml`: all of it must be there, and be what the robot has."""
+
+from dataclasses import fields
+from itertools import combinations
+
+import pytest
+import yaml
+
+from glassgait.models.errors import InputError
+from glassgait.models.export.contract import CONTRACT, Contract, contract_of, read_contract
+from glassgait.models.policies.controller import alone
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.day import load_day
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
+
+TROT, A1 = load_gait("trot"), load_robot()
+OF_JOINTS = ("stance", "lower_limits", "upper_limits", "effort")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with an exported file and its contract."""
+    file = tmp_path / "trot_expert.c"
+    file.write_text("/* a controller */")
+    contract = contract_of(TROT, alone(load_expert("trot")), file, "expert")
+    (tmp_path / CONTRACT).write_text(contract.text())
+    return tmp_path
+
+
+def changed(folder, change):
+    """Reads the contract with something changed in it."""
+    plain = yaml.safe_load((folder / CONTRACT).read_text())
+    change(plain)
+    (folder / CONTRACT).write_text(yaml.safe_dump(plain))
+    return read_contract(folder / CONTRACT, A1)
+
+
+def test_what_is_written_is_read_again(folder):
+    contract, file = read_contract(folder / CONTRACT, A1)
+    assert file == folder / "trot_expert.c"
+    assert (contract.stiffness, contract.damping) == (40.0, 1.0)
+    assert contract.command_ranges["speed"] == (-TROT.max_speed, TROT.max_speed)
+    assert [own.name for own in contract.observations[:2]] == ["Command X", "Command Yaw"]
+    assert contract.observations[2].offset == A1.default_stance[0]
+    assert (contract.day, "request" in contract.command) == ("none", False)
+    assert contract.text() == (folder / CONTRACT).read_text()
+
+
+@pytest.mark.parametrize("key", [own.name for own in fields(Contract)])
+def test_a_missing_key_is_refused_by_name(folder, key):
+    with pytest.raises(InputError, match=f"'{key}'"):
+        changed(folder, lambda plain: plain.pop(key))
+
+
+def test_an_unknown_key_is_refused(folder):
+    with pytest.raises(InputError, match="extra"):
+        changed(folder, lambda plain: plain.update(extra=1))
+
+
+def exchanges():
+    """Every exchange of two entries of every list that has an order of its own."""
+    for key, size in (("joints", 12), ("feet", 4), ("motor_order", 4)):
+        yield from ((key, pair) for pair in combinations(range(size), 2))
+
+
+@pytest.mark.parametrize(("key", "pair"), exchanges())
+def test_every_exchange_of_two_names_is_refused(folder, key, pair):
+    def exchange(plain):
+        first, second = pair
+        names = plain[key]
+        names[first], names[second] = names[second], names[first]
+
+    with pytest.raises(InputError, match=f"'{key}'"):
+        changed(folder, exchange)
+
+
+@pytest.mark.parametrize("key", OF_JOINTS)
+@pytest.mark.parametrize("factor", [-1.0, 57.29577951308232])
+def test_every_sign_and_unit_of_a_joint_is_refused(folder, key, factor):
+    for joint in range(12):
+
+        def change(plain, joint=joint):
+            plain[key][joint] *= factor
+
+        before = (folder / CONTRACT).read_text()
+        with pytest.raises(InputError, match=f"'{key}'"):
+            changed(folder, change)
+        (folder / CONTRACT).write_text(before)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda plain: plain.update(robot="go2"),
+        lambda plain: plain.update(control_period=0.005),
+        lambda plain: plain.update(action_scale=0.5),
+        lambda plain: plain["sensors"]["joint_position"].update(unit="deg"),
+        lambda plain: plain["sensors"]["gravity"].update(frame="world"),
+        lambda plain: plain["sensors"].pop("gravity"),
+        lambda plain: plain["command"]["yaw_rate"].update(unit="deg/s"),
+        lambda plain: plain["targets"]["joint_position"].update(size=11),
+        lambda plain: plain["command"].pop("dwell"),
+        lambda plain: plain.update(stiffness=400.0),
+        lambda plain: plain.update(limited=False),
+        lambda plain: plain["command_ranges"].update(speed=[-100.0, 100.0]),
+        lambda plain: plain["observations"].pop(),
+        lambda plain: plain["observations"][3].update(scale=57.3),
+        lambda plain: plain["gaits"].update(trot="0"),
+        lambda plain: plain.update(version=True),
+        lambda plain: plain.update(file="a\0b"),
+        lambda plain: plain.update(file="other.c"),
+        lambda plain: plain.update(file="../trot_expert.c"),
+        lambda plain: plain.update(file_digest="0" * 64),
+        lambda plain: plain.update(stiffness=float("nan")),
+        lambda plain: plain.update(version=2),
+        lambda plain: plain.update(gaits={}),
+    ],
+)
+def test_what_is_not_the_robots_is_refused(folder, change):
+    with pytest.raises(InputError, match=f"{CONTRACT}|other.c"):
+        changed(folder, change)
+
+
+def test_a_controller_that_was_edited_is_refused(folder):
+    (folder / "trot_expert.c").write_text("/* another */")
+    with pytest.raises(InputError, match="file_digest"):
+        read_contract(folder / CONTRACT, A1)
+    with pytest.raises(InputError, match="'robot'"):
+        read_contract(folder / CONTRACT, load_robot("go2"))
+
+
+def test_a_day_and_several_gaits_say_what_else_is_asked_and_given(folder):
+    expert, file = load_expert("trot"), folder / "trot_expert.c"
+    lived = contract_of(TROT, alone(expert), file, "expert", load_day())
+    assert "request" in lived.command and "damped" in lived.targets
+    assert lived.day == load_day().digest()
+    gaits = GaitSwitch([TROT, load_gait("pace")])
+    policies = SwitchedPolicy(gaits, [alone(expert), alone(load_expert("pace"))])
+    both = contract_of(gaits, alone(policies), file, "expert")
+    assert list(both.gaits) == ["trot", "pace"] and "gait" in both.command
