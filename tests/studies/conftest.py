@@ -19,6 +19,7 @@ from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.common.sweep import WorkersConfig
@@ -149,3 +150,14 @@ def few_students(tmp_path_factory: pytest.TempPathFactory) -> Path:
     still = LinearPolicy("trot", walk, np.zeros((12, len(walk))), np.zeros(12))
     still.save(folder / "ebm.safetensors")
     return folder
+
+
+@pytest.fixture
+def own_robot(tmp_path_factory):
+    """Writes a robot of one's own, the Go2 by another name, and returns its file."""
+    go2, folder = load_robot("go2"), tmp_path_factory.mktemp("mine")
+    file = Path(go2.path).read_text().replace("name: go2", "name: mine")
+    (folder / "robot.yaml").write_text(file.replace("go2.urdf", "my.urdf"))
+    urdf = go2.urdf_path.read_text().replace('name="go2"', 'name="mine"')
+    (folder / "my.urdf").write_text(urdf)
+    return str(folder / "robot.yaml")

@@ -21,35 +21,21 @@ def forge(certificate: dict) -> None:
     Path("proved/certificate.json").write_text(certificate_text(signed))
 
 
-def own_robot(folder: Path) -> str:
-    """Writes a robot of one's own, the Go2 by another name, and returns its file."""
-    go2 = load_robot("go2")
-    text = (
-        Path(go2.path).read_text().replace("name: go2", "name: mine").replace("go2.urdf", "my.urdf")
-    )
-    folder.mkdir()
-    (folder / "robot.yaml").write_text(text)
-    urdf = go2.urdf_path.read_text().replace('name="go2"', 'name="mine"')
-    (folder / "my.urdf").write_text(urdf)
-    return str(folder / "robot.yaml")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["go2", "mine"])
-def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch, name):
+def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch, own_robot):
     monkeypatch.chdir(tmp_path)
-    robot = "go2" if name == "go2" else own_robot(tmp_path / "mine")
+    robot = own_robot
     own = ["--robot", robot, "--policy", "sparse_formula"]
     main(["train", "--robot", robot, "--updates", "3", *TINY])
-    expert_file = tmp_path / "runs" / "train" / name / "trot" / "trot.safetensors"
+    expert_file = tmp_path / "runs" / "train" / "mine" / "trot" / "trot.safetensors"
     expert = load_expert("trot", expert_file, load_robot(robot))
     assert expert.robot is load_robot(robot)
     few = ["--episodes", "5", "--episodes-per-round", "5", "--alone-rounds", "0"]
     few += ["--episode-steps", "100"]
     main(["distill", "--robot", robot, "--students", "sparse_formula", *few])
-    folder = tmp_path / "runs" / "distill" / name / "trot"
+    folder = tmp_path / "runs" / "distill" / "mine" / "trot"
     path = folder / "sparse_formula.formulas"
-    assert f"robot: {name}\n" in path.read_text()
+    assert "robot: mine\n" in path.read_text()
     assert load_policy(path, expert.robot).robot is expert.robot
     main(["view", *own, "--n-steps", "10", "--output", "seen"])
     main(["explain", "page", *own, "--n-steps", "10", "--output", "explained"])
@@ -60,17 +46,17 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     assert list((tmp_path / "seen").glob("*.html"))
     # Nothing is written where the default robot's runs are.
     kept = [path for path in (tmp_path / "runs").rglob("trot*") if path.is_dir()]
-    assert {path.parent.name for path in kept} == {name}
+    assert {path.parent.name for path in kept} == {"mine"}
     main(["verify", "prove", *own, "--measure", "--n-steps", "20", "--output", "proved"])
     certificate = json.loads((tmp_path / "proved" / "certificate.json").read_text())
     low, high = certificate["boxes"]["physical"]["q.RL_thigh"]
-    assert certificate["robot"] == name
+    assert certificate["robot"] == "mine"
     assert low <= -0.5236 and high >= 4.5379  # rad, the range of the rear thighs alone
     proved = [claim for claim in certificate["claims"] if claim["outcome"] == "proved"]
     assert len(proved) > 5 and certificate["statements"]
     assert len([claim for claim in proved if claim["kind"] == "kept"]) == 5
     checked = ["verify", "check", "proved", "--policy", str(path)]
-    checked += ["--robot", robot] if name == "mine" else []
+    checked += ["--robot", robot]
     main(checked)
     lowered = certificate["statements"][0]
     lowered["bound"] -= 1e-3

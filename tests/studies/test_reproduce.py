@@ -235,9 +235,11 @@ def test_command_does_everything_in_small_and_resumes(small, tmp_path, refused, 
         *(f"reproduce {name}" for name in ("report", "curricula", "convergence", "benchmark")),
     ],
 )
-def test_robots_without_an_expert_and_folders_are_refused(command, tmp_path, monkeypatch, refused):
+def test_robots_without_an_expert_and_folders_are_refused(
+    command, tmp_path, monkeypatch, own_robot, refused
+):
     monkeypatch.chdir(tmp_path)
     parts = ["--parts", "inference"] if command.endswith("benchmark") else []
-    assert "holds no policies of the" in refused([*command.split(), *parts, "--robot", "go2"])
+    assert "holds no policies of the" in refused([*command.split(), *parts, "--robot", own_robot])
     assert "is a folder" in refused([*command.split(), *parts, "--robot", "."])
     assert not list(tmp_path.iterdir())
