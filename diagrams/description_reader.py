@@ -55,7 +55,7 @@ def read_description(path: Path) -> FoundRobot:
 def parse_description(path: Path) -> mujoco.MjSpec:
     """Parses a URDF or an MJCF without its meshes; what is welded stays a body of its own.
 
-    Shapes without a name get one.
+    Shapes without a name get one, and the first body's frame is where the world's is.
 
     Raises:
         InputError: if it cannot be read.
@@ -78,8 +78,11 @@ def parse_description(path: Path) -> mujoco.MjSpec:
         spec.delete(shape)
     for part in [*spec.meshes, *spec.keys]:
         spec.delete(part)
-    if spec.worldbody.first_body() is None:
+    trunk = spec.worldbody.first_body()
+    if trunk is None:
         raise InputError(f"{path}: has no body; give the description of a quadruped")
+    trunk.pos, trunk.quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+    trunk.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     spec.compiler.fusestatic = False
     for number, shape in enumerate(spec.geoms):
         shape.name = shape.name or f"shape_{number}"
@@ -110,13 +113,11 @@ class _Reader:
 
     def __init__(self, path: Path, spec: mujoco.MjSpec) -> None:
         self._path, self._spec = path, spec
-        # The trunk is held where the world's axes are: it needs no mass of its own then, as the
-        # first link of many a URDF has none.
+        # The trunk is held: it needs no mass of its own then, as the first link of many a URDF has
+        # none.
         trunk = spec.worldbody.first_body()
         for joint in list(trunk.joints):
             spec.delete(joint)
-        trunk.pos, trunk.quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
-        trunk.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
         self._name = trunk.name
         try:
             self._model = spec.compile()

@@ -174,9 +174,6 @@ def _robot_spec(robot: Robot, station: StationConfig) -> mujoco.MjSpec:
         body.gravcomp = 0.0
     spec.option.density = spec.option.viscosity = 0.0
     spec.option.wind = np.zeros(3)
-    trunk = spec.body(found.trunk)
-    trunk.pos, trunk.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-    trunk.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     # Found by their names before any is given another, which may be one of theirs.
     names = [(spec.body(found.trunk), "trunk")]
     for leg, own in found.legs.items():

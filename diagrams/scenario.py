@@ -11,7 +11,6 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Le, MaxLen
 
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
-from glassgait.diagrams.description_reader import parse_description
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
@@ -241,6 +240,9 @@ class Scenario(Settings):
         """Returns what differs where scenarios differ in anything."""
         text = json.dumps(self.to_plain())
         if self.station.description is not None:
+            # Imported here: MuJoCo is not for scenarios of Drake alone.
+            from glassgait.diagrams.description_reader import parse_description  # noqa: PLC0415
+
             text += parse_description(Path(self.station.description)).to_xml()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

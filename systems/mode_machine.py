@@ -26,9 +26,6 @@ from glassgait.models.task.mode_machine import (
 )
 from glassgait.systems.cached_value import CachedValue
 
-N_SCALARS = 4
-"""Numbers of a mode's state that are no joint targets."""
-
 
 class ModeMachineSystem(LeafSystem):
     """Steps the modes of a day between a policy and the limits of its targets.
@@ -77,7 +74,7 @@ class ModeMachineSystem(LeafSystem):
         """
         super().__init__()
         self._machine = ModeMachine(day, robot, limits)
-        self._mode_state = self.DeclareDiscreteState(_packed(self._machine.initial()))
+        self._mode_state = self.DeclareDiscreteState(self._machine.initial().packed())
         self._action_port = self.DeclareVectorInputPort("action", quadruped.N_JOINTS)
         self._previous_action_port = self.DeclareVectorInputPort(
             "previous_action", quadruped.N_JOINTS
@@ -172,7 +169,7 @@ class ModeMachineSystem(LeafSystem):
         return self._acted_port
 
     def _stored(self, context: Context) -> ModeState:
-        return _unpacked(context.get_discrete_state(self._mode_state).value())
+        return ModeState.unpacked(context.get_discrete_state(self._mode_state).value())
 
     def _requested(self, context: Context) -> IntArray:
         if not self._requested_mode_port.HasValue(context):
@@ -214,13 +211,4 @@ class ModeMachineSystem(LeafSystem):
 
     def _latch(self, context: Context, state: State) -> None:
         after = self._step.Eval(context).state
-        state.get_mutable_discrete_state(self._mode_state).SetFromVector(_packed(after))
-
-
-def _packed(state: ModeState) -> Array:
-    return np.concatenate([np.array(state[:N_SCALARS], dtype=float), state.begin])
-
-
-def _unpacked(numbers: Array) -> ModeState:
-    scalars = (np.asarray(value) for value in numbers[:N_SCALARS].astype(np.int64))
-    return ModeState(*scalars, begin=numbers[N_SCALARS:])
+        state.get_mutable_discrete_state(self._mode_state).SetFromVector(after.packed())

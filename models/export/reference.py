@@ -80,7 +80,7 @@ class PythonController:
         memory[MACHINE] = np.ravel(self._machine.initial())
         if self._day is None:
             return memory
-        return np.concatenate([memory, _packed(self._day.initial())])
+        return np.concatenate([memory, self._day.initial().packed()])
 
     def step(
         self,
@@ -113,7 +113,7 @@ class PythonController:
         requested_mode: int,
     ) -> Step:
         """Takes a step of a day. Without sound readings the day's machine alone does."""
-        own, state = memory[:-N_DAY].copy(), _unpacked(memory[-N_DAY:])
+        own, state = memory[:-N_DAY].copy(), ModeState.unpacked(memory[-N_DAY:])
         request, before = np.array(requested_mode), own[ACTION].copy()
         served = day.served(command.velocity, request)
         assert sensors.imu is not None
@@ -140,7 +140,7 @@ class PythonController:
             action = self._within(step.action, before, sensors)
         after[ACTION] = action
         targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
-        whole = np.concatenate([after, _packed(step.state)])
+        whole = np.concatenate([after, step.state.packed()])
         return Step(whole, targets, status, bool(step.damped))
 
     def _acted(self, memory: Array, sensors: Sensors, command: Command, requested: int) -> Step:
@@ -239,12 +239,3 @@ class PythonController:
         if self._switch is None:
             return self._machine.step(machine, **senses)
         return self._switch.step(machine, requested=np.array(requested), **senses)
-
-
-def _packed(state: ModeState) -> Array:
-    return np.concatenate([np.array(state[:-1], dtype=float), state.begin])
-
-
-def _unpacked(memory: Array) -> ModeState:
-    counts = (np.asarray(value) for value in memory[: -quadruped.N_JOINTS].astype(np.int64))
-    return ModeState(*counts, begin=memory[-quadruped.N_JOINTS :])

@@ -256,8 +256,8 @@ def _exchanged(prediction: Prediction, measured: Trace) -> Iterator[str]:
     """
 
     def score(position: Array, imu: Array) -> float:
-        joints = _paired(position, measured.joint_position)
-        trunk = _paired(imu[:, :TURNS], measured.imu[:, :TURNS])
+        joints, _ = _fit(position, measured.joint_position)
+        trunk, _ = _fit(imu[:, :TURNS], measured.imu[:, :TURNS])
         return float(np.mean(joints) + np.mean(trunk)) / 2.0
 
     expected = prediction.expected
@@ -275,7 +275,7 @@ def _exchanged(prediction: Prediction, measured: Trace) -> Iterator[str]:
 
 def _mixed(names: Sequence[str], predicted: Array, measured: Array, what: str) -> Iterator[str]:
     """Reports pairs of signals (n, m) that fit each other's prediction better than their own."""
-    fit, _ = _fit(predicted, measured)
+    fit, _ = _fit(predicted[:, :, None], measured[:, None])
     pairs = range(len(names))
     for i, j in combinations(pairs, 2):
         if fit[i, i] + fit[j, j] <= fit[i, j] + fit[j, i]:
@@ -302,26 +302,21 @@ def _slope(theirs: Array, ours: Array) -> float:
     """Returns the slope of a measured signal's regression on another, at its best delay."""
     if not np.all(np.isfinite(ours)):
         return np.nan
-    return _fit(theirs[:, None], ours[:, None])[1].item()
-
-
-def _paired(theirs: Array, ours: Array) -> Array:
-    """Returns the correlation of each measured signal (n, m) with the predicted one (m,)."""
-    return np.diag(_fit(theirs, ours)[0])
+    return float(_fit(theirs, ours)[1])
 
 
 def _fit(theirs: Array, ours: Array) -> tuple[Array, Array]:
-    """Returns how each of some signals (n, a) fits each of others (n, b), at its best delay.
+    """Returns how signals (n, ...) fit others, at their best delay; shapes are broadcast.
 
     Returns:
-        The greatest correlation over small delays (a, b), 0 with what does not move, and the slope
-        of the second's regression on the first there (a, b).
+        The greatest correlation over small delays (...), 0 with what does not move, and the slope
+        of the second's regression on the first there (...).
     """
     correlations, slopes = [], []
     for delay in range(LATEST + 1):
         x, y = (own - own.mean(axis=0) for own in (theirs[: len(theirs) - delay], ours[delay:]))
-        shared = x.T @ y
-        square_x, square_y = np.square(x).sum(axis=0)[:, None], np.square(y).sum(axis=0)
+        shared = (x * y).sum(axis=0)
+        square_x, square_y = (np.square(own).sum(axis=0) for own in (x, y))
         moves = (square_x > 0.0) & (square_y > 0.0)
         size = np.sqrt(square_x * square_y)
         correlations.append(np.divide(shared, size, out=np.zeros_like(shared), where=moves))

@@ -66,6 +66,16 @@ class ModeState(NamedTuple):
     unsound: IntArray
     begin: Array
 
+    def packed(self) -> Array:
+        """Returns all of it, of one robot, as numbers (16)."""
+        return np.concatenate([np.array(self[:-1], dtype=float), self.begin])
+
+    @classmethod
+    def unpacked(cls, numbers: Array) -> "ModeState":
+        """Returns the state that such numbers (16) are of."""
+        counts, begin = np.split(numbers, [len(cls._fields) - 1])
+        return cls(*map(np.asarray, counts.astype(np.int64)), begin=begin)
+
 
 class ModeReadings(NamedTuple):
     """What the machine reads at a control step.

@@ -10,7 +10,6 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.day import DAMP, POLICY, STANCE, Day
@@ -168,7 +167,7 @@ def _scores(job: RobotsDay, log: _Log) -> pd.DataFrame:
     )
     landed = _for_long(stands, LANDED)
     lean = kinematics.lean(log.plant[..., quadruped.QUATERNION])
-    feet = _feet(job.controller.robot, log.plant)
+    feet = kinematics.world_feet(job.controller.robot, log.plant)[..., :2]
     rows = []
     for i in range(job.n_robots):
         own = landed[:, i]
@@ -221,14 +220,6 @@ def _for_long(holds: BoolArray, n_steps: int) -> BoolArray:
         steps = np.where(now, steps + 1, 0)
         result[step] = steps > n_steps
     return result
-
-
-def _feet(robot: Robot, plant: Array) -> Array:
-    """Returns where the feet are over the ground (T, n, 4, 2; m)."""
-    to_world = kinematics.rotation_matrix(plant[..., quadruped.QUATERNION])
-    in_trunk = kinematics.foot_positions(robot, plant[..., quadruped.JOINT_POSITION])
-    places = plant[..., None, quadruped.POSITION] + in_trunk @ np.swapaxes(to_world, -1, -2)
-    return places[..., :2]
 
 
 def _movement(feet: Array, still: BoolArray) -> float:
