@@ -75,9 +75,10 @@ class UnitreeRobotEnd(SimulatedRobot):
     ) -> None:
         """
         Raises:
-            InputError: if the scenario is not made for two processes.
+            InputError: if the scenario is not made for two processes, or the robot cannot crouch.
         """
         scenario = at_its_rate(scenario)
+        scenario.robot_of().check_lowered(CROUCH, "the crouch in which it begins")
         super().__init__(MakeUnitreeRobot(scenario, meshcat), scenario, seed)
         robot = scenario.robot_of()
         self.filter, self.remote = CommandFilter(robot), UNTOUCHED

@@ -44,7 +44,10 @@ PHYSICAL = 1e-6
 AXES = {"hip": (1.0, 0.0, 0.0), "thigh": (0.0, 1.0, 0.0), "calf": (0.0, 1.0, 0.0)}
 """Axis of each kind of joint."""
 
-RobotName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
+NAME = r"^[a-z][a-z0-9_]{0,39}$"
+"""What a robot may be called."""
+
+RobotName = Annotated[str, StringConstraints(pattern=NAME)]
 Length = Annotated[float, Gt(0.0), Le(10.0)]
 Box = tuple[Length, Length, Length]
 Triple = tuple[float, float, float]

@@ -32,6 +32,7 @@ from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
 from glassgait.models.robots.robot import (
     DEFAULT_ROBOT,
     LARGEST_DESCRIPTION,
+    NAME,
     ROBOT_FILE,
     Robot,
     RobotName,
@@ -92,8 +93,11 @@ class MakeRobot(Settings):
     def _make(self, description: Path) -> Path:
         """Writes the robot's file, and returns its path."""
         name = self.name or re.sub("[^a-z0-9_]", "_", description.stem.lower())
-        if not name[:1].isalpha():
-            raise InputError(f"{description}: its name begins with no letter; give one with --name")
+        if not re.match(NAME, name):
+            raise InputError(
+                f"{description}: its name does not begin with a letter, or is longer than 40; give "
+                "one with --name"
+            )
         if name in robot_names():
             raise InputError(f"--name {name}: is a robot that ships; give another name")
         folder = self.output or Path("robots") / name

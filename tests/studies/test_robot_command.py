@@ -97,6 +97,7 @@ def test_a_robot_that_does_not_stand_is_refused(described, refused, old, new, wh
         (["dog.urdf", "--name", "go2"], "go2"),
         (["dog.urdf", "--name", "Rex the dog"], "name"),
         (["cat.urdf"], "cat.urdf"),
+        (["1234.urdf"], "--name"),
         (["a1", "--against", "cat.urdf"], "cat.urdf"),
     ],
 )
