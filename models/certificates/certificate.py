@@ -38,8 +38,8 @@ _FOUND_KEYS = tuple(own.name for own in fields(Verdict) if own.name != "claim")
 
 
 def shipped_certificates() -> tuple[Path, ...]:
-    """Lists the certificates that ship with the project."""
-    return tuple(sorted(SHIPPED.glob("*.json")))
+    """Lists the certificates that ship: those of the default robot, then of others by robot."""
+    return tuple(sorted(SHIPPED.rglob("*.json"), key=lambda path: (len(path.parts), path)))
 
 
 def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) -> dict[str, Any]:

@@ -53,14 +53,14 @@ and is given once, as is each target. What a formula is, `text.py` says; the pro
 `contacts.py`, `odometry.py` and `limits.py`; ranges, `readings.py`; a gait, `task/gait.py`.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.contacts import CONTACTS
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.limits import LIMITS, limits_lines
-from glassgait.models.formulas.mirror import FormulaMirror, Place, without_images
+from glassgait.models.formulas.mirror import FormulaMirror, Place, completed, without_images
 from glassgait.models.formulas.odometry import ODOMETRY, odometry_lines
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.formulas.readings import TITLE as READINGS
@@ -117,6 +117,22 @@ class FormulaFile:
         vocabulary, kept = self.vocabulary.using(formulas[place] for place in places)
         whole = dict(zip(places, kept, strict=True))
         return replace(self, vocabulary=vocabulary, formulas=whole)
+
+    def with_written(
+        self, definitions: Sequence[Definition], formulas: Mapping[Place, Expression]
+    ) -> "FormulaFile":
+        """Returns the file that holds others in the place of `written_definitions` and `written`.
+
+        What the file leaves out is the image of what it holds now.
+        """
+        names, whole = self.vocabulary.names, definitions
+        if self.mirror is not None:
+            whole = completed(names, self.mirror, definitions)
+        vocabulary = Vocabulary(names, tuple(whole))
+        if self.mirror is not None:
+            formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
+        ordered = {place: formulas[place] for place in self.formulas}
+        return replace(self, vocabulary=vocabulary, formulas=ordered)
 
     @property
     def n_states(self) -> int | None:

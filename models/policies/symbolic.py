@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabul
 from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
+from glassgait.models.formulas.transfer import for_robot
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
@@ -42,7 +43,7 @@ def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
 
 def _factored(term: Expression, state: int | None) -> FactoredTerm:
     weight, quantities = 1.0, []
-    for factor in _factors_of(term):
+    for factor in factors_of(term):
         if factor.operator == "constant":
             weight *= factor.value
         else:
@@ -52,12 +53,13 @@ def _factored(term: Expression, state: int | None) -> FactoredTerm:
     return FactoredTerm((weight,), tuple(quantities), state)
 
 
-def _factors_of(term: Expression) -> tuple[Expression, ...]:
+def factors_of(term: Expression) -> tuple[Expression, ...]:
+    """Splits a term into the factors whose product it is; a sign is the factor -1."""
     match term:
         case Expression("mul", (left, right)):
-            return _factors_of(left) + _factors_of(right)
+            return factors_of(left) + factors_of(right)
         case Expression("neg", (inner,)):
-            return (constant(-1.0), *_factors_of(inner))
+            return (constant(-1.0), *factors_of(inner))
         case _:
             return (term,)
 
@@ -153,6 +155,10 @@ class FormulaPolicy(Policy):
         own = copy.copy(self)
         own.machine = gait
         return own
+
+    def for_robot(self, robot: Robot) -> Self:
+        file = for_robot(self.to_file(), self.robot, robot)
+        return cast(Self, self.from_file(file, robot))
 
     def _take(self, readings: Readings | None) -> None:
         if readings is not None:

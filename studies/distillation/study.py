@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,14 @@ from threadpoolctl import threadpool_limits
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.models.errors import InputError
-from glassgait.models.files import digest, read_record, write_record
+from glassgait.models.files import digest, read_record, write_atomically, write_record
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import POLICY_CLASSES, policy_path, save_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel, runs_here
@@ -28,11 +30,11 @@ from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_metrics, write_table
+from glassgait.studies.common.typeset import to_latex
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
 from glassgait.studies.distillation.students.baselines import untrained_student
-from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
-from glassgait.studies.distillation.students.formula_latex import write_latex
+from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Dataset, r2_scores
 from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
 from glassgait.studies.distillation.students.symbolic import readings_of
@@ -64,7 +66,15 @@ def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
 
 SHUFFLED_TEST_SHARE = 0.2
 
+APART = 1_000_000 * HELD_OUT_EVERY
+"""Between the numbers of two robots' episodes: the same ones of each are held out."""
+
 Report = Callable[[str], None]
+
+
+def of_robot(episodes: range, index: int) -> range:
+    """Returns the numbers of the same episodes on the robot of an index; 0 is the expert's."""
+    return range(episodes.start + index * APART, episodes.stop + index * APART)
 
 
 def _leave(_: pd.DataFrame) -> None:
@@ -101,6 +111,8 @@ def distill(
             that is damaged; or a student's file does not act as the student.
     """
     config = config.for_gait(gait)
+    if expert.robot.name in (load_robot(robot).name for robot in config.also):
+        raise InputError(f"--also {expert.robot.name}: is the expert's own robot; leave it out")
     inputs = {"gait": gait.digest(), "expert": expert.digest()}
     worlds: DomainRandomization | Scenario = config.worlds
     if config.scenario is not None:
@@ -217,16 +229,22 @@ class _Distillation:
             student = self._fit(kind, settings, self._samples(seen))
         ratio, speeds = ratio_title(plan.period), config.speeds
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
-        samples = collect(
-            self.gait,
-            AlternatingController(self.expert, student, plan.period),
-            episodes=plan.episodes,
-            n_steps=plan.steps,
-            speeds=None if speeds is None else np.minimum(speeds, self.gait.max_speed),
-            worlds=self.worlds,
-            generator=np.random.default_rng([config.seed, plan.number]),
-        )
-        return replace(samples, minutes=(time.monotonic() - started) / 60)
+        controller = AlternatingController(self.expert, student, plan.period)
+        acting = [controller, *(controller.for_robot(load_robot(robot)) for robot in config.also)]
+        samples = [
+            collect(
+                self.gait,
+                own,
+                episodes=of_robot(plan.episodes, index),
+                n_steps=plan.steps,
+                speeds=None if speeds is None else np.minimum(speeds, self.gait.max_speed),
+                worlds=self.worlds,
+                generator=np.random.default_rng([config.seed, plan.number + index * APART]),
+            )
+            for index, own in enumerate(acting)
+        ]
+        whole = reduce(Dataset.union, samples)
+        return replace(whole, minutes=(time.monotonic() - started) / 60)
 
     def _fit_final(self, kind: str, dataset: Dataset) -> dict:
         """Fits the student the last time, saves it, and scores it by both splits."""
@@ -243,7 +261,7 @@ class _Distillation:
             student = student.with_readings(ranges).with_machine(self.gait)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
-            write_latex(student, self.folder / f"{kind}.tex")
+            write_atomically(self.folder / f"{kind}.tex", to_latex(student.to_file()))
         scores = r2_scores(student, held_out)
 
         # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are

@@ -161,6 +161,7 @@ def _witness(
     scale = RobotUnits.of(policy.robot, policy.observation_names).scale
     widths = found.widths / scale if isinstance(policy, FormulaPolicy) else found.widths
     return {
+        "claim": verdict.claim.name,
         "joint": claimed_joint(verdict),
         "state": found.state,
         "inputs": inputs.tolist(),

@@ -69,6 +69,8 @@ class PpoConfig(Settings):
 
     Attributes:
         steps_per_update: Control steps of each robot between two updates.
+        critic_updates: Updates at first in which the critic learns alone, where the actor does not
+            begin anew as it does.
         epochs: Passes over those steps.
         num_minibatches: Mini-batches of a pass.
         clip: Clipping of the probability ratio.
@@ -91,6 +93,7 @@ class PpoConfig(Settings):
     title: ClassVar[str] = "training: ppo"
 
     steps_per_update: Count = 24
+    critic_updates: Natural = 0
     epochs: Count = 5
     num_minibatches: Count = 4
     clip: Positive = 0.2
@@ -148,6 +151,8 @@ class TrainingConfig(Settings):
         gait: Name of a gait, or path of a gait file; the command takes several.
         robot: Name of a robot that ships, or path of a `robot.yaml` of one's own.
         seed: Seed of all randomness.
+        warm_start: Expert, of any robot and of a machine with as many states, that the actor begins
+            as; by default it begins anew.
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
         worlds: The randomised scenarios that they train in.
@@ -174,6 +179,7 @@ class TrainingConfig(Settings):
     gait: Annotated[str, tyro.conf.Suppress] = "trot"
     robot: str = DEFAULT_ROBOT
     seed: Seed = 0
+    warm_start: str | None = None
     updates: Count = 1000
     n_robots: Count = 256
     worlds: Annotated[DomainRandomization, tyro.conf.arg(name="")] = field(

@@ -82,3 +82,11 @@ def network_of(mlp: nn.Module) -> Network:
         tuple(layer.weight.detach().numpy().astype(float) for layer in layers),
         tuple(layer.bias.detach().numpy().astype(float) for layer in layers),
     )
+
+
+def set_layers(mlp: nn.Module, network: Network) -> None:
+    """Gives the linear layers of a torch network the numbers of a network of the same sizes."""
+    layers = [module for module in mlp.modules() if isinstance(module, nn.Linear)]
+    for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
+        layer.weight.data.copy_(torch.from_numpy(weight))
+        layer.bias.data.copy_(torch.from_numpy(bias))

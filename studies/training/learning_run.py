@@ -96,6 +96,7 @@ class LearningRun(ABC):
         simulator = self.environment.simulator
         if self.progress.update and self.progress.update % self.config.friction_updates == 0:
             self.environment.draw_worlds()
+        self.learner.hold_actor(self.progress.update < self.config.ppo.critic_updates)
         statistics, ppo = _Statistics(), self.learner.ppo
         with torch.inference_mode():
             for _, step in self.environment.play(ppo.act, self.config.ppo.steps_per_update):

@@ -11,6 +11,7 @@ import yaml
 
 from glassgait.models.certificates import checker
 from glassgait.models.certificates.certificate import (
+    SHIPPED,
     certificate_text,
     content_digest,
     shipped_certificates,
@@ -27,7 +28,7 @@ from glassgait.models.policies.library import (
     shipped_students,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot, robot_names
+from glassgait.models.robots.robot import load_robot, robot_folder, robot_names
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
@@ -67,13 +68,16 @@ def test_every_policy_that_ships_has_a_certificate_of_less_than_a_megabyte():
     certified = {}
     for path in shipped_certificates():
         policy = json.loads(path.read_text())["policy"]
-        certified[path.stem] = policy["sha256"]
+        certified[path.relative_to(SHIPPED).with_suffix("")] = policy["sha256"]
         assert path.stat().st_size < 1_000_000, path.name
-    for gait in shipped_experts():
-        files = {"expert": shipped_expert(gait)}
-        files |= {n: policy_path(STUDENT_DIRECTORY / gait, n) for n in shipped_students(gait)}
-        for name, file in files.items():
-            assert certified.pop(f"{gait}_{name}") == digest(file)
+    for robot in robot_names():
+        for gait in shipped_experts(robot):
+            folder = robot_folder(STUDENT_DIRECTORY, robot) / gait
+            files = {"expert": shipped_expert(gait, robot)}
+            files |= {n: policy_path(folder, n) for n in shipped_students(gait, robot)}
+            for name, file in files.items():
+                where = robot_folder(Path(), robot) / f"{gait}_{name}"
+                assert certified.pop(where) == digest(file)
     assert not certified
 
 

@@ -10,6 +10,7 @@ import torch
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
+from glassgait.models.formulas.numbers import without_zeros
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
@@ -19,11 +20,7 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.refinement import study
-from glassgait.studies.distillation.refinement.formula_network import (
-    UNIT_EFFECT,
-    FormulaNetwork,
-    without_zeros,
-)
+from glassgait.studies.distillation.refinement.formula_network import UNIT_EFFECT, FormulaNetwork
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.symbolic import short_numbers
 from glassgait.studies.training.config import PpoConfig
@@ -31,10 +28,11 @@ from glassgait.studies.training.config import PpoConfig
 A1 = load_robot()
 
 
-PPO = PpoConfig(steps_per_update=8, critic_layers=(16,), epochs=2, initial_std=0.1)
+PPO = PpoConfig(
+    steps_per_update=8, critic_updates=2, critic_layers=(16,), epochs=2, initial_std=0.1
+)
 TINY = RefinementConfig(
     updates=4,
-    critic_updates=2,
     candidate_updates=2,
     candidate_steps=10,
     n_robots=4,
@@ -171,7 +169,7 @@ def test_what_is_multiplied_by_zero_is_left_out():
 
 
 def test_terms_go_early_and_the_last_ones_slowly():
-    config = RefinementConfig(updates=100, critic_updates=10, terms=60)
+    config = RefinementConfig(updates=100, terms=60)
     counts = [config.n_terms(update, 100) for update in range(101)]
     assert counts[10] == 100 and counts[67] == counts[100] == 60
     assert counts == sorted(counts, reverse=True)
@@ -238,7 +236,7 @@ def test_the_command_writes_the_formulas_and_their_record(short_page, tmp_path):
     short_page.save(tmp_path / "short.formulas")
     folder = tmp_path / "refined"
     arguments = ["refine", *SMALL, "--policy", str(tmp_path / "short.formulas"), "--terms", "40"]
-    arguments += ["--critic-updates", "1", "--output", str(folder)]
+    arguments += ["--ppo.critic-updates", "1", "--output", str(folder)]
     main(arguments)
     policy = load_policy(folder / "short.formulas")
     assert isinstance(policy, FormulaPolicy)

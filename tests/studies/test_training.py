@@ -349,3 +349,60 @@ def test_an_expert_that_was_not_written_is_written_on_resume(tmp_path):
     assert {path.suffix for path in tmp_path.glob("trot.*")} == {".safetensors", ".yaml", ".csv"}
     for name, value in weights(tmp_path).items():
         np.testing.assert_array_equal(value, written[name], err_msg=name)
+
+
+@pytest.mark.parametrize("robot", ["a1", "go2"])
+def test_an_actor_begins_as_the_expert_it_starts_from_while_its_critic_learns(robot, tmp_path):
+    training_run(TINY, tmp_path / "first").run(silent)
+    ppo = replace(TINY.ppo, critic_updates=1)
+    started = str(tmp_path / "first" / "trot.safetensors")
+    run = training_run(replace(TINY, robot=robot, warm_start=started, ppo=ppo), tmp_path / "second")
+    run.update()
+    run.save()
+    first, second = weights(tmp_path / "first"), weights(tmp_path / "second")
+    for name, value in first.items():
+        np.testing.assert_array_equal(value, second[name], err_msg=name)
+    run.update()
+    run.save()
+    changed = weights(tmp_path / "second")
+    assert any((first[name] != changed[name]).any() for name in first)
+
+
+@pytest.mark.parametrize(
+    ("start", "config", "message"),
+    [
+        ("students/trot/statewise_linear.safetensors", TINY, "network of an expert"),
+        ("experts/walk.safetensors", TINY, "as many states"),
+        ("experts/trot.safetensors", TINY, "--ppo.actor-layers 256 128 64"),
+        ("experts/trot.safetensors", replace(TINY, senses="odometry"), "the same senses"),
+        ("experts/gallop.safetensors", TINY, "gallop"),
+        (
+            "experts/trot.safetensors",
+            replace(TINY, mirrored=False, ppo=PpoConfig(steps_per_update=8)),
+            "--no-mirrored",
+        ),
+    ],
+)
+def test_refuses_to_start_from_what_does_not_fit(start, config, message, tmp_path):
+    path = EXPERT_DIRECTORY.parent / start
+    with pytest.raises(InputError, match=message):
+        training_run(replace(config, warm_start=str(path)), tmp_path)
+
+
+def test_a_robot_of_ones_own_learns_on_from_its_own_expert(own_robot, tmp_path):
+    config = replace(TINY, robot=own_robot)
+    training_run(config, tmp_path / "first").run(silent)
+    started = str(tmp_path / "first" / "trot.safetensors")
+    training_run(replace(config, warm_start=started), tmp_path / "second")
+
+
+def test_a_run_goes_on_only_from_the_expert_it_started_from(tmp_path):
+    training_run(TINY, tmp_path / "first").run(silent)
+    started = tmp_path / "start.safetensors"
+    started.write_bytes((tmp_path / "first" / "trot.safetensors").read_bytes())
+    config = replace(TINY, warm_start=str(started))
+    training_run(config, tmp_path / "second").run(silent)
+    training_run(replace(TINY, seed=1), tmp_path / "other").run(silent)
+    started.write_bytes((tmp_path / "other" / "trot.safetensors").read_bytes())
+    with pytest.raises(InputError):
+        training_run(replace(config, updates=6), tmp_path / "second", resume=True)

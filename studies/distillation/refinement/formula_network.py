@@ -8,8 +8,9 @@ import torch
 from torch import nn
 
 from glassgait.models.arrays import Array
-from glassgait.models.formulas.expression import ZERO, Expression, constant, negated, plus
+from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.numbers import numbers_of, with_numbers, without_zeros
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -75,12 +76,13 @@ class FormulaNetwork(nn.Module):
         super().__init__()
         self._file, self._robot = policy.to_file(), policy.robot
         self._written = self._file.written()
-        numbers = [value for formula in self._written.values() for value in _numbers(formula)]
+        numbers = [value for formula in self._written.values() for value in numbers_of(formula)]
         self.register_buffer("start", torch.tensor(numbers))
         self.register_buffer("unit", torch.eye(len(numbers)))
         self.register_buffer("kept", torch.ones(len(numbers)))
         self.changes = nn.Parameter(torch.zeros(len(numbers)))
-        ends = np.cumsum([sum(1 for _ in _numbers(own)) for own in self._written.values()]).tolist()
+        counts = [len([*numbers_of(own)]) for own in self._written.values()]
+        ends = np.cumsum(counts).tolist()
         # Where each formula's numbers stand among all.
         self._spans = dict(zip(self._written, map(slice, [0, *ends], ends), strict=True))
         names = self._file.vocabulary.names
@@ -157,7 +159,7 @@ class FormulaNetwork(nn.Module):
         """Returns the policy with the numbers as they are now."""
         remaining = iter(self._numbers().detach().double().tolist())
         written = {
-            place: without_zeros(_with_numbers(formula, remaining))
+            place: without_zeros(with_numbers(formula, remaining))
             for place, formula in self._written.items()
         }
         every = written if self._mirror is None else self._mirror.complete(written)
@@ -230,7 +232,7 @@ class FormulaNetwork(nn.Module):
         quantities = list(read.unbind(dim=1))
         definitions = (definition.formula for definition in self._file.vocabulary.definitions)
         return quantities + [
-            _value(formula, quantities, map(torch.tensor, _numbers(formula)))
+            _value(formula, quantities, map(torch.tensor, numbers_of(formula)))
             for formula in definitions
         ]
 
@@ -241,14 +243,6 @@ class FormulaNetwork(nn.Module):
         # A formula that is a number is one for every robot.
         value = _value(self._written[place], variables, iter(numbers.unbind()))
         return value.expand_as(variables[0])
-
-
-def _numbers(formula: Expression) -> Iterator[float]:
-    """Lists the constants of a formula, from left to right."""
-    if formula.operator == "constant":
-        yield formula.value
-    for operand in formula.operands:
-        yield from _numbers(operand)
 
 
 def _value(
@@ -270,34 +264,6 @@ def _begins_with_number(formula: Expression) -> bool:
     while formula.operator in ("add", "sub"):
         formula = formula.operands[0]
     return formula.operator == "constant"
-
-
-def without_zeros(formula: Expression) -> Expression:
-    """Leaves out what is multiplied by 0."""
-    if not formula.operands:
-        return formula
-    operands = tuple(without_zeros(operand) for operand in formula.operands)
-    match formula.operator, operands:
-        case "add", (left, right):
-            return plus(left, right)
-        case "sub", (left, right) if ZERO in (left, right):
-            return left if right == ZERO else negated(right)
-        case "mul", _ if ZERO in operands:
-            return ZERO
-        case (("div" | "neg"), (left, *_)) if left == ZERO:
-            return ZERO
-        case operator, _:
-            return Expression(operator, operands)
-
-
-def _with_numbers(formula: Expression, numbers: Iterator[float]) -> Expression:
-    """Puts the next of `numbers` in the place of a formula's constants."""
-    if formula.operator == "constant":
-        return constant(next(numbers))
-    if not formula.operands:
-        return formula
-    operands = tuple(_with_numbers(operand, numbers) for operand in formula.operands)
-    return Expression(formula.operator, operands)
 
 
 def _tensor(values: Array) -> torch.Tensor:

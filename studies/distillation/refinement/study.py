@@ -25,7 +25,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
-from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.settings import Count, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
@@ -40,7 +40,7 @@ from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import write_learned
 
-REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.1)
+REFINING = PpoConfig(critic_updates=10, entropy=0.0, final_entropy=0.0, initial_std=0.1)
 """PPO of a policy that walks already: it looks about near to what it does."""
 
 PRUNING_SHARE = 2 / 3
@@ -68,7 +68,6 @@ class RefinementConfig(Settings):
         seed: Seed of all randomness.
         updates: Number of PPO updates.
         terms: Terms of all formulas together that are left in the end; all by default.
-        critic_updates: Updates at first in which the critic learns alone, since it begins anew.
         candidate_updates: Updates from one candidate to the next: the formulas that there are then
             walk alone, and those that do best are the result.
         candidate_steps: Control steps that each of a candidate's robots walks.
@@ -82,7 +81,6 @@ class RefinementConfig(Settings):
     seed: Seed = 0
     updates: Count = 150
     terms: Count | None = None
-    critic_updates: Natural = 10
     candidate_updates: Count = 20
     candidate_steps: Count = EPISODE_STEPS
     n_robots: Count = 256
@@ -100,8 +98,9 @@ class RefinementConfig(Settings):
         """
         if self.terms is None:
             return at_first
-        span = PRUNING_SHARE * self.updates - self.critic_updates
-        left = 1.0 - np.clip((update - self.critic_updates) / max(span, 1.0), 0.0, 1.0)
+        first = self.ppo.critic_updates
+        span = PRUNING_SHARE * self.updates - first
+        left = 1.0 - np.clip((update - first) / max(span, 1.0), 0.0, 1.0)
         return min(at_first, self.terms + round((at_first - self.terms) * float(left) ** 3))
 
     def is_candidate(self, update: int, n_terms: int) -> bool:
@@ -184,7 +183,6 @@ class RefinementRun(LearningRun):
 
     def update(self) -> dict[str, float]:
         """Collects one batch of steps, learns from it, and returns the row of the curve."""
-        self.learner.hold_actor(self.progress.update < self._refinement.critic_updates)
         row = super().update()
         count = self._refinement.n_terms(self.progress.update, len(self._network.start))
         if count < self._network.n_numbers:

@@ -1,0 +1,88 @@
+"""`glassgait transfer`: writes policies of one robot anew for another, which learns nothing."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import find_gait
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
+from glassgait.models.settings import Settings
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
+from glassgait.studies.common.run_folder import default_folder, open_run, refuse_run
+from glassgait.studies.common.sweep import Gaits
+
+
+@dataclass(frozen=True)
+class Transfer(Settings):
+    """Write the expert and the formulas of one robot anew for another; nothing is learned.
+
+    Attributes:
+        robot: Name of the robot that is to act, or path of its robot.yaml.
+        gait: Names of gaits, or paths of gait files.
+        of: Name of the robot whose policies are taken, or path of its robot.yaml.
+        source: Folder of a run of train, distill or refine to take them from, in place of those
+            that ship.
+        output: Folder of the run; runs/transfer/<robot>/<gait> by default. Of several gaits each
+            has its folder <gait> in it.
+    """
+
+    title: ClassVar[str] = "transfer"
+
+    robot: str = DEFAULT_ROBOT
+    gait: Gaits = ("trot",)
+    of: str = DEFAULT_ROBOT
+    source: Path | None = None
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Writes the policies of each gait."""
+        robot = load_robot(self.robot)
+        gaits = [find_gait(gait) for gait in self.gait]
+        found = find_policies_of(gaits, self.source, robot=self.of)
+        if load_robot(self.of).name == robot.name:
+            raise InputError(
+                f"--robot {self.robot}: is the robot whose policies are taken; name the one that "
+                "is to act"
+            )
+        for name, policies in found.items():
+            folder = self.output or default_folder(self.title, robot.name) / name
+            if self.output is not None and len(found) > 1:
+                folder = self.output / name
+            self._write(name, policies, folder)
+
+    def _write(self, gait: str, policies: Policies, folder: Path) -> None:
+        robot = load_robot(self.robot)
+        students = {
+            kind: student.for_robot(robot)
+            for kind, student in policies.students.items()
+            if isinstance(student, FormulaPolicy) and student.observes_by is None
+        }
+        named: dict[str, Policy] = {**students}
+        inputs = policies.inputs()
+        try:
+            named = {gait: policies.expert.for_robot(robot), **named}
+            inputs["expert"] = named[gait].digest()
+        except InputError as error:
+            if not students:
+                raise
+            say(f"the expert is left out: {error}")
+        refuse_run(folder)
+        with open_run(
+            folder,
+            study=self.title,
+            settings=replace(self, gait=(gait,)),
+            inputs=inputs,
+            resume=False,
+        ):
+            for name, policy in named.items():
+                policy.save(folder / f"{name}{policy.suffix}")
+        console.print(
+            f"{', '.join(EXPERT if name == gait else name for name in named)} of "
+            f"{robot.full_name} written to {folder}; see whether it walks by 'glassgait evaluate "
+            f"worlds --robot {self.robot} --gait {gait} --source {folder}'",
+            soft_wrap=True,
+        )
