@@ -11,7 +11,9 @@ from glassgait.models.export.binding import LoadedController
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.systems.compiled_controller import CompiledController
+from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.imu import ImuSensor
+from glassgait.systems.joint_sensor import JointSensor
 
 
 def MakeCompiledLocomotion(  # noqa: N802
@@ -45,15 +47,21 @@ def MakeCompiledLocomotion(  # noqa: N802
     if scenario.limit_targets is None:
         scenario = replace(scenario, limit_targets=law.limited)
     locomotion = builder.AddSystem(MakeLocomotion(gait, scenario))
-    acting = CompiledController(robot, controller, scenario.station.ground)
-    builder.AddNamedSystem("compiled_controller", acting)
-    for name in ("state", "command", "commanded_dwell"):
+    acting = builder.AddNamedSystem("compiled_controller", CompiledController(controller))
+    state = locomotion.GetOutputPort("state")
+    joints = builder.AddNamedSystem("joint_sensor", JointSensor(noise_factor=0.0))
+    builder.Connect(state, joints.get_state_input_port())
+    builder.Connect(joints.get_joints_output_port(), acting.get_joints_input_port())
+    feet = builder.AddNamedSystem("foot_sensor", FootSensor(robot, scenario.station.ground))
+    builder.Connect(state, feet.get_state_input_port())
+    builder.Connect(feet.get_touching_output_port(), acting.get_touching_input_port())
+    for name in ("command", "commanded_dwell"):
         builder.Connect(locomotion.GetOutputPort(name), acting.GetInputPort(name))
     if controller.has_imu:
         imu = builder.AddNamedSystem(
             "imu", ImuSensor(scenario.station.terrain.gravity, scenario.imu.delay, noise_factor=0.0)
         )
-        builder.Connect(locomotion.GetOutputPort("state"), imu.get_state_input_port())
+        builder.Connect(state, imu.get_state_input_port())
         builder.Connect(imu.get_imu_output_port(), acting.GetInputPort("imu"))
     if isinstance(gait, GaitSwitch):
         name = builder.ExportInput(locomotion.GetInputPort("requested_gait"), "requested_gait")

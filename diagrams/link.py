@@ -16,6 +16,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from glassgait.diagrams import linked_controller, linked_robot
+from glassgait.diagrams.acting import Acting
 from glassgait.diagrams.answering import MOST_MADE_UP, Answering, AnsweringEnd, take_in
 from glassgait.diagrams.linked_controller import MakeLinkedController
 from glassgait.diagrams.linked_robot import MakeLinkedRobot
@@ -33,9 +34,9 @@ from glassgait.models.link.packing import (
     unpack_joints,
 )
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
-from glassgait.models.policies.controller import Controller
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.day import REQUESTS, Day, lying_state
 from glassgait.models.task.gait import Gait
 from glassgait.systems.link_watchdog import LinkWatchdog
 
@@ -54,6 +55,12 @@ REPORTED = {
     (Phase.LOWERED, Phase.TIPPED): "answers come again, but the robot leans too far to rise",
     (Phase.TIPPED, Phase.STANDING): "the robot is level again, and rises",
     (Phase.STANDING, Phase.LOWERED): "the robot leans too far to stand: it is lowered",
+    (Phase.LEFT, Phase.DAMPED): "a controller is followed, which damps the joints",
+    (Phase.STANDING, Phase.DAMPED): "a controller is followed, which damps the joints",
+    (Phase.FOLLOWING, Phase.DAMPED): "the controller damps the joints",
+    (Phase.DAMPED, Phase.FOLLOWING): "the controller moves the joints",
+    (Phase.DAMPED, Phase.LEFT): "no answer: the joints stay damped",
+    (Phase.LEFT, Phase.STANDING): "a controller without a day answers: the robot rises",
 }
 """Changes of phase that are reported."""
 
@@ -68,19 +75,12 @@ class ControllerEnd(AnsweringEnd):
         diagram: What `MakeLinkedController` built.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        gait: Gait,
-        policy: Controller,
-        lcm: DrakeLcmInterface,
-        channels: Channels,
-    ) -> None:
+    def __init__(self, acting: Acting, lcm: DrakeLcmInterface, channels: Channels) -> None:
         """
         Raises:
-            InputError: if a policy was made for another gait or observation, or has no estimator.
+            InputError: if parts of what answers do not suit each other.
         """
-        self.diagram = MakeLinkedController(robot, gait, policy, lcm, channels)
+        self.diagram = MakeLinkedController(acting, lcm, channels)
         self.tally = Tally()
         self._lcm, self._answering = lcm, Answering(self.diagram)
         self._latest: sensors_t | None = None
@@ -174,16 +174,40 @@ class RobotEnd(SimulatedRobot):
         session: int,
         seed: int = 0,
         meshcat: Meshcat | None = None,
+        day: Day | None = None,
     ) -> None:
         """
+        Args:
+            gait: The gait that commands are made for.
+            scenario: The world.
+            lcm: Where messages go.
+            channels: Names of the channels.
+            watchdog: How long the robot waits for its controller.
+            session: Number of this start.
+            seed: Seed of the sensors' noise, of the robot's pose and of drawn commands.
+            meshcat: Shows the robot there.
+            day: The day that it is to live through: it begins on its belly, damped, and is not put
+                back on its feet.
+
         Raises:
             InputError: if the scenario is not made for two processes, or the gait not for it.
             ValueError: if commands come from sliders, and there is no Meshcat.
         """
         diagram = MakeLinkedRobot(
-            gait, scenario, lcm, channels, watchdog=watchdog, session=session, meshcat=meshcat
+            gait,
+            scenario,
+            lcm,
+            channels,
+            watchdog=watchdog,
+            session=session,
+            meshcat=meshcat,
+            lies=day is not None,
         )
         super().__init__(diagram, scenario, seed)
+        self._lives = day is not None
+        if day is not None:
+            lying = lying_state(scenario.robot_of(), day, np.zeros((1, quadruped.N_JOINTS)))[0]
+            set_plant_state(self.diagram, self.simulator.get_mutable_context(), lying)
         self.tally = Tally()
         self._lcm, self._session = lcm, session
         self._robot = scenario.robot_of()
@@ -210,6 +234,15 @@ class RobotEnd(SimulatedRobot):
         """Handles the subscriptions for some time (s), or until a message came."""
         self._lcm.HandleSubscriptions(int(MILLISECONDS * seconds))
 
+    def request_mode(self, name: str) -> None:
+        """Requests a mode of a day, of a robot that has one and no buttons.
+
+        Raises:
+            ValueError: if there is no such request.
+        """
+        port = self.diagram.GetInputPort("requested_mode")
+        port.FixValue(self.simulator.get_mutable_context(), [float(REQUESTS.index(name))])
+
     @property
     def phase(self) -> Phase:
         """What the joints do."""
@@ -218,6 +251,8 @@ class RobotEnd(SimulatedRobot):
     @property
     def fallen(self) -> bool:
         """Whether the robot shows a failure while it follows its controller."""
+        if self._lives:
+            return False
         return self.phase in FOLLOWED and bool(np.any(self.output("failures") > 0.5))
 
     def put_back(self) -> None:

@@ -1,19 +1,15 @@
-"""A robot's controller, which meets the robot over LCM."""
+"""A robot's controller between messages, with the wire or without."""
 
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem
 
-from glassgait.diagrams.controller import AddController, Sensed, Senses
+from glassgait.diagrams.acting import Acting
 from glassgait.models.errors import InputError
 from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import targets_t
-from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.joint_law import OWN_LAW
-from glassgait.models.robots.robot import Robot
-from glassgait.models.task.gait import Gait
 from glassgait.systems.command_receiver import CommandReceiver
-from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.sensors_receiver import SensorsReceiver
 from glassgait.systems.targets_sender import TargetsSender
 
@@ -21,9 +17,9 @@ TARGETS_PUBLISHER = "targets_publisher"
 
 
 def MakeLinkedController(  # noqa: N802
-    robot: Robot, gait: Gait, policy: Controller, lcm: DrakeLcmInterface, channels: Channels
+    acting: Acting, lcm: DrakeLcmInterface, channels: Channels
 ) -> Diagram:
-    """Builds the controller of `MakeLocomotion` between messages in place of a plant.
+    """Builds a controller that meets its robot over LCM.
 
     .. pydrake_system::
 
@@ -35,32 +31,33 @@ def MakeLinkedController(  # noqa: N802
         - actions
         - observations
         - rm_state
+        - mode
+        - status
 
     Inputs: sensors (sensors_t), which are answered. command (command_t).
-    Outputs: actions (12) of this control step, observations, rm_state (n_states,
-    one-hot). Messages: `targets_t` is sent when its publisher is forced to; see
+    Outputs: actions (12) of this control step. Of a policy in Python, observations and rm_state
+    (n_states, one-hot), and mode (1) with a day; of a compiled controller status (1). Messages:
+    `targets_t` is sent when its publisher is forced to; see
     `glassgait.diagrams.link.ControllerEnd`, which hears the others.
 
     Args:
-        robot: The robot.
-        gait: The gait whose reward machine runs.
-        policy: The controller; sensors measure no body state, so it needs an estimator.
+        acting: What answers.
         lcm: Where messages go.
         channels: Names of the channels.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, has no estimator, or
-            learned with joints of other gains than the robot's own, which messages do not hold.
+        InputError: if its parts do not suit each other, or it learned with joints of other gains
+            than the robot's own, which messages do not hold.
     """
-    gains, own = policy.joint_law.gains_of(robot), OWN_LAW.gains_of(robot)
+    gains, own = acting.joint_law.gains_of(acting.robot), OWN_LAW.gains_of(acting.robot)
     if gains != own:
         raise InputError(
-            f"the {gait.name}'s policy learned with joints of gains {gains}, and the robot's own "
-            f"end drives them by {own}, those of its robot.yaml; write the policy's there, or take "
-            "another policy"
+            f"{acting.title} learned with joints of gains {gains}, and the robot's own end drives "
+            f"them by {own}, those of its robot.yaml; write the policy's there, or take another "
+            "policy"
         )
     builder = DiagramBuilder()
-    message = AddAnsweringController(builder, robot, gait, policy)
+    message = AddAnsweringController(builder, acting)
     publisher = LcmPublisherSystem.Make(
         channels.targets, targets_t, lcm, publish_triggers={TriggerType.kForced}
     )
@@ -71,7 +68,7 @@ def MakeLinkedController(  # noqa: N802
     return diagram
 
 
-def MakeAnsweringController(robot: Robot, gait: Gait, policy: Controller) -> Diagram:  # noqa: N802
+def MakeAnsweringController(acting: Acting) -> Diagram:  # noqa: N802
     """Builds the same controller without a wire: the answer is an output port.
 
     .. pydrake_system::
@@ -84,23 +81,23 @@ def MakeAnsweringController(robot: Robot, gait: Gait, policy: Controller) -> Dia
         - actions
         - observations
         - rm_state
+        - mode
+        - status
         - targets
 
     Ports as those of `MakeLinkedController`; targets (targets_t) is the answer.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or has no estimator.
+        InputError: if its parts do not suit each other.
     """
     builder = DiagramBuilder()
-    builder.ExportOutput(AddAnsweringController(builder, robot, gait, policy), "targets")
+    builder.ExportOutput(AddAnsweringController(builder, acting), "targets")
     diagram = builder.Build()
     diagram.set_name("AnsweringController")
     return diagram
 
 
-def AddAnsweringController(  # noqa: N802
-    builder: DiagramBuilder, robot: Robot, gait: Gait, policy: Controller
-) -> OutputPort:
+def AddAnsweringController(builder: DiagramBuilder, acting: Acting) -> OutputPort:  # noqa: N802
     """Adds a controller between messages, with ports as those of `MakeLinkedController`.
 
     Returns:
@@ -108,30 +105,14 @@ def AddAnsweringController(  # noqa: N802
     """
     receiver = builder.AddNamedSystem("sensors_receiver", SensorsReceiver())
     builder.ExportInput(receiver.get_message_input_port(), "sensors")
-    commander = builder.AddNamedSystem("command_receiver", CommandReceiver(gait))
+    commander = builder.AddNamedSystem("command_receiver", CommandReceiver(acting.limits))
     builder.ExportInput(commander.get_message_input_port(), "command")
-    sensed = Sensed(
-        joints=receiver.get_joints_output_port(),
-        command=commander.get_command_output_port(),
-        commanded_dwell=commander.get_commanded_dwell_output_port(),
-        touching=receiver.get_touching_output_port(),
-        imu=receiver.get_imu_output_port(),
-    )
-    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
-    controller = AddController(
-        builder,
-        robot,
-        gait,
-        sensed,
-        machine=machine,
-        policy=policy,
-        senses=Senses.of(policy),
-        limited=True,  # The robot's end follows no others, whatever the policy.
-    )
-    sender = builder.AddNamedSystem("targets_sender", TargetsSender(robot))
-    builder.Connect(controller.acting["actions"], sender.get_action_input_port())
+    acted = acting.add(builder, receiver, commander)
+    sender = builder.AddNamedSystem("targets_sender", TargetsSender(acting.robot))
+    builder.Connect(acted.action, sender.get_action_input_port())
     builder.ConnectInput("sensors", sender.get_sensors_input_port())
-    builder.ExportOutput(controller.acting["actions"], "actions")
-    builder.ExportOutput(controller.observation, "observations")
-    builder.ExportOutput(machine.get_rm_state_output_port(), "rm_state")
+    if acted.damped is not None:
+        builder.Connect(acted.damped, sender.get_damped_input_port())
+    for name, port in {"actions": acted.action, **acted.others}.items():
+        builder.ExportOutput(port, name)
     return sender.get_message_output_port()

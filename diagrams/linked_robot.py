@@ -14,6 +14,7 @@ from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from glassgait.diagrams.commands import AddCommand
+from glassgait.diagrams.gait_machine import AddModeRequest
 from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensors import AddSensorErrors, AddSensors, Sensors
@@ -45,6 +46,7 @@ def MakeLinkedRobot(  # noqa: N802
     watchdog: Watchdog,
     session: int,
     meshcat: Meshcat | None = None,
+    lies: bool = False,
 ) -> Diagram:
     """Builds the station with messages in place of a controller, and a watchdog over them.
 
@@ -53,6 +55,7 @@ def MakeLinkedRobot(  # noqa: N802
         name: LinkedRobot
         input_ports:
         - answer
+        - requested_mode
         output_ports:
         - state
         - failures
@@ -60,7 +63,8 @@ def MakeLinkedRobot(  # noqa: N802
         - phase
         - command
 
-    Inputs: answer (targets_t), the controller's latest.
+    Inputs: answer (targets_t), the controller's latest. requested_mode (1), only of a robot that
+    lies and has no buttons: the number of what the operator requests of its day.
     Outputs: state (37), the plant's. failures (7), less `abrupt_action`: actions are the
     controller's own. targets (12, rad), which the joints follow. phase (1), a number of `Phase`.
     command (2; m/s, rad/s). Messages: `command_t` and `sensors_t` are sent when their
@@ -74,6 +78,7 @@ def MakeLinkedRobot(  # noqa: N802
         watchdog: How long the robot waits for its controller.
         session: Number of this start, not 0.
         meshcat: Shows robot and contacts there.
+        lies: Whether the robot lies, damped, until a controller answers; it stands by default.
 
     Raises:
         InputError: if the scenario is not made for two processes, or the gait not for the command.
@@ -90,7 +95,9 @@ def MakeLinkedRobot(  # noqa: N802
     )
     state = AddWorldState(builder, plant, scenario.station)
 
-    guard = LinkWatchdog(robot, watchdog, session=session, time_step=scenario.station.time_step)
+    guard = LinkWatchdog(
+        robot, watchdog, session=session, time_step=scenario.station.time_step, lies=lies
+    )
     builder.AddNamedSystem(WATCHDOG, guard)
     builder.ExportInput(guard.get_message_input_port(), "answer")
     builder.Connect(state, guard.get_state_input_port())
@@ -99,6 +106,9 @@ def MakeLinkedRobot(  # noqa: N802
     commander = builder.AddNamedSystem("command_sender", CommandSender(session))
     builder.Connect(command, commander.get_command_input_port())
     builder.Connect(commanded_dwell, commander.get_commanded_dwell_input_port())
+    if lies:
+        requested = commander.get_requested_mode_input_port()
+        AddModeRequest(builder, requested, scenario.command, meshcat)
     sensors = AddSensors(builder, robot, scenario, state, errors, imu=True)
     sender = _add_sensors_sender(builder, sensors, guard, session)
     _add_publishers(builder, commander, sender, lcm, channels)

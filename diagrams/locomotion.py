@@ -5,7 +5,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, Output
 
 from glassgait.diagrams.commands import AddCommand, AddGivenCommand
 from glassgait.diagrams.controller import AddController, ControllerPorts, Sensed, Senses
-from glassgait.diagrams.gait_machine import AddGaitMachine
+from glassgait.diagrams.gait_machine import AddGaitMachine, AddModeRequest
 from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensors import AddSensorErrors, AddSensors, Sensors
@@ -75,8 +75,8 @@ def MakeLocomotion(  # noqa: N802
     Inputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps), from a planner, limited
     to what the gait is made for; each may stay unconnected, and then the scenario's command holds.
     actions (12), only where no policy is given. requested_gait (1), only of several gaits
-    without buttons; see `GaitSwitchSystem`. requested_mode (1), only of a day; see
-    `ModeMachineSystem`.
+    without buttons; see `GaitSwitchSystem`. requested_mode (1), only of a day
+    without buttons; see `ModeMachineSystem`.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states, or 53 +
     n_states with an IMU). reward (1) and plain_reward (1) of the step that ends now, reward_terms
     (13). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
@@ -168,7 +168,8 @@ def MakeLocomotion(  # noqa: N802
             meshcat=meshcat,
         )
     if controller.modes is not None:
-        builder.ExportInput(controller.modes.get_requested_mode_input_port(), "requested_mode")
+        requested = controller.modes.get_requested_mode_input_port()
+        AddModeRequest(builder, requested, scenario.command, meshcat)
     _export_outputs(builder, sensed, sensors.feet, machine, controller, judged)
     diagram = builder.Build()
     diagram.set_name("Locomotion")

@@ -1,11 +1,14 @@
 """Whether a robot stands: dropped in its default stance, it must come to rest on its feet."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.station import StationConfig
+from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
@@ -53,18 +56,32 @@ class Standing:
     failure: str = ""
 
 
+def settle(robot: Robot, physics: Physics, states: Array, n_steps: int) -> Iterator[PhysicsStep]:
+    """Lets robots come to rest in their stance, and gives what each control step brings.
+
+    Args:
+        robot: What robots they are.
+        physics: What computes it.
+        states: Their plants' states (m, 37).
+        n_steps: Control steps.
+    """
+    targets = np.tile(robot.default_stance, (len(states), 1))
+    for _ in range(n_steps):
+        moved = physics.step(states, targets)
+        states = moved.states
+        yield moved
+
+
 def stand(robot: Robot, station: StationConfig) -> Standing:
     """Drops a robot in its default stance, and lets it come to rest."""
     state = kinematics.standing_state(robot)[None]
     stance = float(state[0, quadruped.POSITION][2])
     state[:, quadruped.POSITION.stop - 1] += DROP
-    physics, targets = make_physics(robot, station), robot.default_stance[None]
+    physics = make_physics(robot, station)
     physics.set_friction(np.array([station.friction]))
-    moved = physics.step(state, targets)
-    heights = []
-    for _ in range(round(SECONDS / CONTROL_PERIOD) - 1):
-        moved = physics.step(moved.states, targets)
-        heights.append(float(moved.states[0, quadruped.POSITION][2]))
+    steps = list(settle(robot, physics, state, round(SECONDS / CONTROL_PERIOD)))
+    heights = [float(moved.states[0, quadruped.POSITION][2]) for moved in steps]
+    moved = steps[-1]
     last = moved.states[0]
     torque = robot.joint_torque(
         target=robot.default_stance,

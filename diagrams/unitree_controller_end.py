@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from glassgait.diagrams.acting import Acting
 from glassgait.diagrams.answering import Answering, AnsweringEnd
 from glassgait.diagrams.linked_controller import MakeAnsweringController
 from glassgait.diagrams.self_test import predict_self_test
@@ -21,6 +22,7 @@ from glassgait.models.link.low_state import (
 from glassgait.models.link.message_filter import StateFilter
 from glassgait.models.link.messages import command_t, sensors_t
 from glassgait.models.link.motors import MotorCommand, pack_low_cmd
+from glassgait.models.link.operator import Operator
 from glassgait.models.link.packing import (
     pack_command,
     unpack_answer,
@@ -39,12 +41,12 @@ from glassgait.models.link.supervision import (
     step_course,
 )
 from glassgait.models.link.unitree_messages import Record
-from glassgait.models.policies.controller import Controller
+from glassgait.models.link.watchdog import CROUCH
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.command import Command
-from glassgait.models.task.gait import Gait
+
+FREE = Remote.untouched()
 
 LEAVING = 0.5
 """Time for which a controller that ends damps its robot (s)."""
@@ -64,37 +66,39 @@ class UnitreeControllerEnd(AnsweringEnd):
 
     def __init__(
         self,
-        robot: Robot,
-        gait: Gait,
-        policy: Controller,
+        acting: Acting,
         endpoint: Endpoint,
         *,
-        command: Callable[[Remote], Command],
+        operator: Operator,
         supervision: Supervision,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """
         Args:
-            robot: The robot.
-            gait: The gait whose reward machine runs.
-            policy: The controller.
+            acting: What answers.
             endpoint: Where states are heard, and commands sent.
-            command: What the robot is asked to do, given what its remote's operator does.
+            operator: What the robot is asked to do.
             supervision: When joints are damped.
             clock: Time (s).
 
         Raises:
-            InputError: if a policy was made for another gait or observation, or has no estimator,
-                or the robot's file does not say how its feet's forces are read.
+            InputError: if parts of what answers do not suit each other, or the robot's file does
+                not say how its feet's forces are read.
         """
+        robot = acting.robot
         foot_force_of(robot)
-        self.diagram = MakeAnsweringController(robot, gait, policy)
+        if acting.has_day:
+            robot.check_lowered(CROUCH, "the crouch in which a day begins")
+        self.diagram = MakeAnsweringController(acting)
         self.course, self.filter = initial_course(robot), StateFilter()
         self._answering = _ready(Answering(self.diagram))
-        self._robot, self._gains = robot, policy.joint_law.gains_of(robot)
-        self._endpoint, self._command, self._clock = endpoint, command, clock
+        self._robot, self._gains = robot, acting.joint_law.gains_of(robot)
+        self._lies = acting.has_day
+        self._endpoint, self._operator, self._clock = endpoint, operator, clock
         self._settings = supervision
         self._gathered, self._targets = Gathered.begin(), robot.default_stance
+        # Until a day has answered, its robot is taken to lie.
+        self._damped = self._lies
         self._recording = (
             Recording(_predicted(robot, self._gains)) if supervision.self_test else None
         )
@@ -142,6 +146,7 @@ class UnitreeControllerEnd(AnsweringEnd):
             Stage.WAITING: None,
             Stage.RISING: f"the robot rises, within {self._settings.rising:g} s",
             Stage.TESTING: "the robot moves each joint, to test its wiring",
+            Stage.LOWERING: f"the robot is lowered, within {self._settings.rising:g} s",
             Stage.FOLLOWING: "the robot follows the controller",
             Stage.DAMPED: "; ".join(
                 [f"joints are damped for good: {self.course.fault}", *self.findings]
@@ -185,6 +190,7 @@ class UnitreeControllerEnd(AnsweringEnd):
             position=joints_of(robot, state)[: quadruped.N_JOINTS],
             lean=float(kinematics.lean(state["imu_state"]["quaternion"].astype(float))),
             asked=read_remote(state["wireless_remote"].tobytes()).asks_to_damp,
+            lies=self._lies,
         )
         if self._first is None:
             self._first = self._due = tick
@@ -197,15 +203,19 @@ class UnitreeControllerEnd(AnsweringEnd):
 
     def _ask(self, state: Record, sequence: int, *, followed: bool) -> None:
         """Asks the controller for targets."""
-        remote = read_remote(state["wireless_remote"].tobytes())
-        command = pack_command(1, sequence * CONTROL_PERIOD, self._command(remote))
+        # What is pressed before the robot follows is not to be remembered for then.
+        remote = read_remote(state["wireless_remote"].tobytes()) if followed else FREE
+        asked = self._operator(remote)
+        if asked.damped:
+            self._damp(Fault.ASKED)
+        command = pack_command(1, sequence * CONTROL_PERIOD, asked.command, asked.requested_mode)
         sensors = sensors_of(self._robot, state, self._gathered, sequence, followed=followed)
         self._gathered = self._gathered.at_control_instant()
         if self.course.stage is Stage.TESTING:
             self._test(sensors)
         self._answering.take(sensors, command)
         answer = self.diagram.GetOutputPort("targets").Eval(self._answering.simulator.get_context())
-        self._targets = unpack_answer(answer).targets
+        _, _, self._targets, self._damped = unpack_answer(answer)
 
     def _test(self, sensors: sensors_t) -> None:
         """Notes what is measured in the self-test, and ends it."""
@@ -215,7 +225,7 @@ class UnitreeControllerEnd(AnsweringEnd):
         if self.findings:
             self._damp(Fault.MISWIRED)
         elif self._recording.passed:
-            self.course = self.course.passed(self._robot_time)
+            self.course = self.course.passed(self._robot_time, lies=self._lies)
 
     def _watch(self, now: float) -> None:
         """Damps the joints if states or commands of its own have not come for too long."""
@@ -246,6 +256,7 @@ class UnitreeControllerEnd(AnsweringEnd):
             self._robot_time,
             targets=self._targets,
             gains=self._gains,
+            damped=self._damped,
         )
 
     def _damp(self, fault: Fault) -> None:

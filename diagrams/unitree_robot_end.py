@@ -17,7 +17,7 @@ from glassgait.models.link.dds import Endpoint
 from glassgait.models.link.low_state import CONTROL_TICKS, PERIOD, TICKS, pack_state
 from glassgait.models.link.message_filter import CommandFilter
 from glassgait.models.link.motors import MotorCommand, damping
-from glassgait.models.link.remote import Button, Remote, write_remote
+from glassgait.models.link.remote import Remote, write_remote
 from glassgait.models.link.watchdog import CROUCH
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task.imu import ImuReading
@@ -25,7 +25,7 @@ from glassgait.models.task.imu import ImuReading
 SILENCE = 0.1
 """Time without a command after which a simulated robot counts as left alone (s)."""
 
-UNTOUCHED = write_remote(Remote(Button(0), 0.0, 0.0, 0.0, 0.0))
+UNTOUCHED = write_remote(Remote.untouched())
 """The bytes of a remote that is not touched."""
 
 

@@ -4,8 +4,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
 from glassgait.models.link.messages import command_t
-from glassgait.models.link.packing import unpack_command
-from glassgait.models.task.gait import Gait
+from glassgait.models.link.packing import unpack_command, unpack_requested_mode
+from glassgait.models.task.command import CommandRange
 
 
 class CommandReceiver(LeafSystem):
@@ -19,16 +19,21 @@ class CommandReceiver(LeafSystem):
         output_ports:
         - command
         - commanded_dwell
+        - requested_mode
 
     Inputs: message (command_t), the latest that came. Before the first the robot steps on the spot.
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1,
-    control steps).
+    control steps). requested_mode (1), the number of what the operator requests of a day.
     State: none. Feedthrough: yes.
     """
 
-    def __init__(self, gait: Gait) -> None:
+    def __init__(self, limits: CommandRange) -> None:
+        """
+        Args:
+            limits: The commands that the gait is made for.
+        """
         super().__init__()
-        self._gait = gait
+        self._limits = limits
         self._message_port = self.DeclareAbstractInputPort(
             "message", AbstractValue.Make(command_t())
         )
@@ -40,6 +45,12 @@ class CommandReceiver(LeafSystem):
             name="commanded_dwell",
             size=1,
             calc=self._calc_commanded_dwell,
+            prerequisites_of_calc=of_message,
+        )
+        self._requested_mode_port = self.DeclareVectorOutputPort(
+            name="requested_mode",
+            size=1,
+            calc=self._calc_requested_mode,
             prerequisites_of_calc=of_message,
         )
 
@@ -55,10 +66,18 @@ class CommandReceiver(LeafSystem):
         """Gives the commanded iterations in a state."""
         return self._commanded_dwell_port
 
+    def get_requested_mode_output_port(self) -> OutputPort:
+        """Gives the number of what the operator requests."""
+        return self._requested_mode_port
+
     def _calc_command(self, context: Context, output: BasicVector) -> None:
         message = self._message_port.Eval(context)
-        output.SetFromVector(unpack_command(message, self._gait).velocity)
+        output.SetFromVector(unpack_command(message, self._limits).velocity)
 
     def _calc_commanded_dwell(self, context: Context, output: BasicVector) -> None:
         message = self._message_port.Eval(context)
-        output.SetFromVector([float(unpack_command(message, self._gait).dwell)])
+        output.SetFromVector([float(unpack_command(message, self._limits).dwell)])
+
+    def _calc_requested_mode(self, context: Context, output: BasicVector) -> None:
+        message = self._message_port.Eval(context)
+        output.SetFromVector([float(unpack_requested_mode(message))])

@@ -18,13 +18,15 @@ class CommandSender(LeafSystem):
         input_ports:
         - command
         - commanded_dwell
+        - requested_mode
         output_ports:
         - message
 
     Inputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1,
-    control steps).
+    control steps). requested_mode (1), the number of what the operator requests of a day; may stay
+    unconnected, and is 0 then, `sit`.
     Outputs: message (command_t), of this instant; read it at control instants.
-    State: none. Feedthrough: both inputs.
+    State: none. Feedthrough: all inputs.
     """
 
     def __init__(self, session: int) -> None:
@@ -36,6 +38,7 @@ class CommandSender(LeafSystem):
         self._session = session
         self._command_port = self.DeclareVectorInputPort("command", 2)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
+        self._requested_mode_port = self.DeclareVectorInputPort("requested_mode", 1)
         self._message_port = self.DeclareAbstractOutputPort(
             name="message",
             alloc=lambda: AbstractValue.Make(command_t()),
@@ -51,6 +54,10 @@ class CommandSender(LeafSystem):
         """Takes the commanded iterations in a state."""
         return self._commanded_dwell_port
 
+    def get_requested_mode_input_port(self) -> InputPort:
+        """Takes the number of what the operator requests."""
+        return self._requested_mode_port
+
     def get_message_output_port(self) -> OutputPort:
         """Gives the message."""
         return self._message_port
@@ -58,4 +65,6 @@ class CommandSender(LeafSystem):
     def _calc_message(self, context: Context, output: AbstractValue) -> None:
         dwell = np.array(self._commanded_dwell_port.Eval(context)[0])
         command = Command(self._command_port.Eval(context), dwell)
-        output.set_value(pack_command(self._session, context.get_time(), command))
+        port = self._requested_mode_port
+        requested = round(port.Eval(context)[0]) if port.HasValue(context) else 0
+        output.set_value(pack_command(self._session, context.get_time(), command, requested))

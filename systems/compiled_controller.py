@@ -10,13 +10,11 @@ from pydrake.systems.framework import (
     State,
 )
 
-from glassgait.models.arrays import Array
-from glassgait.models.export.binding import ACTION, NO_GAIT, LoadedController, Step, sensed
+from glassgait.models.export.binding import ACTION, NO_NUMBER, LoadedController, Sensors, Step
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
-from glassgait.models.task.ground import LEVEL_GROUND, Ground
+from glassgait.models.task.day import REQUESTS
 from glassgait.models.task.imu import N_IMU
 from glassgait.systems.cached_value import CachedValue
 
@@ -28,46 +26,53 @@ class CompiledController(LeafSystem):
 
         name: CompiledController
         input_ports:
-        - state
+        - joints
+        - touching
         - command
         - commanded_dwell
         - requested_gait
+        - requested_mode
         - imu
         output_ports:
         - action
         - targets
         - status
+        - damped
 
-    Inputs: state (37), the plant's, of which it reads the joints and which feet touch the ground.
-    command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1, control
-    steps). requested_gait (1), of a controller of several gaits alone: the number of the gait that
-    is to run; may stay unconnected, and then the gait that runs goes on. imu (9; rad/s, m/s, none),
-    of a controller that has one alone, the reading of `ImuSensor`.
+    Inputs: joints (24; rad, rad/s), measured positions, then velocities. touching (4, {0, 1}), FL
+    FR RL RR, which feet press on the ground. command (2; m/s, rad/s), forward speed and yaw rate,
+    trunk frame. commanded_dwell (1, control steps). requested_gait (1), of a controller of several
+    gaits alone: the number of the gait that is to run; may stay unconnected, and then the gait that
+    runs goes on. requested_mode (1), of a controller with a day alone, the number of what the
+    operator requests; may stay unconnected, and is 0 then, `sit`. imu (9; rad/s, m/s, none), of a
+    controller that has one alone, the reading of `ImuSensor`.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf, of this control step. action (12), the
     same as other policies give it, 0.25 rad from the default stance a unit. status (1), 0 or the
-    sum of flags that the C file lists, such as 1 where a sensor was not finite.
-    State: the controller's memory after the previous control step (23 numbers, with odometry 43),
-    latched every 20 ms (unrestricted update). Feedthrough: all inputs to all outputs.
+    sum of flags that the C file lists, such as 1 where a sensor was not finite. damped (1, {0, 1}),
+    of a controller with a day alone, whether joints are damped alone.
+    State: the controller's memory after the previous control step (27 numbers, with odometry 50,
+    of a day 16 more), latched every 20 ms (unrestricted update). Feedthrough: all inputs to all
+    outputs.
     """
 
-    def __init__(
-        self, robot: Robot, controller: LoadedController, ground: Ground = LEVEL_GROUND
-    ) -> None:
+    def __init__(self, controller: LoadedController) -> None:
         super().__init__()
-        self._robot, self._controller, self._ground = robot, controller, ground
+        self._controller = controller
         self._memory = self.DeclareDiscreteState(controller.initial())
-        self._state_port = self.DeclareVectorInputPort(
-            name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
-        )
+        self._joints_port = self.DeclareVectorInputPort("joints", 2 * quadruped.N_JOINTS)
+        self._touching_port = self.DeclareVectorInputPort("touching", quadruped.N_LEGS)
         self._command_port = self.DeclareVectorInputPort("command", 2)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
         self._requested_gait_port: InputPort | None = None
         if controller.n_gaits > 1:
             self._requested_gait_port = self.DeclareVectorInputPort("requested_gait", 1)
+        self._requested_mode_port: InputPort | None = None
+        if controller.has_day:
+            self._requested_mode_port = self.DeclareVectorInputPort("requested_mode", 1)
         self._imu_port: InputPort | None = None
         if controller.has_imu:
             self._imu_port = self.DeclareVectorInputPort("imu", N_IMU)
-        # Three outputs and the update are of one step; the controller takes it once.
+        # All outputs and the update are of one step; the controller takes it once.
         self._step = CachedValue(
             self,
             "controller step",
@@ -90,13 +95,21 @@ class CompiledController(LeafSystem):
         self._status_port = self.DeclareVectorOutputPort(
             name="status", size=1, calc=self._calc_status, prerequisites_of_calc=of_step
         )
+        if controller.has_day:
+            self.DeclareVectorOutputPort(
+                name="damped", size=1, calc=self._calc_damped, prerequisites_of_calc=of_step
+            )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
 
-    def get_state_input_port(self) -> InputPort:
-        """Takes the plant's state."""
-        return self._state_port
+    def get_joints_input_port(self) -> InputPort:
+        """Takes the measured joints."""
+        return self._joints_port
+
+    def get_touching_input_port(self) -> InputPort:
+        """Takes which feet touch."""
+        return self._touching_port
 
     def get_command_input_port(self) -> InputPort:
         """Takes forward speed and yaw rate."""
@@ -123,17 +136,17 @@ class CompiledController(LeafSystem):
             self._command_port.Eval(context), self._commanded_dwell_port.Eval(context)[0]
         )
         memory = context.get_discrete_state(self._memory).value()
+        position, velocity = np.split(self._joints_port.Eval(context), 2)
+        touching = self._touching_port.Eval(context) > 0.5
         imu = None if self._imu_port is None else self._imu_port.Eval(context)
-        sensors = sensed(self._robot, self._state_port.Eval(context), self._ground, imu)
-        requested = self._requested(context, memory)
-        return self._controller.step(memory, sensors, command, requested)
-
-    def _requested(self, context: Context, memory: Array) -> int:
-        port = self._requested_gait_port
-        if port is None or not port.HasValue(context):
-            return self._controller.gait_of(memory)
-        number = np.rint(port.Eval(context)[0])
-        return int(number) if 0 <= number < self._controller.n_gaits else NO_GAIT
+        running, n_gaits = self._controller.gait_of(memory), self._controller.n_gaits
+        return self._controller.step(
+            memory,
+            Sensors(position, velocity, touching, imu),
+            command,
+            _number(self._requested_gait_port, context, n_gaits, running),
+            _number(self._requested_mode_port, context, len(REQUESTS), 0),
+        )
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._step.Eval(context).memory[ACTION])
@@ -144,6 +157,17 @@ class CompiledController(LeafSystem):
     def _calc_status(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.array([float(self._step.Eval(context).status)]))
 
+    def _calc_damped(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array([float(self._step.Eval(context).damped)]))
+
     def _latch(self, context: Context, state: State) -> None:
         memory = self._step.Eval(context).memory
         state.get_mutable_discrete_state(self._memory).SetFromVector(memory)
+
+
+def _number(port: InputPort | None, context: Context, count: int, default: int) -> int:
+    """Returns what is requested, of so many; `NO_NUMBER` where that is none of them."""
+    if port is None or not port.HasValue(context):
+        return default
+    number = np.rint(port.Eval(context)[0])
+    return int(number) if 0 <= number < count else NO_NUMBER

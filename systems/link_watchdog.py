@@ -17,7 +17,7 @@ from glassgait.models.link.watchdog import Watch, Watchdog, initial_watch, step_
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 
-N_SCALARS = 4
+N_SCALARS = 5
 """Numbers of a watch that are no joint targets."""
 
 
@@ -36,20 +36,30 @@ class LinkWatchdog(LeafSystem):
         - followed
 
     Inputs: message (targets_t), the latest that came; one of another session is ignored. state
-    (37), the plant's, of which the trunk's attitude alone is read, as a robot's IMU measures it.
+    (37), the plant's, of which the trunk's attitude is read, as a robot's IMU measures it, and the
+    joints' positions, to which they are sent where they are to be damped.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf. phase (1), a number of `Phase`.
-    followed (1, {0, 1}), whether the targets are the controller's.
-    State: the watch (40 numbers), taken on at every step of the plant (unrestricted update), before
+    followed (1, {0, 1}), whether joints do what the controller answers.
+    State: the watch (41 numbers), taken on at every step of the plant (unrestricted update), before
     the plant's discrete update of the same instant. Feedthrough: none.
     """
 
-    def __init__(self, robot: Robot, settings: Watchdog, *, session: int, time_step: float) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        settings: Watchdog,
+        *,
+        session: int,
+        time_step: float,
+        lies: bool = False,
+    ) -> None:
         """
         Args:
             robot: The robot.
             settings: How long to wait.
             session: The session whose sensors are to be answered.
             time_step: The plant's period (s).
+            lies: Whether the robot lies, damped, until a controller answers; it stands by default.
 
         Raises:
             ValueError: if the time step is not positive.
@@ -58,7 +68,8 @@ class LinkWatchdog(LeafSystem):
         if not time_step > 0.0:
             raise ValueError(f"link watchdog: time_step is {time_step}; it must be above 0")
         self._robot, self._settings, self._session = robot, settings, session
-        self._watch = self.DeclareDiscreteState(pack_watch(initial_watch(robot)))
+        self._initial = initial_watch(robot, lies=lies)
+        self._watch = self.DeclareDiscreteState(pack_watch(self._initial))
         self._message_port = self.DeclareAbstractInputPort(
             "message", AbstractValue.Make(targets_t())
         )
@@ -104,7 +115,7 @@ class LinkWatchdog(LeafSystem):
 
     def restart(self, context: Context) -> None:
         """Forgets all answers in a context of its own: the robot was put back on its feet."""
-        context.SetDiscreteState(pack_watch(initial_watch(self._robot)))
+        context.SetDiscreteState(pack_watch(self._initial))
 
     def _stored(self, context: Context) -> Watch:
         return unpack_watch(context.get_discrete_state(self._watch).value())
@@ -121,26 +132,27 @@ class LinkWatchdog(LeafSystem):
     def _latch(self, context: Context, state: State) -> None:
         answer = unpack_answer(self._message_port.Eval(context))
         heard = answer if answer.session == self._session else None
-        lean = kinematics.lean(self._state_port.Eval(context)[quadruped.QUATERNION])
+        plant = self._state_port.Eval(context)
         watch = step_watch(
             self._robot,
             self._stored(context),
             heard,
             context.get_time(),
             self._settings,
-            lean=float(lean),
+            position=plant[quadruped.JOINT_POSITION],
+            lean=float(kinematics.lean(plant[quadruped.QUATERNION])),
         )
         state.get_mutable_discrete_state(self._watch).SetFromVector(pack_watch(watch))
 
 
 def pack_watch(watch: Watch) -> np.ndarray:
-    """Returns a watch as numbers (40)."""
+    """Returns a watch as numbers (41)."""
     scalars, targets = watch[:N_SCALARS], watch[N_SCALARS:]
     return np.concatenate([np.array(scalars, dtype=float), *targets])
 
 
 def unpack_watch(numbers: np.ndarray) -> Watch:
-    """Returns the watch that numbers (40) stand for."""
-    phase, since, answered, unsteady = numbers[:N_SCALARS].tolist()
+    """Returns the watch that numbers (41) stand for."""
+    phase, since, answered, unsteady, damped = numbers[:N_SCALARS].tolist()
     targets = numbers[N_SCALARS:].reshape(-1, quadruped.N_JOINTS)
-    return Watch(int(phase), since, answered, unsteady, *targets)
+    return Watch(int(phase), since, answered, unsteady, bool(damped), *targets)

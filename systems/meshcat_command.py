@@ -1,10 +1,12 @@
-"""Commands from sliders in Meshcat."""
+"""Commands from sliders in Meshcat, or from a gamepad there."""
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, OutputPort, State
 
+from glassgait.models.link.remote import Sticks, remote_command
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.command import CommandRange
+from glassgait.systems.meshcat_gamepad import MeshcatGamepad
 
 # Short, since Meshcat cuts long names.
 SPEED_SLIDER = "speed (m/s)"
@@ -13,7 +15,7 @@ DWELL_SLIDER = "dwell (steps)"
 
 
 class MeshcatCommand(LeafSystem):
-    """Reads the command from sliders, once every control step.
+    """Reads the command from sliders, or from a gamepad, once every control step.
 
     .. pydrake_system::
 
@@ -24,18 +26,27 @@ class MeshcatCommand(LeafSystem):
 
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame.
     commanded_dwell (1, control steps).
-    State: the sliders' values (3), latched every 20 ms (unrestricted update). Feedthrough: none.
+    A browser reports a gamepad once one of its buttons was pressed in Meshcat's window. From then
+    on its sticks command in place of the sliders of speed and yaw rate: the left one forward, the
+    right one to turn, and nothing in the middle, nor once its browser is gone.
+    State: what is commanded (3), latched every 20 ms (unrestricted update). Feedthrough: none.
     """
 
-    def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
+    def __init__(self, limits: CommandRange, meshcat: Meshcat) -> None:
+        """
+        Args:
+            limits: The gait, or what else says where sliders end.
+            meshcat: Where they show.
+        """
         super().__init__()
-        self._meshcat = meshcat
-        start = [0.5 * gait.max_speed, 0.0, float(sum(gait.dwell) // 2)]
+        self._meshcat, self._limits = meshcat, limits
+        self._gamepad = MeshcatGamepad(meshcat)
+        start = [0.5 * limits.max_speed, 0.0, float(sum(limits.dwell) // 2)]
         self._values = self.DeclareDiscreteState(start)
-        speed, turn = gait.max_speed, gait.max_yaw_rate
+        speed, turn = limits.max_speed, limits.max_yaw_rate
         meshcat.AddSlider(SPEED_SLIDER, -speed, speed, 0.05, start[0], "KeyS", "KeyW")
         meshcat.AddSlider(YAW_RATE_SLIDER, -turn, turn, 0.05, start[1], "KeyD", "KeyA")
-        meshcat.AddSlider(DWELL_SLIDER, gait.dwell[0], gait.dwell[1], 1, start[2])
+        meshcat.AddSlider(DWELL_SLIDER, *limits.dwell, 1, start[2])
         self._command_port = self.DeclareVectorOutputPort(
             name="command",
             size=2,
@@ -69,4 +80,8 @@ class MeshcatCommand(LeafSystem):
     def _latch(self, context: Context, state: State) -> None:
         sliders = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
         values = [self._meshcat.GetSliderValue(name) for name in sliders]
+        held = self._gamepad.held()
+        if held is not None:
+            command = remote_command(held, self._limits, Sticks(), values[2])
+            values[:2] = command.velocity.tolist()
         state.get_mutable_discrete_state(self._values).SetFromVector(values)

@@ -10,19 +10,18 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.export.controller import INITIALISED, ControllerSource
+from glassgait.models.export.controller import INITIALISED, Interface
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.imu import ImuReading
 from glassgait.models.task.odometry import OdometryState
 
 OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 2, 4, 8, 16
 """What a step returns: the sum of what happened."""
 
-NO_GAIT = -1
-"""A request for no gait, which every controller of several refuses as bad input."""
+NO_NUMBER = -1
+"""A request for no gait, or no mode, which every controller that has several refuses as bad
+input."""
 
 N_MEMORY = quadruped.N_JOINTS + 3 * quadruped.N_LEGS + 3
 """Numbers that a controller remembers from one step to the next, but for odometry."""
@@ -80,25 +79,6 @@ class Sensors:
     imu: Array | None = None
 
 
-def sensed(
-    robot: Robot, state: Array, ground: Ground = LEVEL_GROUND, imu: Array | None = None
-) -> Sensors:
-    """Returns what a robot senses without noise, in a state x (37) of the plant.
-
-    Args:
-        robot: The robot.
-        state: The state.
-        ground: What it stands on.
-        imu: The IMU's reading (9), which depends on the state before as well.
-    """
-    return Sensors(
-        state[quadruped.JOINT_POSITION],
-        state[quadruped.JOINT_VELOCITY],
-        ground.touching(robot, state),
-        imu,
-    )
-
-
 def unpacked_odometry(memory: Array) -> tuple[bool, OdometryState]:
     """Returns whether odometry has begun, and its state, of what it remembers (23)."""
     begun, velocity, footholds, touching, turning = np.split(
@@ -119,11 +99,11 @@ class LoadedController:
         joint_law: How joints are to follow its targets, which it limits itself if they are to.
     """
 
-    def __init__(self, path: Path, written: ControllerSource) -> None:
+    def __init__(self, path: Path, written: Interface) -> None:
         """
         Args:
             path: The shared library that its C file was compiled to.
-            written: What was compiled.
+            written: How what was compiled is called.
 
         Raises:
             InputError: if there is no such library, or it holds another controller.

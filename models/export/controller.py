@@ -57,30 +57,39 @@ _GROUPS: dict[Group, tuple[str, str]] = {
 
 
 @dataclass(frozen=True)
-class ControllerSource:
-    """The text of a controller.
+class Interface:
+    """What a caller of a controller's functions has to know of it.
 
     Attributes:
         name: What the names of its files, functions and types begin with.
         real: The type that it computes in.
         n_states: Number of states of each gait's machine.
-        takes_state: Whether its policy's function takes the machine's state first.
         joint_law: How joints are to follow its targets, which it limits itself if they are to.
         has_imu: Whether it reads an IMU.
         has_odometry: Whether it estimates by odometry.
         has_day: Whether it lives through a day.
-        source: The C file.
-        header: Its header.
     """
 
     name: str
     real: Real
     n_states: tuple[int, ...]
-    takes_state: bool
     joint_law: JointLaw
     has_imu: bool
     has_odometry: bool
     has_day: bool
+
+
+@dataclass(frozen=True)
+class ControllerSource(Interface):
+    """The text of a controller.
+
+    Attributes:
+        takes_state: Whether its policy's function takes the machine's state first.
+        source: The C file.
+        header: Its header.
+    """
+
+    takes_state: bool
     source: str
     header: str
 
@@ -151,8 +160,7 @@ def write_controller(
     estimator = controller.estimator
     odometry = estimator if isinstance(estimator, Odometry) else None
     has_odometry = odometry is not None
-    limits = controller.joint_law.limits
-    has_imu = has_odometry or policy.layout.imu or limits is not None
+    limits, has_imu = controller.joint_law.limits, reads_imu(controller)
     gaits = _gait_codes(gait, controller, real)
     codes = [code for own in gaits for code in (own.policy, own.estimator) if code]
     first = gait.gaits[0] if isinstance(gait, GaitSwitch) else gait
@@ -186,9 +194,9 @@ def write_controller(
     source, header = (rendered(f"{template}.{end}", real, **values) for end in "ch")
     n_states = tuple(len(own.constants) for own in gaits)
     return ControllerSource(
-        name,
-        real,
-        n_states,
+        name=name,
+        real=real,
+        n_states=n_states,
         takes_state=values["takes_state"],
         joint_law=controller.joint_law,
         has_imu=has_imu,
@@ -271,6 +279,12 @@ def _switching_values(
         "n_states": [f"{own.own.upper()}N_STATES" for own in gaits],
         "n_observations": [f"{own.own.upper()}N_OBSERVATIONS" for own in gaits],
     }
+
+
+def reads_imu(controller: AlternatingController) -> bool:
+    """Returns whether a controller's policy, its odometry or its limits read an IMU."""
+    odometry = isinstance(controller.estimator, Odometry)
+    return odometry or controller.policy.layout.imu or controller.joint_law.limits is not None
 
 
 def exported_estimator(controller: AlternatingController) -> Network | MirroredNetwork | Odometry:

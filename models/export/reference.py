@@ -9,6 +9,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.export.binding import (
     ACTION,
     BAD_INPUT,
+    COMMAND_LIMITED,
     FOOT_HEIGHT,
     MACHINE,
     N_DAY,
@@ -28,7 +29,7 @@ from glassgait.models.policies.controller import (
     refuse_other_machine,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.task.command import Command
+from glassgait.models.task.command import Command, sound_command
 from glassgait.models.task.contact import ContactTrust
 from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
@@ -67,6 +68,7 @@ class PythonController:
             refuse_other_machine(controller, gait)
         self._switch = gait if isinstance(gait, GaitSwitch) else None
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
+        self._limits = gait.gait if isinstance(gait, GaitSwitch) else gait
         self._policy = controller.policy
         self._estimator = estimator_in_loop(controller)
         self._law = controller.joint_law
@@ -95,13 +97,19 @@ class PythonController:
         Args:
             memory: What it remembers of the step before, as `Step` lays it out.
             sensors: What the robot senses now.
-            command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+            command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded; the
+                nearest that the gait is made for is taken, and if one is not finite the robot is to
+                step on the spot.
             requested: Number of the gait that is to run, of several.
             requested_mode: Number of what the operator requests, of a day.
         """
+        within = sound_command(self._limits, command)
         if self._day is None:
-            return self._acted(memory, sensors, command, requested)
-        return self._lived(self._day, memory, sensors, command, requested, requested_mode)
+            step = self._acted(memory, sensors, within, requested)
+        else:
+            step = self._lived(self._day, memory, sensors, within, requested, requested_mode)
+        same = np.array_equal([*within.velocity, within.dwell], [*command.velocity, command.dwell])
+        return step if same or step.status else step._replace(status=COMMAND_LIMITED)
 
     def _lived(
         self,

@@ -9,8 +9,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.watchdog import Answer
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.command import Command, limit_command
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.command import Command, CommandRange, on_the_spot, sound_command
+from glassgait.models.task.day import REQUESTS
 from glassgait.models.task.imu import ImuReading
 
 MICROSECONDS = 1e6
@@ -70,20 +70,29 @@ def pack_sensors(
     return message
 
 
-def pack_command(session: int, time: float, command: Command) -> command_t:
-    """Packs what the robot is asked to do: velocities (2; m/s, rad/s) and dwell."""
+def pack_command(session: int, time: float, command: Command, requested_mode: int = 0) -> command_t:
+    """Packs what the robot is asked to do: velocities (2; m/s, rad/s), dwell, and of a day the
+    number of what the operator requests."""
     message = stamp(command_t(), session, time)
     message.speed, message.yaw_rate = command.velocity.tolist()
     message.dwell = float(command.dwell)
+    message.requested_mode = requested_mode
     return message
 
 
-def pack_targets(answered: Stamped, targets: Array) -> targets_t:
-    """Packs joint targets (12; rad) as the answer to a message of sensors."""
+def pack_targets(answered: Stamped, targets: Array, *, damped: bool = False) -> targets_t:
+    """Packs joint targets (12; rad) as the answer to a message of sensors.
+
+    Args:
+        answered: The message.
+        targets: The targets.
+        damped: Whether joints are to have no stiffness.
+    """
     message = targets_t()
     message.session, message.sequence = answered.session, answered.sequence
     message.utime = answered.utime
     message.joint_position = targets.tolist()
+    message.damped = damped
     return message
 
 
@@ -103,19 +112,25 @@ def unpack_touching(message: sensors_t) -> NDArray[np.bool_]:
     return np.array(message.foot_contact, dtype=bool)
 
 
-def unpack_command(message: command_t, gait: Gait) -> Command:
+def unpack_command(message: command_t, limits: CommandRange) -> Command:
     """Returns the command, the nearest that the gait is made for.
 
     Before the first message, and where a number is not finite, the robot is to step on the spot at
     the middle of the gait's rhythm.
     """
+    if message.session == NOBODY:
+        return on_the_spot(limits)
     velocity, dwell = np.array([message.speed, message.yaw_rate]), np.array(message.dwell)
-    if message.session == NOBODY or not np.all(np.isfinite([*velocity, dwell])):
-        velocity, dwell = np.zeros(2), np.array(float(sum(gait.dwell) // 2))
-    return limit_command(gait, Command(velocity, dwell))
+    return sound_command(limits, Command(velocity, dwell))
+
+
+def unpack_requested_mode(message: command_t) -> int:
+    """Returns the number of what the operator requests; one that there is not is to sit."""
+    requested = message.requested_mode
+    return requested if 0 <= requested < len(REQUESTS) else REQUESTS.index("sit")
 
 
 def unpack_answer(message: targets_t) -> Answer:
     """Returns what the robot's watchdog is to judge."""
     targets = np.array(message.joint_position, dtype=float)
-    return Answer(message.session, message.utime / MICROSECONDS, targets)
+    return Answer(message.session, message.utime / MICROSECONDS, targets, message.damped)

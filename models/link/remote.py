@@ -16,8 +16,8 @@ from annotated_types import Ge, Lt
 
 from glassgait.models.link.unitree_messages import N_REMOTE
 from glassgait.models.settings import Settings
-from glassgait.models.task.command import Command
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.command import Command, CommandRange
+from glassgait.models.task.day import REQUESTS
 
 _LAYOUT = struct.Struct("<2xH5f")
 
@@ -45,6 +45,10 @@ class Button(IntFlag):
 
 DAMP = Button.L2 | Button.B
 """Held together they damp the robot, as with Unitree's own controller."""
+
+
+REQUESTED_BY = dict(zip(REQUESTS, (Button.SELECT, Button.A, Button.START), strict=True))
+"""The button that requests each mode of a day."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,11 @@ class Remote(NamedTuple):
     rx: float
     ry: float
 
+    @classmethod
+    def untouched(cls) -> "Remote":
+        """Returns a remote that is not touched."""
+        return cls(Button(0), 0.0, 0.0, 0.0, 0.0)
+
     @property
     def asks_to_damp(self) -> bool:
         """Whether L2 and B are held."""
@@ -104,17 +113,31 @@ def write_remote(remote: Remote) -> bytes:
     return _LAYOUT.pack(int(remote.buttons), *sticks).ljust(N_REMOTE, b"\x00")
 
 
-def remote_command(remote: Remote, gait: Gait, settings: Sticks, dwell: float) -> Command:
+def requested_mode(remote: Remote, before: int) -> int:
+    """Returns the number of what the operator requests of a day.
+
+    Args:
+        remote: What the operator does. Of several buttons that are pressed the first request
+            counts: to sit before to stand, and that before to walk.
+        before: What was requested before, and still is where no button is pressed.
+    """
+    for number, name in enumerate(REQUESTS):
+        if REQUESTED_BY[name] in remote.buttons:
+            return number
+    return before
+
+
+def remote_command(remote: Remote, limits: CommandRange, settings: Sticks, dwell: float) -> Command:
     """Returns the command of the sticks: the left one forward, the right one to turn.
 
     Args:
         remote: What the operator does.
-        gait: Its greatest speed and yaw rate are those of a stick at its end.
+        limits: Its greatest speed and yaw rate are those of a stick at its end.
         settings: How sticks command.
         dwell: The rhythm, which the remote does not command (control steps).
     """
     forward, left = (_beyond(stick, settings.dead_zone) for stick in (remote.ly, -remote.rx))
-    velocity = np.array([forward * gait.max_speed, left * gait.max_yaw_rate])
+    velocity = np.array([forward * limits.max_speed, left * limits.max_yaw_rate])
     return Command(velocity, np.array(dwell))
 
 

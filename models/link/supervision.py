@@ -3,6 +3,10 @@
 A robot on Unitree's wire acts on the last LowCmd, whatever happened to the one that sent it. So the
 controller's own end decides. Whatever is wrong, joints are damped: they brake, and the robot sinks
 to the ground. From there only a person goes on, by starting the controller anew.
+
+A controller with a day lets the robot rise by itself, and begins with one that lies. Then it is
+followed at once, or after a self-test for which the robot rose and was lowered again. Where the day
+damps, joints are commanded what they are where anything is wrong, but not for good.
 """
 
 from dataclasses import dataclass
@@ -15,7 +19,7 @@ from annotated_types import Ge, Le
 from glassgait.models.arrays import Array
 from glassgait.models.link.motors import MotorCommand, damping
 from glassgait.models.link.self_test import N_STEPS, self_test_targets
-from glassgait.models.link.watchdog import Seconds, between
+from glassgait.models.link.watchdog import CROUCH, Seconds, between
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Count, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -33,16 +37,18 @@ class Stage(IntEnum):
     """They go from where they were to the default stance."""
     TESTING = 2
     """They follow the targets of the self-test, by which the wiring is judged."""
-    FOLLOWING = 3
+    LOWERING = 3
+    """They go from the default stance to the crouch, where a day begins."""
+    FOLLOWING = 4
     """They follow the controller's targets."""
-    DAMPED = 4
+    DAMPED = 5
     """They brake, until a person starts anew."""
 
 
 class Fault(StrEnum):
     """Why joints are damped."""
 
-    ASKED = "L2 and B of the remote are held"
+    ASKED = "L2 and B are held, on the remote or a gamepad"
     SILENT = "the robot is silent"
     LATE = "the controller itself was late"
     BAD_STATES = "too many states in a row have a wrong checksum or are not finite"
@@ -61,7 +67,8 @@ class Supervision(Settings):
             of the controller's own after which they are.
         bad_states: How many states in a row may be bad before they are.
         lean: Greatest lean of the trunk (°).
-        rising: Time in which the robot rises (s).
+        rising: Time in which the robot rises (s), and is lowered after the self-test of a
+            controller with a day.
         self_test: Whether the robot moves each joint for two seconds, once it has risen, and is
             damped if what it measures is not what a simulation of it predicts.
         damping: Gain by which joints brake (N·m·s/rad).
@@ -92,9 +99,14 @@ class Course(NamedTuple):
     begin: Array
     fault: Fault | None = None
 
-    def passed(self, now: float) -> "Course":
-        """Returns the course of a robot that has passed the self-test."""
-        return self._replace(stage=Stage.FOLLOWING, since=now)
+    def passed(self, now: float, *, lies: bool = False) -> "Course":
+        """Returns the course of a robot that has passed the self-test.
+
+        Args:
+            now: By the robot's clock (s).
+            lies: Whether the controller begins with a robot that lies.
+        """
+        return self._replace(stage=Stage.LOWERING if lies else Stage.FOLLOWING, since=now)
 
     def damped(self, fault: Fault, now: float) -> "Course":
         """Returns the course of a robot that is damped, for the first reason there was."""
@@ -109,7 +121,14 @@ def initial_course(robot: Robot) -> Course:
 
 
 def step_course(
-    course: Course, settings: Supervision, now: float, *, position: Array, lean: float, asked: bool
+    course: Course,
+    settings: Supervision,
+    now: float,
+    *,
+    position: Array,
+    lean: float,
+    asked: bool,
+    lies: bool = False,
 ) -> Course:
     """Decides by a state of the robot what its joints are to do.
 
@@ -120,9 +139,11 @@ def step_course(
         position: Joint positions (12; rad).
         lean: Angle between the trunk's vertical axis and the world's (°).
         asked: Whether the operator asks to damp.
+        lies: Whether the controller begins with a robot that lies.
     """
     if course.stage is Stage.WAITING:
-        course = Course(Stage.RISING, now, position)
+        rises = settings.self_test or not lies
+        course = Course(Stage.RISING if rises else Stage.FOLLOWING, now, position)
     if asked:
         return course.damped(Fault.ASKED, now)
     if not lean <= settings.lean:
@@ -130,6 +151,8 @@ def step_course(
     if course.stage is Stage.RISING and now - course.since >= settings.rising:
         stage = Stage.TESTING if settings.self_test else Stage.FOLLOWING
         return course._replace(stage=stage, since=now)
+    if course.stage is Stage.LOWERING and now - course.since >= settings.rising:
+        return course._replace(stage=Stage.FOLLOWING, since=now)
     return course
 
 
@@ -141,6 +164,7 @@ def commanded(
     *,
     targets: Array,
     gains: tuple[float, float],
+    damped: bool = False,
 ) -> MotorCommand:
     """Returns what joints are to do.
 
@@ -151,16 +175,18 @@ def commanded(
         now: Time, by the robot's clock (s).
         targets: The controller's joint targets, within the joints' ranges (12; rad).
         gains: Stiffness and damping of the joints (N·m/rad, N·m·s/rad).
+        damped: Whether the controller asks for no stiffness in place of its targets.
     """
     match course.stage:
-        case Stage.FOLLOWING:
+        case Stage.FOLLOWING if not damped:
             return MotorCommand.to(targets, gains)
         case Stage.TESTING:
             step = int((now - course.since) / CONTROL_PERIOD + ROUNDING)
             return MotorCommand.to(self_test_targets(robot)[min(step, N_STEPS - 1)], gains)
-        case Stage.RISING:
-            share = (now - course.since) / settings.rising
-            pose = between(course.begin, robot.default_stance, share)
+        case Stage.RISING | Stage.LOWERING:
+            share, stance = (now - course.since) / settings.rising, robot.default_stance
+            rises = course.stage is Stage.RISING
+            pose = between(*(course.begin, stance) if rises else (stance, CROUCH), share)
             return MotorCommand.to(np.clip(pose, robot.lower_limits, robot.upper_limits), gains)
         case _:
             return damping(robot.default_stance, settings.damping)

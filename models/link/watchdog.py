@@ -66,6 +66,10 @@ class Phase(IntEnum):
     """They go to the crouch, and wait there until a controller answers steadily."""
     TIPPED = 4
     """They stay there although it does: the trunk leans too far to rise."""
+    DAMPED = 5
+    """They brake, as the controller asks."""
+    LEFT = 6
+    """They brake on although no answer comes: so they did when the last one came."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +101,13 @@ class Answer(NamedTuple):
         session: The session of the sensors that it answers.
         time: Their time, by the robot's clock (s).
         targets: Joint position targets (12; rad).
+        damped: Whether joints are to have no stiffness, whatever the targets are.
     """
 
     session: int
     time: float
     targets: Array
+    damped: bool = False
 
 
 class Watch(NamedTuple):
@@ -112,6 +118,7 @@ class Watch(NamedTuple):
         since: When they began to (s).
         answered: Time of the sensors that the newest answer is to (s).
         unsteady: When answers last were not in time (s).
+        damped: Whether the newest answer asks for no stiffness.
         newest: Joint targets of that answer (12; rad).
         begin: Joint targets when the phase began (12; rad).
         targets: Joint targets now (12; rad).
@@ -121,18 +128,23 @@ class Watch(NamedTuple):
     since: float
     answered: float
     unsteady: float
+    damped: bool
     newest: Array
     begin: Array
     targets: Array
 
     @property
     def followed(self) -> bool:
-        """Whether the joints follow the controller's targets."""
-        return self.phase in (Phase.FOLLOWING, Phase.HOLDING)
+        """Whether the joints do what the controller answers."""
+        return self.phase in (Phase.FOLLOWING, Phase.HOLDING, Phase.DAMPED)
 
 
-def initial_watch(robot: Robot) -> Watch:
-    """Returns the watch of a robot that stands, and has had no answer from a controller.
+def initial_watch(robot: Robot, *, lies: bool = False) -> Watch:
+    """Returns the watch of a robot that has had no answer from a controller.
+
+    Args:
+        robot: The robot.
+        lies: Whether it lies, damped, rather than stands.
 
     Raises:
         InputError: if the robot's legs cannot be folded as they are when it is lowered.
@@ -140,7 +152,8 @@ def initial_watch(robot: Robot) -> Watch:
     for pose in (FOLDED, BRACED, CROUCH):
         robot.check_lowered(pose, "the watchdog")
     stance = robot.default_stance
-    return Watch(Phase.STANDING, -np.inf, -np.inf, -np.inf, stance, stance, stance)
+    phase, never = Phase.LEFT if lies else Phase.STANDING, -np.inf
+    return Watch(phase, never, never, never, lies, stance, stance, stance)
 
 
 def step_watch(
@@ -150,6 +163,7 @@ def step_watch(
     now: float,
     settings: Watchdog,
     *,
+    position: Array,
     lean: float = 0.0,
 ) -> Watch:
     """Decides what the joints are to do.
@@ -161,6 +175,7 @@ def step_watch(
             before; None before the first.
         now: Time by the robot's clock (s).
         settings: How long to wait.
+        position: Joint positions (12; rad). Joints that are sent to where they are, brake alone.
         lean: Angle between the trunk's vertical axis and the world's (°).
 
     Returns:
@@ -168,7 +183,8 @@ def step_watch(
         joints follow the nearest targets within their ranges.
     """
     if answer is not None and is_news(robot, answer, watch.answered, now):
-        watch = watch._replace(answered=answer.time, newest=_within_ranges(robot, answer.targets))
+        newest = _within_ranges(robot, answer.targets)
+        watch = watch._replace(answered=answer.time, newest=newest, damped=answer.damped)
     age = now - watch.answered
     in_time = age <= CONTROL_PERIOD + _ROUNDING
     if not in_time:
@@ -185,6 +201,8 @@ def step_watch(
             targets = lowering_targets(watch.begin, elapsed, settings)
         case Phase.TIPPED:
             targets = CROUCH
+        case Phase.DAMPED | Phase.LEFT:
+            targets = position
         case _:
             targets = watch.newest
     return watch._replace(targets=targets)
@@ -230,6 +248,14 @@ def _next_phase(
     watch: Watch, age: float, in_time: bool, now: float, settings: Watchdog, *, level: bool
 ) -> Phase:
     phase, elapsed = Phase(watch.phase), now - watch.since
+    lowered = elapsed >= FOLDING + BRACING + settings.lowering - _ROUNDING
+    # An answer that is late still says that joints are to have no stiffness.
+    if watch.damped and (phase is not Phase.LOWERED or lowered):
+        return Phase.LEFT if age > settings.hold + _ROUNDING else Phase.DAMPED
+    if phase is Phase.DAMPED and age > settings.hold + _ROUNDING:
+        return Phase.LEFT
+    if phase is Phase.DAMPED and not in_time:
+        return phase
     if watch.followed:
         if age > settings.hold + _ROUNDING:
             return Phase.LOWERED
@@ -240,10 +266,11 @@ def _next_phase(
         risen = elapsed >= settings.rising - _ROUNDING
         return Phase.FOLLOWING if risen and in_time else phase
     steady = now - watch.unsteady >= settings.recovery - _ROUNDING
-    lowered = elapsed >= FOLDING + BRACING + settings.lowering - _ROUNDING
-    if not steady or not (lowered or phase is Phase.TIPPED):
+    if not steady or not (lowered or phase is not Phase.LOWERED):
         return phase
-    return Phase.STANDING if level else Phase.TIPPED
+    if level:
+        return Phase.STANDING
+    return Phase.LEFT if phase is Phase.LEFT else Phase.TIPPED
 
 
 def between(begin: Array, end: Array, share: float) -> Array:

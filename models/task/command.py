@@ -1,6 +1,6 @@
 """Commands: forward speed, yaw rate and the rhythm, and how they are drawn."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -9,6 +9,25 @@ from glassgait.models.task.gait import Gait
 
 DEAD_BAND = 0.2
 """Commanded speeds below this (m/s) become 0."""
+
+
+class CommandRange(Protocol):
+    """What commands something is made for, such as a gait."""
+
+    @property
+    def max_speed(self) -> float:
+        """Greatest forward speed, and greatest backward (m/s)."""
+        ...
+
+    @property
+    def max_yaw_rate(self) -> float:
+        """Greatest yaw rate, to either side (rad/s)."""
+        ...
+
+    @property
+    def dwell(self) -> tuple[int, int]:
+        """Least and greatest time to stay in a state of the gait (control steps)."""
+        ...
 
 
 class Command(NamedTuple):
@@ -58,9 +77,21 @@ def sample_commands(
     return Command(velocity, generator.integers(low, high + 1, size=count).astype(float))
 
 
-def limit_command(gait: Gait, command: Command) -> Command:
+def limit_command(limits: CommandRange, command: Command) -> Command:
     """Returns the nearest command that a gait is made for."""
-    greatest = np.array([gait.max_speed, gait.max_yaw_rate])
+    greatest = np.array([limits.max_speed, limits.max_yaw_rate])
     return Command(
-        np.clip(command.velocity, -greatest, greatest), np.clip(command.dwell, *gait.dwell)
+        np.clip(command.velocity, -greatest, greatest), np.clip(command.dwell, *limits.dwell)
     )
+
+
+def on_the_spot(limits: CommandRange) -> Command:
+    """Returns the command to step on the spot, at the middle of the gait's rhythm."""
+    return Command(np.zeros(2), np.array(float(sum(limits.dwell) // 2)))
+
+
+def sound_command(limits: CommandRange, command: Command) -> Command:
+    """Returns the nearest command that a gait is made for; on the spot if one is not finite."""
+    if not np.isfinite([*command.velocity, command.dwell]).all():
+        return on_the_spot(limits)
+    return limit_command(limits, command)

@@ -172,6 +172,7 @@ class Day(Settings):
             )
         _check_reachability(self)
         _check_formulas(self)
+        _check_beginning(self)
         for name in self.modes:
             _check_determinism([edge for edge in self.edges if edge.source == name])
 
@@ -354,6 +355,26 @@ def _check_formulas(day: Day) -> None:
             f"key 'fault.{day.damped}': {shown(day.fault_formula.text)} must hold where 'blind' is "
             "all that is known, and not where nothing is; write it as 'leaning | blind'"
         )
+
+
+def _check_beginning(day: Day) -> None:
+    """Refuses a day that may leave its first mode at its first step.
+
+    A motion begins where joints were sent at the step before, and then they were sent nowhere; and
+    a robot's end sees by the first answer that its joints are to be damped.
+    """
+    without_done = ~valuations(len(PROPOSITIONS.names))[:, PROPOSITIONS.names.index("done")]
+    if day.steps(day.initial) < 1:
+        raise InputError(
+            f"key 'modes.{day.initial}.seconds' is {day.modes[day.initial].seconds:g}; the day "
+            f"begins there, and stays for a control step at least: give {CONTROL_PERIOD:g} or more"
+        )
+    for edge in day.edges:
+        if edge.source == day.initial and (np.array(edge.when.table) & without_done).any():
+            raise InputError(
+                f"key 'modes.{edge.source}.next.{edge.target}': {shown(edge.when.text)} may hold "
+                "before the mode's seconds are over, in which the day begins; add '& done'"
+            )
 
 
 def _check_determinism(edges: list[Edge]) -> None:

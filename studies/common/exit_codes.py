@@ -23,11 +23,17 @@ BROKEN_PIPE = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
 TERMINATED = 143
+HUNG_UP = 129
 
 PATIENCE = 15.0
 """Seconds after a signal in which the process may unwind, before it ends all the same."""
 
-_SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""Signals that end a command, and how its sentence names them."""
+
+if sys.platform != "win32":
+    # The terminal is gone; a robot that is driven from it is not left to its last command.
+    SIGNALS[signal.SIGHUP] = "hung up"
 _taken: list[signal.Signals] = []
 """Signals that unwind this process. Ray raises a KeyboardInterrupt of its own, which names none."""
 
@@ -38,8 +44,8 @@ _NO_MEMORY = "there is not enough memory; ask for fewer robots, samples or bins"
 def report_errors() -> Iterator[None]:
     """Turns bad input, and what the system refuses, into one sentence and exit code 2.
 
-    Ctrl-C ends with exit code 130, SIGTERM with 143, and a reader that wants no more output in
-    silence.
+    Ctrl-C ends with exit code 130, SIGTERM with 143, SIGHUP with 129, and a reader that wants no
+    more output in silence.
     """
     _open_streams()
     for stream in (sys.stdout, sys.stderr):
@@ -55,10 +61,10 @@ def report_errors() -> Iterator[None]:
         # it drops.
         warnings.simplefilter("ignore")
         threading.excepthook = lambda _: None
-        terminated = signal.SIGTERM in (*interrupt.args, *_taken)
-        number = signal.SIGTERM if terminated else signal.SIGINT
-        print(file=sys.stderr)
-        _end(f"{_SIGNALS[number]}; what was finished is kept", 128 + number)
+        named = [number for number in (*interrupt.args, *_taken) if number in SIGNALS]
+        number = named[-1] if named else signal.SIGINT
+        _print_error("")
+        _end(f"{SIGNALS[number]}; what was finished is kept", 128 + number)
     except BrokenPipeError:
         _drop_output()
         sys.exit(BROKEN_PIPE)
@@ -86,8 +92,11 @@ def sentence_of(error: Exception) -> str | None:
 
 
 def take_signals() -> None:
-    """Has the first Ctrl-C or SIGTERM unwind this process, and the next one end it at once."""
-    for number in _SIGNALS:
+    """Has the first Ctrl-C, SIGTERM or SIGHUP unwind this process, and the next end it at once.
+
+    A second SIGHUP does nothing.
+    """
+    for number in SIGNALS:
         # A shell has its background commands ignore Ctrl-C: they still do.
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
@@ -102,7 +111,7 @@ def ended_at_once() -> Iterator[None]:
     """Has signals end the process at once, where an exception would be lost inside of an import."""
     before = {
         number: signal.signal(number, _end_at_once)
-        for number in _SIGNALS
+        for number in SIGNALS
         if signal.getsignal(number) is not signal.SIG_IGN
     }
     try:
@@ -118,6 +127,9 @@ def end_at_once_from_now_on() -> None:
 
 
 def _interrupt(number: int, _: object) -> NoReturn:
+    # A terminal that closes sends SIGHUP twice, as its shell does too: the second is no wish.
+    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is _interrupt:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     _replace_handlers(_interrupt, _end_at_once)
     _taken.append(signal.Signals(number))
     # A thread of `threading` would need locks that the interrupted code may hold.
@@ -141,7 +153,7 @@ def _end_late(number: int) -> None:
 
 def _end_at_once(number: int, *_: object) -> NoReturn:
     with suppress(OSError):
-        os.write(2, f"\nglassgait: {_SIGNALS[signal.Signals(number)]}\n".encode())
+        os.write(2, f"\nglassgait: {SIGNALS[signal.Signals(number)]}\n".encode())
     os._exit(128 + number)
 
 
@@ -150,12 +162,12 @@ def _end_quietly(number: int, *_: object) -> NoReturn:
 
 
 def _ignore_signals() -> None:
-    for number in _SIGNALS:
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def _replace_handlers(old: Callable[..., NoReturn], new: Callable[..., NoReturn]) -> None:
-    for number in _SIGNALS:
+    for number in SIGNALS:
         if signal.getsignal(number) is old:
             signal.signal(number, new)
 
@@ -176,8 +188,14 @@ def _end(sentence: str, code: int) -> NoReturn:
     except OSError:
         # A full disk, which the sentence reports, refuses what is left as well.
         _drop_output()
-    print(f"glassgait: {_on_one_line(sentence)}", file=sys.stderr)
+    _print_error(f"glassgait: {_on_one_line(sentence)}")
     sys.exit(code)
+
+
+def _print_error(line: str) -> None:
+    # A terminal that hung up takes no more lines.
+    with suppress(OSError):
+        print(line, file=sys.stderr, flush=True)
 
 
 def _drop_output() -> None:

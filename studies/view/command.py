@@ -21,6 +21,7 @@ from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
+from glassgait.models.task.day import Day, load_day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
@@ -77,6 +78,8 @@ class View(Settings):
         stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
         live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
+        day: With --live, the robot's day, in some of whose modes the policy acts, and which buttons
+            and a gamepad request: `day`, which ships, or path of a day's file.
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's, where there are no sliders; what is left
             out is the scenario's. A scenario that names no command asks for 0.5 m/s.
@@ -96,6 +99,7 @@ class View(Settings):
     ratio: str | None = None
     stills: bool = False
     live: bool = False
+    day: str | None = None
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
     n_steps: Steps | None = None
@@ -108,6 +112,8 @@ class View(Settings):
         super().__post_init__()
         if self.live and self.n_steps is not None:
             raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
+        if self.day is not None and not self.live:
+            raise InputError("view: a day's modes are requested by buttons; give --live with --day")
         if len(self.gait) > 1 and not self.live:
             raise InputError("view: gaits change by buttons; give --live with several gaits")
         if len(self.gait) > 1 and self.ratio is not None:
@@ -124,9 +130,10 @@ class View(Settings):
             scenario = replace(scenario, command=SliderCommand())
         else:
             scenario = self.command.over(scenario)
+        day = None if self.day is None else load_day(self.day)
         stem = self._stem(policy, several=len(gaits) > 1)
         refuse_run(stem.parent)
-        rollout, ending = self._play(gait, policy, scenario, stem)
+        rollout, ending = self._play(gait, policy, scenario, stem, day)
         record = {**to_plain(self), "scenario": scenario.to_plain()}
         write_atomically(_beside(stem, ".yaml"), yaml.safe_dump(record, sort_keys=False))
         self._draw(gait, policy, rollout, stem)
@@ -163,6 +170,7 @@ class View(Settings):
         parts = [Path(self.policy).stem, ratio]
         parts += [world] if world != TRAINING else []
         parts += ["changing"] if several else []
+        parts += [] if self.day is None else [Path(self.day).stem]
         folder = default_folder(self.title, policy.robot.name)
         return (self.output or folder / find_gait(self.gait[0]).name) / "_".join(parts)
 
@@ -172,11 +180,12 @@ class View(Settings):
         policy: AlternatingController,
         scenario: Scenario,
         stem: Path,
+        day: Day | None,
     ) -> tuple[Rollout, str]:
         """Returns what the robot did, and how it ended."""
         replay, meshcat = _beside(stem, ".html"), open_meshcat()
         if self.live:
-            rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
+            rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed, day=day)
             return rollout, f"stopped after {rollout.time[-1]:.2f} s"
         assert isinstance(gait, Gait)
         n_steps = N_STEPS if self.n_steps is None else self.n_steps

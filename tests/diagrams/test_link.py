@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pydrake.lcm import DrakeLcm
 
+from glassgait.diagrams.acting import PolicyActing
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.link import ControllerEnd, RobotEnd
 from glassgait.diagrams.linked_controller import MakeLinkedController
@@ -43,12 +44,12 @@ def page() -> AlternatingController:
 class Ends:
     """Both ends in one process; answers come `late` steps of the plant after their sensors."""
 
-    def __init__(self, gait, policy, scenario, *, seed=0, late=0):
+    def __init__(self, gait, policy, scenario, *, seed=0, late=0, day=None):
         self.lcm = DrakeLcm("memq://")
         self.robot = RobotEnd(
             gait, scenario, self.lcm, CHANNELS, watchdog=Watchdog(), session=4, seed=seed
         )
-        self.controller = ControllerEnd(A1, gait, policy, self.lcm, CHANNELS)
+        self.controller = ControllerEnd(PolicyActing(A1, gait, policy, day), self.lcm, CHANNELS)
         self.late = late
 
     def step(self, *, answered=True):
@@ -350,13 +351,17 @@ def test_worlds_that_are_not_made_for_two_processes_are_refused(trot, page, worl
 
 def test_a_policy_of_another_gait_is_refused(page):
     with pytest.raises(InputError, match="trot"):
-        MakeLinkedController(A1, load_gait("pace"), page, DrakeLcm("memq://"), CHANNELS)
+        MakeLinkedController(
+            PolicyActing(A1, load_gait("pace"), page), DrakeLcm("memq://"), CHANNELS
+        )
 
 
 def test_a_policy_whose_joints_have_other_gains_than_the_robots_end_is_refused(trot, page):
     firm = page.policy.with_joint_law(JointLaw((60.0, 1.0)))
     with pytest.raises(InputError, match="learned with joints of gains"):
-        MakeLinkedController(A1, trot, alone(firm, page.expert), DrakeLcm("memq://"), CHANNELS)
+        MakeLinkedController(
+            PolicyActing(A1, trot, alone(firm, page.expert)), DrakeLcm("memq://"), CHANNELS
+        )
 
 
 def test_a_step_of_both_ends_takes_less_than_a_control_period(trot, page):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.lcm import DrakeLcm
 
+from glassgait.diagrams.acting import PolicyActing
 from glassgait.diagrams.link import ControllerEnd
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.unitree_controller_end import UnitreeControllerEnd
@@ -15,6 +16,7 @@ from glassgait.models.link.channels import Channels
 from glassgait.models.link.dds import Heard
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.motors import MotorCommand, pack_low_cmd
+from glassgait.models.link.operator import Asked
 from glassgait.models.link.remote import Button, Remote, write_remote
 from glassgait.models.link.supervision import Fault, Stage, Supervision
 from glassgait.models.link.unitree_messages import LOW_CMD, is_sound, seal
@@ -57,16 +59,16 @@ class Pipe:
 class Ends:
     """Both ends in one process, in simulated time."""
 
-    def __init__(self, gait, policy, *, scenario=None, supervision=None):
+    def __init__(
+        self, gait, policy, *, scenario=None, supervision=None, acting=None, operator=None
+    ):
         self.robots, self.controllers = Pipe(ROBOT), Pipe(CONTROLLER)
         self.robots.join(self.controllers)
         self.robot = UnitreeRobotEnd(scenario or Scenario(), self.robots, seed=3)
         self.controller = UnitreeControllerEnd(
-            A1,
-            gait,
-            policy,
+            acting or PolicyActing(A1, gait, policy),
             self.controllers,
-            command=lambda _: FORWARD,
+            operator=operator or (lambda _: Asked(FORWARD)),
             supervision=supervision or Supervision(rising=1.0, self_test=False),
             clock=lambda: self.robot.simulator.get_context().get_time(),
         )
@@ -123,7 +125,7 @@ def test_targets_are_those_of_a_controller_that_is_told_the_same(ends, trot, pag
     ends.run(150)
     lcm, channels, answers = DrakeLcm("memq://"), Channels("SAME_"), []
     lcm.Subscribe(channels.targets, lambda data: answers.append(targets_t.decode(data)))
-    other = ControllerEnd(A1, trot, page, lcm, channels)
+    other = ControllerEnd(PolicyActing(A1, trot, page), lcm, channels)
     command = command_t()
     command.session, command.speed, command.dwell = 1, 0.5, 8.0
     lcm.Publish(channels.command, command.encode())
@@ -187,6 +189,35 @@ def test_a_controller_that_was_late_itself_damps(ends):
     ends.run(1)
     assert damped(ends, Fault.LATE)
     assert ends.robot.phase is Drive.DAMPED
+
+
+@pytest.mark.parametrize("stage", [Stage.RISING, Stage.FOLLOWING])
+def test_two_buttons_of_an_operators_gamepad_damp_for_good(trot, page, stage):
+    pressed = []
+    ends = Ends(trot, page, operator=lambda _: Asked(FORWARD, damped=bool(pressed)))
+    ends.run(20 if stage is Stage.RISING else 60)
+    assert ends.controller.course.stage is stage
+    pressed.append(True)
+    ends.run(2)
+    pressed.clear()
+    ends.run(2)
+    assert damped(ends, Fault.ASKED)
+    assert ends.robot.phase is Drive.DAMPED
+
+
+def test_what_is_pressed_before_the_robot_follows_is_not_remembered(trot, page):
+    heard = []
+
+    def operator(remote):
+        heard.append((ends.controller.course.stage, remote.buttons))
+        return Asked(FORWARD)
+
+    ends = Ends(trot, page, operator=operator)
+    ends.robot.remote = write_remote(Remote(Button.START, 0.0, 0.0, 0.0, 0.0))
+    ends.run(60)
+    pressed = {stage for stage, buttons in heard if Button.START in buttons}
+    assert {stage for stage, _ in heard} == {Stage.RISING, Stage.FOLLOWING}
+    assert pressed == {Stage.FOLLOWING}
 
 
 def test_two_buttons_of_the_remote_damp(ends):

@@ -1,6 +1,6 @@
 """`deploy.yaml`: all of it must be there, and be what the robot has."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import combinations
 
 import pytest
@@ -8,6 +8,7 @@ import yaml
 
 from glassgait.models.errors import InputError
 from glassgait.models.export.contract import CONTRACT, Contract, contract_of, read_contract
+from glassgait.models.export.controller import write_controller
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.switched import SwitchedPolicy
@@ -25,21 +26,22 @@ def folder(tmp_path):
     """A folder with an exported file and its contract."""
     file = tmp_path / "trot_expert.c"
     file.write_text("/* a controller */")
+    file.with_suffix(".h").write_text("/* its header */")
     contract = contract_of(TROT, alone(load_expert("trot")), file, "expert")
     (tmp_path / CONTRACT).write_text(contract.text())
     return tmp_path
 
 
-def changed(folder, change):
+def changed(folder, change, robot=A1):
     """Reads the contract with something changed in it."""
     plain = yaml.safe_load((folder / CONTRACT).read_text())
     change(plain)
     (folder / CONTRACT).write_text(yaml.safe_dump(plain))
-    return read_contract(folder / CONTRACT, A1)
+    return read_contract(folder / CONTRACT, robot)
 
 
 def test_what_is_written_is_read_again(folder):
-    contract, file = read_contract(folder / CONTRACT, A1)
+    contract, file, _ = read_contract(folder / CONTRACT, A1)
     assert file == folder / "trot_expert.c"
     assert (contract.stiffness, contract.damping) == (40.0, 1.0)
     assert contract.command_ranges["speed"] == (-TROT.max_speed, TROT.max_speed)
@@ -75,6 +77,18 @@ def test_every_exchange_of_two_names_is_refused(folder, key, pair):
 
     with pytest.raises(InputError, match=f"'{key}'"):
         changed(folder, exchange)
+
+
+@pytest.mark.parametrize(
+    "key", ["hip_offset", "thigh_offset", "thigh_length", "calf_length", "foot_radius"]
+)
+def test_every_length_that_is_off_by_a_millimetre_is_refused(folder, key):
+    def lengthen(plain):
+        own = plain[key]
+        plain[key] = [own[0] + 1e-3, own[1]] if isinstance(own, list) else own + 1e-3
+
+    with pytest.raises(InputError, match=f"key '{key}' is not that of the"):
+        changed(folder, lengthen)
 
 
 @pytest.mark.parametrize("key", OF_JOINTS)
@@ -115,8 +129,17 @@ def test_every_sign_and_unit_of_a_joint_is_refused(folder, key, factor):
         lambda plain: plain.update(file="../trot_expert.c"),
         lambda plain: plain.update(file_digest="0" * 64),
         lambda plain: plain.update(stiffness=float("nan")),
+        lambda plain: plain.update(version=1),
         lambda plain: plain.update(version=2),
+        lambda plain: plain["hip_offset"].reverse(),
+        lambda plain: plain.update(thigh_offset=-plain["thigh_offset"]),
         lambda plain: plain.update(gaits={}),
+        lambda plain: plain.update(numbers="float"),
+        lambda plain: plain["rm_states"]["trot"].pop(),
+        lambda plain: plain.update(rm_states={}),
+        lambda plain: plain.update(estimator="network"),
+        lambda plain: plain.update(header_digest="none"),
+        lambda plain: plain.update(day="0"),
     ],
 )
 def test_what_is_not_the_robots_is_refused(folder, change):
@@ -130,6 +153,35 @@ def test_a_controller_that_was_edited_is_refused(folder):
         read_contract(folder / CONTRACT, A1)
     with pytest.raises(InputError, match="'robot'"):
         read_contract(folder / CONTRACT, load_robot("go2"))
+
+
+def test_a_header_that_was_edited_or_lost_is_refused(folder):
+    (folder / "trot_expert.h").write_text("/* another */")
+    with pytest.raises(InputError, match="header_digest"):
+        read_contract(folder / CONTRACT)
+    (folder / "trot_expert.h").unlink()
+    with pytest.raises(InputError, match="header_digest"):
+        read_contract(folder / CONTRACT)
+
+
+def test_the_robot_is_the_one_that_ships_of_its_name(folder):
+    assert read_contract(folder / CONTRACT)[2].name == "a1"
+    with pytest.raises(InputError, match="robot"):
+        changed(folder, lambda plain: plain.update(robot="../a1"), robot=None)
+
+
+def test_says_how_the_c_file_is_called(folder):
+    contract, *_ = read_contract(folder / CONTRACT)
+    interface = contract.interface()
+    written = write_controller(
+        TROT, alone(load_expert("trot")), name="trot_expert", policy_name="expert", version="0"
+    )
+    for key in ("name", "real", "n_states", "has_imu", "has_odometry", "has_day"):
+        assert getattr(interface, key) == getattr(written, key)
+    assert interface.joint_law.gains_of(A1) == written.joint_law.gains_of(A1)
+    assert interface.joint_law.limited == written.joint_law.limited
+    with pytest.raises(InputError, match="--format c"):
+        replace(contract, file="trot_expert.onnx").interface()
 
 
 def test_a_day_and_several_gaits_say_what_else_is_asked_and_given(folder):

@@ -78,7 +78,7 @@ def test_a_motion_begins_and_ends_at_rest():
 
 def test_a_robot_rises_stands_walks_halts_and_lies_down():
     robot = Robot()
-    assert robot.step("sit", 10) == "rest"
+    assert robot.step("sit", 20) == "rest"
     assert robot.found.damped
     assert robot.step("stand") == "fold"
     assert robot.step("stand", 50) == "fold"
@@ -182,6 +182,8 @@ def test_robots_of_a_batch_do_as_each_does_alone():
         ("lean: 45.0", "lean: 45.0\nlien: 45.0", "unknown key 'lien'; write 'lean', or remove it"),
         ("stand: done, sit", "sit", "mode 'stand' cannot be reached from 'rest'"),
         ("leaning | blind}", "leaning & ~leaning}", "can never hold"),
+        ("seconds: 0.3", "seconds: 0.0", "give 0.02 or more"),
+        ("(stand | walk) & done", "(stand | walk)", "add '& done'"),
         ("description: A", "descriptions: A", "'descriptions'"),
     ],
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.export.binding import BAD_INPUT, N_DAY, Sensors
+from glassgait.models.export.binding import BAD_INPUT, COMMAND_LIMITED, N_DAY, Sensors
 from glassgait.models.export.controller import write_controller
 from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import alone
@@ -160,3 +160,13 @@ def without_joint(sensors, value):
     position = sensors.joint_position.copy()
     position[4] = value
     return Sensors(position, sensors.joint_velocity, sensors.touching, sensors.imu)
+
+
+def test_a_command_that_is_not_finite_halts_the_robot_and_does_not_damp_it(both, moments):
+    wrong = Command(np.array([np.nan, 0.0]), np.array(8.0))
+    lost = [own._replace(command=wrong) for own in moments[280:330]]
+    modes, damped, status = modes_of_both(both, [*moments[:280], *lost, *moments[330:449]])
+    assert not damped[280:330].any()
+    assert (modes != DAMPED).all()
+    assert DAY.names[modes[279]] == "walk" and DAY.names[modes[329]] == "stand"
+    assert set(status[280:330]) == {COMMAND_LIMITED}

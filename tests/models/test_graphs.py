@@ -194,6 +194,9 @@ def test_metadata_hold_what_a_robot_needs(name, make_policy, small_expert):
     assert [float(own) for own in metadata["default_joint_pos"].split(",")] == [*A1.default_stance]
     for key, value in {"joint_stiffness": 40.0, "joint_damping": 1.0, "action_scale": 0.25}.items():
         assert [float(own) for own in metadata[key].split(",")] == [value] * 12
+    for key in ("thigh_offset", "thigh_length", "calf_length", "foot_radius"):
+        assert float(metadata[key]) == getattr(A1, key)
+    assert tuple(float(own) for own in metadata["hip_offset"].split(",")) == A1.hip_offset
     terms = metadata["observation_names"].split(",")
     sizes = [int(own) for own in metadata["observation_terms_size"].split(",")]
     scales = [float(own) for own in metadata["observation_terms_scale"].split(",")]

@@ -29,6 +29,8 @@ A1 = load_robot()
 FARTHEST = A1.effort[0] / A1.stiffness
 SETTINGS = Watchdog(hold=0.1, lowering=1.0, recovery=0.4, rising=0.8, lean=30.0)
 STEP = 0.01
+HERE = A1.default_stance + 0.1
+"""Where joints are."""
 
 
 def targets(time):
@@ -48,7 +50,15 @@ class Watched:
             instant = CONTROL_PERIOD * ((self.now - late + 1e-9) // CONTROL_PERIOD)
             if answered and instant >= 0.0:
                 self.answer = Answer(1, instant, targets(instant))
-            self.watch = step_watch(A1, self.watch, self.answer, self.now, SETTINGS, lean=self.lean)
+            self.watch = step_watch(
+                A1,
+                self.watch,
+                self.answer,
+                self.now,
+                SETTINGS,
+                position=HERE,
+                lean=self.lean,
+            )
             phases.append(Phase(self.watch.phase))
             self.now += STEP
         return phases
@@ -197,7 +207,7 @@ def test_all_legs_are_alike_once_they_are_folded(begin):
 def test_an_answer_that_is_none_changes_nothing(answer):
     one = Watched()
     one.run(1.0)
-    watch = step_watch(A1, one.watch, answer, 1.0, SETTINGS)
+    watch = step_watch(A1, one.watch, answer, 1.0, SETTINGS, position=HERE)
     np.testing.assert_array_equal(watch.targets, one.watch.targets)
     assert watch.answered == one.watch.answered
 
@@ -206,7 +216,7 @@ def test_targets_a_little_beyond_a_joints_range_are_followed_to_its_end():
     one = Watched()
     one.run(1.0)
     asked = np.where(np.arange(12) % 2, A1.upper_limits + 0.999 * FARTHEST, A1.lower_limits - 0.1)
-    watch = step_watch(A1, one.watch, Answer(1, 1.0, asked), 1.0, SETTINGS)
+    watch = step_watch(A1, one.watch, Answer(1, 1.0, asked), 1.0, SETTINGS, position=HERE)
     ends = np.where(np.arange(12) % 2, A1.upper_limits, A1.lower_limits)
     np.testing.assert_array_equal(watch.targets, ends)
 
@@ -216,7 +226,7 @@ def test_targets_never_jump_but_to_what_a_controller_answers(ages):
     watch, now = initial_watch(A1), 0.0
     for age in ages:
         answer = None if age is None else Answer(1, now - age, np.full(12, 0.3))
-        after = step_watch(A1, watch, answer, now, SETTINGS)
+        after = step_watch(A1, watch, answer, now, SETTINGS, position=HERE)
         assert np.all(np.isfinite(after.targets))
         if not after.followed:
             # Smooth steps are fastest in their middle: 1.5 times as fast as straight ones.
@@ -242,3 +252,83 @@ def test_poses_are_within_the_joints_ranges_and_keep_the_trunk_off_the_ground(po
 def test_settings_are_checked():
     with pytest.raises(InputError, match="hold"):
         Watchdog(hold=0.0)
+
+
+class Damping(Watched):
+    """Answers that ask for no stiffness."""
+
+    damped = True
+
+    def run(self, seconds, *, answered=True, late=0.0):
+        if not answered:
+            return super().run(seconds, answered=False)
+        phases = []
+        for _ in range(round(seconds / STEP)):
+            instant = CONTROL_PERIOD * ((self.now + 1e-9) // CONTROL_PERIOD)
+            self.answer = Answer(1, instant, targets(instant), self.damped)
+            phases += super().run(STEP, answered=False)
+        return phases
+
+
+def test_joints_brake_at_once_where_the_controller_asks_for_it():
+    one = Damping()
+    assert set(one.run(0.5)) == {Phase.DAMPED}
+    np.testing.assert_array_equal(one.watch.targets, HERE)
+    assert one.watch.followed
+    one.damped = False
+    assert one.run(0.1)[-1] is Phase.FOLLOWING
+    np.testing.assert_allclose(one.watch.targets, targets(one.now - STEP), atol=1e-3)
+    one.damped = True
+    assert one.run(0.1)[-1] is Phase.DAMPED
+
+
+def test_a_damped_robot_whose_controller_vanishes_stays_damped():
+    one = Damping()
+    one.run(0.5)
+    phases = one.run(30.0, answered=False)
+    assert phases[0] is Phase.DAMPED and phases[-1] is Phase.LEFT
+    np.testing.assert_array_equal(one.watch.targets, HERE)
+    assert not one.watch.followed
+    assert one.run(0.1)[-1] is Phase.DAMPED
+
+
+def test_a_lying_robot_rises_for_a_controller_that_does_not_damp_it():
+    one = Watched()
+    one.watch = initial_watch(A1, lies=True)
+    assert set(one.run(1.0, answered=False)) == {Phase.LEFT}
+    phases = one.run(SETTINGS.recovery + SETTINGS.rising + 0.1)
+    assert phases[0] is Phase.LEFT
+    assert Phase.STANDING in phases
+    assert phases[-1] is Phase.FOLLOWING
+
+
+def test_a_lying_robot_that_leans_stays_damped():
+    one = Watched()
+    one.watch, one.lean = initial_watch(A1, lies=True), SETTINGS.lean + 1.0
+    assert set(one.run(3.0)) == {Phase.LEFT}
+
+
+def test_a_robot_that_is_being_lowered_is_not_damped_before_it_lies():
+    one = Damping()
+    one.damped = False
+    one.run(1.0)
+    one.run(0.3, answered=False)
+    assert one.watch.phase == Phase.LOWERED
+    one.damped = True
+    assert one.run(0.3)[-1] is Phase.LOWERED
+    assert one.run(SETTINGS.lowering + 0.2)[-1] is Phase.DAMPED
+
+
+@pytest.mark.parametrize("late", [0.03, 0.3])
+def test_an_answer_that_says_damped_and_is_late_damps(late):
+    one = Watched()
+    one.run(1.0)
+    one.now += late
+    answer = Answer(1, one.now - late, targets(0.0), True)
+    phases = []
+    for _ in range(200):
+        one.watch = step_watch(A1, one.watch, answer, one.now, SETTINGS, position=HERE)
+        phases.append(Phase(one.watch.phase))
+        np.testing.assert_array_equal(one.watch.targets, HERE)
+        one.now += STEP
+    assert set(phases) <= {Phase.DAMPED, Phase.LEFT} and phases[-1] is Phase.LEFT

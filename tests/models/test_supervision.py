@@ -94,3 +94,35 @@ def test_is_damped_in_every_stage_and_stays_so(now, wrong, fault):
 def test_the_first_reason_is_kept():
     course = stepped(stepped(initial_course(GO2), 0.0), 1.0, lean=90.0)
     assert course.damped(Fault.SILENT, 2.0) == course
+
+
+LYING = {"position": CROUCH, "lean": 0.0, "asked": False, "lies": True}
+"""What is known of a robot whose controller has a day."""
+
+
+def test_a_day_is_followed_at_once_where_nothing_is_tested():
+    plain = replace(SETTINGS, self_test=False)
+    assert step_course(initial_course(GO2), plain, 7.0, **LYING).stage is Stage.FOLLOWING
+
+
+def test_a_day_begins_after_the_test_with_a_robot_that_was_lowered():
+    course = step_course(initial_course(GO2), SETTINGS, 7.0, **LYING)
+    assert course.stage is Stage.RISING
+    course = step_course(course, SETTINGS, 10.0, **LYING).passed(12.0, lies=True)
+    assert course.stage is Stage.LOWERING
+    poses = np.array([command_at(course, 12.0 + t).q for t in np.arange(0.0, 3.01, 0.002)])
+    np.testing.assert_allclose(poses[0], GO2.default_stance, atol=1e-9)
+    np.testing.assert_allclose(poses[-1], CROUCH, atol=1e-9)
+    assert np.abs(np.diff(poses, axis=0)).max() < 0.002
+    assert step_course(course, SETTINGS, 14.9, **LYING).stage is Stage.LOWERING
+    assert step_course(course, SETTINGS, 15.0, **LYING).stage is Stage.FOLLOWING
+
+
+def test_what_a_day_damps_is_what_supervision_damps():
+    followed = initial_course(GO2)._replace(stage=Stage.FOLLOWING)
+    asked = {"targets": np.full(12, np.nan), "gains": GAINS, "damped": True}
+    command = commanded(GO2, followed, SETTINGS, 1.0, **asked)
+    wrong = commanded(GO2, followed.damped(Fault.LEANS, 0.5), SETTINGS, 1.0, **asked)
+    for own, other in zip(command, wrong, strict=True):
+        np.testing.assert_array_equal(own, other)
+    assert command.is_damping

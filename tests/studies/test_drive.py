@@ -1,13 +1,18 @@
 """`glassgait drive`: what is refused, and the losses that are counted."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
+import yaml
 
+from glassgait.models.errors import InputError
+from glassgait.models.export.contract import CONTRACT, Contract
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.drive import packet_loss
+from glassgait.studies.deployment.drive import command, packet_loss
 from glassgait.studies.deployment.drive.packet_loss import Loss
+from glassgait.studies.deployment.export.files import has_compiler
 
 REFUSED = {
     "controller --gait gallop": "gait 'gallop'",
@@ -20,6 +25,18 @@ REFUSED = {
     "controller --remote": "over LCM the robot's end sends the command",
     "controller --look": "add --wire unitree",
     "controller --wire unitree --remote --command.speed 0.5": "come from the remote",
+    "controller --wire unitree --remote --request walk": "come from the remote",
+    "controller --wire unitree --meshcat --command.speed 0.5": "commands come from Meshcat",
+    "controller --meshcat": "over LCM the robot's end sends the command",
+    "controller --request walk": "over LCM the robot's end sends the command",
+    "controller --day night": "unknown day 'night'",
+    "controller --contract none/deploy.yaml": "none/deploy.yaml",
+    "controller --contract deploy.yaml --gait walk": "gait is the contract's",
+    "controller --contract deploy.yaml --policy gbm": "policy is the contract's",
+    "controller --contract deploy.yaml --day day": "day is the contract's",
+    "simulator --day night --channels T2_": "unknown day 'night'",
+    "simulator --request walk": "a request is of a day",
+    "simulator --wire unitree --day day": "the controller's end has the command and the day",
     "controller --wire unitree --interface a;b": "interface",
     "controller --wire unitree --domain 233": "domain",
     "simulator --wire unitree --command.speed 0.5": "the controller's end has the command",
@@ -34,6 +51,74 @@ def test_bad_input_is_refused_in_one_sentence(arguments, refused, tmp_path, monk
     monkeypatch.chdir(tmp_path)
     assert REFUSED[arguments] in refused(["drive", *arguments.split()])
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """What `glassgait export` wrote of the trot's page."""
+    if not has_compiler():
+        pytest.skip("needs a C compiler, cc")
+    folder = tmp_path_factory.mktemp("exported")
+    main(
+        f"export --gait trot --policy sparse_formula --n-steps 20 --output {folder / 'run'}".split()
+    )
+    return folder / "run"
+
+
+def renamed(plain):
+    first, second, *_ = plain["joints"]
+    plain["joints"][:2] = second, first
+
+
+MUTATIONS = {
+    "'joints' is not that of the a1": renamed,
+    "'stance' is not that of the a1": lambda plain: plain["stance"].reverse(),
+    "'thigh_length' is not that of the a1": lambda plain: plain.update(thigh_length=0.213),
+    "lacks the key 'effort'": lambda plain: plain.pop("effort"),
+    "'digest' is not that of the others": lambda plain: plain.update(stiffness=60.0),
+    "'file_digest' is not that": lambda plain: plain.update(file_digest="0" * 64),
+    "'header_digest' is not that": lambda plain: plain.update(header_digest="0" * 64),
+    "robot": lambda plain: plain.update(robot="b2"),
+    "unknown key 'extra'": lambda plain: plain.update(extra=1),
+}
+
+
+@pytest.mark.parametrize("wire", ["lcm", "unitree"])
+@pytest.mark.parametrize("message", MUTATIONS)
+def test_a_contract_that_was_changed_is_refused_before_anything_is_sent(
+    message, wire, exported, refused, tmp_path, monkeypatch
+):
+    for opened in ("open_lcm", "open_controllers_end"):
+        monkeypatch.setattr(command, opened, lambda _: pytest.fail("it was opened"))
+    folder = shutil.copytree(exported, tmp_path / "own")
+    plain = yaml.safe_load((folder / CONTRACT).read_text())
+    MUTATIONS[message](plain)
+    if "digest" in plain and "'digest'" not in message:
+        plain["digest"] = redigested(plain)
+    (folder / CONTRACT).write_text(yaml.safe_dump(plain, sort_keys=False))
+    given = ["drive", "controller", "--contract", str(folder / CONTRACT), "--wire", wire]
+    assert message in refused(given)
+
+
+def redigested(plain):
+    """Returns the digest of what was changed, as one would write it who wants it to pass."""
+    known = {key: value for key, value in plain.items() if key != "extra"}
+    try:
+        return Contract.from_plain(known, "own").own_digest()
+    except InputError:
+        return plain["digest"]
+
+
+def test_the_robot_that_is_moved_must_be_the_contracts(exported, refused):
+    given = ["drive", "controller", "--contract", str(exported / CONTRACT), "--robot", "go2"]
+    assert "'robot' is not that of the go2" in refused(given)
+
+
+def test_a_source_that_was_edited_is_not_compiled(exported, refused, tmp_path):
+    folder = shutil.copytree(exported, tmp_path / "own")
+    with (folder / "trot_sparse_formula.c").open("a") as file:
+        file.write("\n/* a remark */\n")
+    assert "file_digest" in refused(["drive", "controller", "--contract", str(folder / CONTRACT)])
 
 
 def test_losses_are_counted_and_kept(tmp_path, monkeypatch):

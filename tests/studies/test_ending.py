@@ -20,6 +20,7 @@ from glassgait.studies.cli import COMMANDS, MOVED, command_class, main
 from glassgait.studies.common.exit_codes import (
     BAD_INPUT,
     BROKEN_PIPE,
+    HUNG_UP,
     INTERRUPTED,
     TERMINATED,
     report_errors,
@@ -115,6 +116,7 @@ ENDINGS = [
     (InputError("a: is not b; mend it"), BAD_INPUT, "a: is not b; mend it"),
     (KeyboardInterrupt(), INTERRUPTED, "interrupted; what was finished is kept"),
     (KeyboardInterrupt(signal.SIGTERM), TERMINATED, "terminated; what was finished is kept"),
+    (KeyboardInterrupt(signal.SIGHUP), HUNG_UP, "hung up; what was finished is kept"),
     (InputError("a\nb\x1b[31m\u202eé: mend it"), BAD_INPUT, "a\\nb\\x1b[31m\\u202eé: mend it"),
     (MemoryError(), BAD_INPUT, "there is not enough memory"),
     (RuntimeError("DefaultCPUAllocator: can't allocate memory"), BAD_INPUT, "there is not enough"),
@@ -229,7 +231,11 @@ cli.main()
 
 @pytest.mark.parametrize(
     ("number", "code", "word"),
-    [(signal.SIGINT, INTERRUPTED, "interrupted"), (signal.SIGTERM, TERMINATED, "terminated")],
+    [
+        (signal.SIGINT, INTERRUPTED, "interrupted"),
+        (signal.SIGTERM, TERMINATED, "terminated"),
+        (signal.SIGHUP, HUNG_UP, "hung up"),
+    ],
 )
 def test_a_signal_ends_a_command_in_one_sentence(number, code, word):
     process = start(AT_WORK % "pass")
@@ -240,6 +246,15 @@ def test_a_signal_ends_a_command_in_one_sentence(number, code, word):
         code,
         f"\nglassgait: {word}; what was finished is kept\n",
     )
+
+
+def test_a_terminal_that_closes_and_says_so_twice_lets_the_command_unwind():
+    process = start(AT_WORK % "time.sleep(0.5); os.write(1, b'!')")
+    for _ in range(2):
+        assert process.stdout.read(1) == "."
+        process.send_signal(signal.SIGHUP)
+    left, _ = process.communicate(timeout=30)
+    assert (process.returncode, left) == (HUNG_UP, "!")
 
 
 @pytest.mark.parametrize("again", [0, 1])

@@ -21,13 +21,14 @@ from glassgait.models.export.binding import (
     Sensors,
 )
 from glassgait.models.export.controller import write_controller
+from glassgait.models.export.reference import PythonController
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
-from glassgait.models.task.command import Command
+from glassgait.models.task.command import Command, on_the_spot
 from glassgait.models.task.contact import UNREAD
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.imu import ImuReading
@@ -234,25 +235,21 @@ def moving(compiled_page, trot):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.1e6])
 @pytest.mark.parametrize(
     "where",
-    ["position", "velocity", "angular_velocity", "velocity_change", "gravity", "speed", "dwell"],
+    ["position", "velocity", "angular_velocity", "velocity_change", "gravity"],
 )
 def test_bad_input_changes_nothing_and_is_reported(value, where, moving, compiled_page):
     memory, sensors, command = moving
     position, velocity = sensors.joint_position.copy(), sensors.joint_velocity.copy()
-    speeds, dwell, imu = command.velocity.copy(), command.dwell, sensors.imu.copy()
+    imu = sensors.imu.copy()
     match where:
         case "position":
             position[11] = value
         case "velocity":
             velocity[0] = value
-        case "speed":
-            speeds[0] = value
-        case "dwell":
-            dwell = value
         case part:
             getattr(ImuReading.of(imu), part)[2] = value
     broken = Sensors(position, velocity, sensors.touching, imu)
-    step = compiled_page.step(memory, broken, Command(speeds, dwell))
+    step = compiled_page.step(memory, broken, command)
     assert step.status == BAD_INPUT
     np.testing.assert_array_equal(step.memory, memory)
     kept = A1.joint_targets(memory[ACTION], limited=True)
@@ -320,6 +317,25 @@ def test_commands_beyond_the_gaits_range_are_limited(moving, compiled_page):
     limit = compiled_page.step(memory, sensors, Command(np.array([1.0, -1.0]), np.array(6.0)))
     assert (beyond.status, limit.status) == (COMMAND_LIMITED, 0)
     np.testing.assert_array_equal(beyond.targets, limit.targets)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_command_that_is_not_finite_is_to_step_on_the_spot_as_in_python(
+    value, place, moving, compiled_page, trot
+):
+    memory, sensors, _ = moving
+    numbers = np.array([0.5, 0.2, 8.0])
+    numbers[place] = value
+    bad = Command(numbers[:2], numbers[2])
+    page = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
+    step = compiled_page.step(memory, sensors, bad)
+    spot = compiled_page.step(memory, sensors, on_the_spot(trot))
+    python = PythonController(trot, page).step(memory, sensors, bad)
+    assert (step.status, python.status, spot.status) == (COMMAND_LIMITED, COMMAND_LIMITED, 0)
+    np.testing.assert_array_equal(step.memory, spot.memory)
+    np.testing.assert_allclose(python.targets, step.targets, atol=1e-9)
+    assert np.any(step.memory != memory)
 
 
 def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, trot):

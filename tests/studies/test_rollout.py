@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import count
 from queue import Empty, Queue
 
 import numpy as np
@@ -17,19 +18,20 @@ from pydrake.systems.analysis import Simulator
 import glassgait.studies.view.command
 import glassgait.studies.view.live
 from glassgait.diagrams.commands import SliderCommand
-from glassgait.diagrams.rollout import Rollout
+from glassgait.diagrams.gait_machine import gait_buttons
+from glassgait.diagrams.rollout import Rollout, make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.task.day import load_day
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.cli import main
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure, session_figure
-from glassgait.studies.view.live import play_live
-from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
+from glassgait.studies.view.live import STOP_BUTTON, play_live
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
@@ -146,7 +148,7 @@ def test_buttons_stay_where_they_are_when_pressed_and_the_requested_gait_is_mark
     meshcat = open_meshcat()
     meshcat.AddButton("stop and save", "Escape")
     gaits = [load_gait(name) for name in ("trot", "bound", "pace")]
-    simulator = Simulator(MeshcatGaitRequest(gaits, meshcat))
+    simulator = Simulator(gait_buttons(gaits, meshcat))
     browser.set_window_size(480, 400)
     browser.get(meshcat.web_url())
 
@@ -211,6 +213,48 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
     assert (tmp_path / "replay.html").exists()
 
 
+def test_a_robot_with_a_day_rises_by_its_button_and_is_not_put_back(trot, tmp_path, monkeypatch):
+    """Faster than the clock; the button is clicked as a browser does."""
+    monkeypatch.setattr(
+        glassgait.studies.view.live,
+        "make_simulator",
+        lambda *values, **named: make_simulator(*values, **(named | {"realtime_rate": 0.0})),
+    )
+    meshcat, steps = open_meshcat(), count()
+
+    def pusher(*_):
+        def pushed():
+            step = next(steps)
+            if step == 30:
+                click(meshcat, "stand")
+            if step == 200:
+                click(meshcat, STOP_BUTTON)
+
+        return pushed
+
+    monkeypatch.setattr(glassgait.studies.view.live, "pusher", pusher)
+    day = load_day()
+    rollout = play_live(
+        trot,
+        alone(load_student("trot", "sparse_formula"), load_expert("trot")),
+        Scenario(command=SliderCommand(), sensor_noise=0.0),
+        meshcat,
+        tmp_path / "replay.html",
+        day=day,
+    )
+    height, modes = rollout["state"][:, 6], rollout["mode"].ravel().astype(int)
+    # A robot that lies shows failures of the task, which do not end its day.
+    assert rollout["failures"][:20].any()
+    assert height[25] < 0.06 and height[-1] > 0.25
+    assert [day.names[mode] for mode in np.unique(modes)] == ["rest", "fold", "rise", "stand"]
+
+
+def click(meshcat, name):
+    words = ("type", "button", "name", name)
+    packed = b"".join(bytes([0xA0 | len(word)]) + word.encode() for word in words)
+    meshcat._InjectWebsocketMessage(message=b"\x82" + packed)
+
+
 @pytest.mark.slow
 def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
     path = tmp_path / "fling.safetensors"
@@ -233,6 +277,8 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
         (["--seed", "99999999999999999999"], "seed"),
         (["--policy", "symbolic", "--ratio", ""], "alternation ratio"),
         (["--live", "--n-steps", "150"], "--n-steps"),
+        (["--day", "day"], "give --live with --day"),
+        (["--live", "--day", "night"], "unknown day 'night'"),
         (["--gait", "trot", "walk"], "--live"),
         (["--live", "--gait", "trot", "walk", "--ratio", "1"], "--ratio"),
         (["--live", "--gait", "trot", "trot"], "gait"),

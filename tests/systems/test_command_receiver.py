@@ -42,3 +42,14 @@ def test_takes_the_nearest_that_the_gait_is_made_for(received, trot):
 @pytest.mark.parametrize("bad", [{"session": 0}, {"speed": np.nan}, {"dwell": np.inf}])
 def test_steps_on_the_spot_without_a_sound_command(received, trot, bad):
     assert received(**bad) == [0.0, 0.0, sum(trot.dwell) // 2]
+
+
+@pytest.mark.parametrize(
+    ("sent", "read"), [(0, 0), (1, 1), (2, 2), (3, 0), (-1, 0), (2**31 - 1, 0)]
+)
+def test_a_request_without_a_number_of_its_own_is_to_sit(sent, read, trot):
+    system, message = CommandReceiver(trot), command_t()
+    message.session, message.requested_mode = 1, sent
+    context = system.CreateDefaultContext()
+    system.get_message_input_port().FixValue(context, AbstractValue.Make(message))
+    assert system.get_requested_mode_output_port().Eval(context) == [read]

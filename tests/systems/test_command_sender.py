@@ -13,3 +13,6 @@ def test_sends_the_command_of_an_instant(fix_inputs):
     assert (message.session, message.sequence, message.utime) == (3, 2, 40_000)
     assert (message.speed, message.yaw_rate, message.dwell) == (0.5, -0.2, 8.0)
     assert system.get_message_output_port().Eval(clone).dwell == 9.0
+    assert message.requested_mode == 0
+    fix_inputs(system, clone, requested_mode=2)
+    assert system.get_message_output_port().Eval(clone).requested_mode == 2

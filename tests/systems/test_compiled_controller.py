@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.export.binding import ACTION, BAD_INPUT, sensed
+from glassgait.models.export.binding import ACTION, BAD_INPUT, Sensors
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
@@ -15,9 +15,15 @@ A1 = load_robot()
 AT_REST = np.array([0, 0, 0, 0, 0, CONTROL_PERIOD * GRAVITY, 0, 0, -1.0])
 
 
+def sensed(state):
+    """What sensors give of a robot that stands."""
+    joints = [state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]]
+    return {"joints": np.concatenate(joints), "touching": np.ones(4)}
+
+
 @pytest.fixture
 def system(compiled_page) -> CompiledController:
-    return CompiledController(A1, compiled_page)
+    return CompiledController(compiled_page)
 
 
 def outputs(system, context):
@@ -28,9 +34,11 @@ def outputs(system, context):
 def test_takes_the_controllers_step_and_remembers(
     system, compiled_page, fix_inputs, latch, standing
 ):
-    context = fix_inputs(system, state=standing, imu=AT_REST, command=[0.5, 0.1], commanded_dwell=8)
+    context = fix_inputs(
+        system, **sensed(standing), imu=AT_REST, command=[0.5, 0.1], commanded_dwell=8
+    )
     sensors, command = (
-        sensed(A1, standing, imu=AT_REST),
+        Sensors(A1.default_stance, np.zeros(12), np.ones(4, bool), AT_REST),
         Command(np.array([0.5, 0.1]), np.array(8.0)),
     )
     memory = compiled_page.initial()
@@ -47,7 +55,9 @@ def test_takes_the_controllers_step_and_remembers(
 
 
 def test_contexts_remember_their_own(system, fix_inputs, latch, standing):
-    context = fix_inputs(system, state=standing, imu=AT_REST, command=[0.5, 0.0], commanded_dwell=8)
+    context = fix_inputs(
+        system, **sensed(standing), imu=AT_REST, command=[0.5, 0.0], commanded_dwell=8
+    )
     clone = context.Clone()
     first, *_ = outputs(system, context)
     latch(system, context)
@@ -56,12 +66,14 @@ def test_contexts_remember_their_own(system, fix_inputs, latch, standing):
 
 
 def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch, standing):
-    context = fix_inputs(system, state=standing, imu=AT_REST, command=[0.5, 0.0], commanded_dwell=8)
+    context = fix_inputs(
+        system, **sensed(standing), imu=AT_REST, command=[0.5, 0.0], commanded_dwell=8
+    )
     before, *_ = outputs(system, context)
     latch(system, context)
-    broken = standing.copy()
-    broken[quadruped.JOINT_VELOCITY.start] = np.nan
-    fix_inputs(system, context, state=broken)
+    broken = sensed(standing)["joints"]
+    broken[quadruped.N_JOINTS] = np.nan
+    fix_inputs(system, context, joints=broken)
     action, _, status = outputs(system, context)
     assert status[0] == BAD_INPUT
     np.testing.assert_array_equal(action, before)
@@ -69,7 +81,7 @@ def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch
 
 @pytest.fixture
 def changing(compiled_pages) -> CompiledController:
-    return CompiledController(A1, compiled_pages)
+    return CompiledController(compiled_pages)
 
 
 @pytest.mark.parametrize("requested", [None, 0, 1])
@@ -77,7 +89,7 @@ def test_changes_the_gait_that_is_requested(
     requested, changing, compiled_pages, fix_inputs, latch, standing
 ):
     context = fix_inputs(
-        changing, state=standing, imu=AT_REST, command=[0.3, 0.0], commanded_dwell=6
+        changing, **sensed(standing), imu=AT_REST, command=[0.3, 0.0], commanded_dwell=6
     )
     if requested is not None:
         fix_inputs(changing, context, requested_gait=requested)
@@ -92,7 +104,7 @@ def test_changes_the_gait_that_is_requested(
 def test_holds_the_target_where_no_such_gait_is_requested(
     number, changing, fix_inputs, latch, standing
 ):
-    inputs = {"state": standing, "imu": AT_REST, "command": [0.3, 0.0], "commanded_dwell": 8}
+    inputs = {**sensed(standing), "imu": AT_REST, "command": [0.3, 0.0], "commanded_dwell": 8}
     context = fix_inputs(changing, **inputs, requested_gait=0)
     before, *_ = outputs(changing, context)
     latch(changing, context)

@@ -99,7 +99,7 @@ def test_restarts_on_its_feet(system, advance):
 
 
 def test_numbers_stand_for_a_watch_and_back():
-    watch = step_watch(A1, initial_watch(A1), None, 1.0, Watchdog())
+    watch = step_watch(A1, initial_watch(A1), None, 1.0, Watchdog(), position=A1.default_stance)
     again = unpack_watch(pack_watch(watch))
     for one, other in zip(watch, again, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -13,6 +13,7 @@ from glassgait.models.task.day import REQUESTS, load_day
 from glassgait.systems.mode_machine import ModeMachineSystem
 
 A1, DAY = load_robot(), load_day()
+RESTING = DAY.steps("rest")
 IMU = np.concatenate([np.zeros(8), [-1.0]])
 JOINTS = np.concatenate([A1.default_stance, np.zeros(12)])
 GIVEN = {
@@ -42,6 +43,10 @@ def test_it_rests_until_it_is_requested_to_rise(fix_inputs):
     assert system.get_damped_output_port().Eval(context)[0] == 1.0
     assert system.get_acts_output_port().Eval(context)[0] == 0.0
     np.testing.assert_array_equal(system.get_served_command_output_port().Eval(context), 0.0)
+    fix_inputs(system, context, requested_mode=[REQUESTS.index("walk")])
+    assert mode_of(system, context) == "rest"
+    fix_inputs(system, context, requested_mode=[REQUESTS.index("sit")])
+    latched(system, context, RESTING)
     clone = context.Clone()
     fix_inputs(system, context, requested_mode=[REQUESTS.index("walk")])
     assert mode_of(system, context) == "fold"
@@ -58,13 +63,13 @@ def test_it_lets_the_policy_act_once_the_robot_stands(fix_inputs):
     system = ModeMachineSystem(A1, DAY)
     context = fix_inputs(system, **GIVEN, requested_mode=[REQUESTS.index("walk")])
     acted = system.get_acted_output_port()
-    latched(system, context, 51 + 76 + 16)
+    latched(system, context, RESTING + 51 + 76 + 16)
     assert mode_of(system, context) == "walk"
     assert acted.Eval(context)[0] == 0.0
     np.testing.assert_array_equal(
         system.get_asked_action_output_port().Eval(context), GIVEN["action"]
     )
-    latched(system, context, 51 + 76 + 16 + 1)
+    latched(system, context, RESTING + 51 + 76 + 16 + 1)
     assert acted.Eval(context)[0] == 1.0
     tipped = IMU.copy()
     tipped[6:9] = [0.0, 0.9, -0.3]

@@ -52,7 +52,7 @@ from glassgait.systems.joint_sensor import JointSensor
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.meshcat_command import MeshcatCommand
-from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
+from glassgait.systems.meshcat_request import MeshcatRequest
 from glassgait.systems.mode_machine import ModeMachineSystem
 from glassgait.systems.observation_offset import ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
@@ -95,7 +95,9 @@ class Ports(NamedTuple):
 def with_imu(compiled):
     """A controller that has every port that one may have."""
     own = copy.copy(compiled)
-    own.has_imu = True
+    initial = own.initial()
+    own.has_imu = own.has_day = True
+    own.initial = lambda: initial
     return own
 
 
@@ -115,12 +117,21 @@ PORTS: dict[Any, Ports] = {
         {"port_selector": ABSTRACT, "expert_acts": 1, "overrun": 1},
     ),
     BodyStateSensor: Ports(lambda: BodyStateSensor(A1), {"state": 37}, {"body_state": 7}),
-    CommandReceiver: Ports(lambda: CommandReceiver(TROT), {"message": ABSTRACT}, COMMAND),
-    CommandSender: Ports(lambda: CommandSender(session=3), COMMAND, {"message": ABSTRACT}),
+    CommandReceiver: Ports(
+        lambda: CommandReceiver(TROT),
+        {"message": ABSTRACT},
+        {**COMMAND, "requested_mode": 1},
+    ),
+    CommandSender: Ports(
+        lambda: CommandSender(session=3), {**COMMAND, "requested_mode": 1}, {"message": ABSTRACT}
+    ),
     CompiledController: Ports(
-        lambda compiled_pages: CompiledController(A1, with_imu(compiled_pages)),
-        {"state": 37, **COMMAND, "requested_gait": 1, "imu": 9},
-        {"action": 12, "targets": 12, "status": 1},
+        lambda compiled_pages: CompiledController(with_imu(compiled_pages)),
+        {
+            **{"joints": 24, "touching": 4, **COMMAND},
+            **{"requested_gait": 1, "requested_mode": 1, "imu": 9},
+        },
+        {"action": 12, "targets": 12, "status": 1, "damped": 1},
     ),
     ContactSensor: Ports(
         lambda: ContactSensor(0.1), {"touching": 4, "uniform_noise": 4}, {"sensed_contact": 4}
@@ -181,8 +192,10 @@ PORTS: dict[Any, Ports] = {
         set(),
     ),
     MeshcatCommand: Ports(lambda meshcat: MeshcatCommand(TROT, meshcat), {}, COMMAND),
-    MeshcatGaitRequest: Ports(
-        lambda meshcat: MeshcatGaitRequest([TROT, WALK], meshcat), {}, {"requested_gait": 1}
+    MeshcatRequest: Ports(
+        lambda meshcat: MeshcatRequest(["up", "down"], meshcat, keys=(), by_gamepad=max),
+        {},
+        {"requested": 1},
     ),
     ModeMachineSystem: Ports(
         lambda: ModeMachineSystem(A1, load_day()),
@@ -291,7 +304,9 @@ PORTS: dict[Any, Ports] = {
         {"limited_action": 12},
     ),
     TargetsSender: Ports(
-        lambda: TargetsSender(A1), {"action": 12, "sensors": ABSTRACT}, {"message": ABSTRACT}
+        lambda: TargetsSender(A1),
+        {"action": 12, "sensors": ABSTRACT, "damped": 1},
+        {"message": ABSTRACT},
     ),
     WorldState: Ports(WorldState, {"plant_state": 37}, {"state": 37}),
     make_symbolic_policy: Ports(lambda: make_symbolic_policy(POLICY), {"u0": 49}, {"y0": 12}),

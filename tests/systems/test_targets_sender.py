@@ -26,3 +26,7 @@ def test_answers_the_sensors(fix_inputs, generator):
     assert (message.session, message.sequence, message.utime) == (3, 5, 100_000)
     np.testing.assert_array_equal(message.joint_position, A1.joint_targets(action, limited=True))
     assert system.get_message_output_port().Eval(clone).sequence == 6
+    assert not message.damped
+    fix_inputs(system, clone, damped=1.0)
+    assert system.get_message_output_port().Eval(clone).damped
+    assert not system.get_message_output_port().Eval(context).damped

@@ -3,11 +3,11 @@
 import json
 from collections.abc import Iterable
 
+from glassgait.models.export.contract import ranges_of, terms_of
 from glassgait.models.formulas.limits import limits_lines
 from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import quadruped
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import OVERDUE, Group, ObservationEntry, ObservationLayout
@@ -27,6 +27,9 @@ TERMS: dict[Group, str] = {
 """How deployment stacks call groups of observations, and what ours are called where they have no
 such group."""
 
+LENGTHS = ("thigh_offset", "thigh_length", "calf_length", "foot_radius")
+"""Lengths of the robot by which its odometry and clearances are computed (m)."""
+
 
 def metadata(
     gait: Gait, controller: AlternatingController, *, policy_name: str, version: str
@@ -45,8 +48,11 @@ def metadata(
     groups: dict[Group, list[ObservationEntry]] = {}
     for entry in own:
         groups.setdefault(entry.group, []).append(entry)
-    robot, n = policy.robot, quadruped.N_JOINTS
-    stiffness, damping = controller.joint_law.gains_of(robot)
+    n, terms = quadruped.N_JOINTS, terms_of(policy.robot)
+    ranges = {name: list(own) for name, own in ranges_of(gait).items()}
+    ranges["rm_iterations"] = list(gait.dwell)
+    del ranges["dwell"]
+    stiffness, damping = controller.joint_law.gains_of(policy.robot)
     limits = controller.joint_law.limits
     # The last action is observed as it was given, where formulas hold its target.
     scales = [
@@ -54,31 +60,27 @@ def metadata(
         for group, entries in groups.items()
     ]
     return {
-        "robot": robot.name,
-        "joint_names": _listed(quadruped.JOINTS),
+        "robot": str(terms["robot"]),
+        "joint_names": _listed(terms["joints"]),
         "joint_stiffness": _listed([stiffness] * n),
         "joint_damping": _listed([damping] * n),
-        "joint_effort_limit": _listed(robot.effort.tolist()),
-        "joint_pos_lower_limit": _listed(robot.lower_limits.tolist()),
-        "joint_pos_upper_limit": _listed(robot.upper_limits.tolist()),
+        "joint_effort_limit": _listed(terms["effort"]),
+        "joint_pos_lower_limit": _listed(terms["lower_limits"]),
+        "joint_pos_upper_limit": _listed(terms["upper_limits"]),
         "limit_targets": json.dumps(controller.joint_law.limited),
         **({} if limits is None else {"limits": "\n".join(limits_lines(limits))}),
-        "default_joint_pos": _listed(robot.default_stance.tolist()),
-        "action_scale": _listed([robot.action_scale] * n),
+        **{name: repr(terms[name]) for name in LENGTHS},
+        "hip_offset": _listed(terms["hip_offset"]),
+        "default_joint_pos": _listed(terms["stance"]),
+        "action_scale": _listed([terms["action_scale"]] * n),
         "command_names": "twist,rm_iterations",
         "observation_names": _listed(TERMS[group] for group in groups),
         "observation_terms_size": _listed(len(entries) for entries in groups.values()),
         "observation_terms_scale": _listed(scales),
         "observation_entries": _listed(entry.name for entry in own),
         "estimate_entries": _listed(entry.name for entry in layout.entries[len(own) :]),
-        "control_period": repr(CONTROL_PERIOD),
-        "command_ranges": json.dumps(
-            {
-                "speed": [-gait.max_speed, gait.max_speed],
-                "yaw_rate": [-gait.max_yaw_rate, gait.max_yaw_rate],
-                "rm_iterations": list(gait.dwell),
-            }
-        ),
+        "control_period": repr(terms["control_period"]),
+        "command_ranges": json.dumps(ranges),
         "gait": gait.name,
         "reward_machine": json.dumps(_machine(gait)),
         "contact_trust": json.dumps({"unchanged_steps": UNCHANGED_STEPS, "low": LOW}),

@@ -339,11 +339,9 @@ static int all_sound(const {{ real }} *values, int count)
     return 1;
 }
 
-static int sound_input(const Sensors *sensors, const Command *command)
+static int sound_input(const Sensors *sensors{{ ', const Command *command' if day or gaits | length > 1 }})
 {
-    const {{ real }} commands[3] = {command->speed, command->yaw_rate, command->dwell};
-
-    return all_sound(commands, 3) && all_sound(sensors->joint_position, 12)
+    return all_sound(sensors->joint_position, 12)
         && all_sound(sensors->joint_velocity, 12){% if has_imu %}
 
         && all_sound(sensors->angular_velocity, 3) && all_sound(sensors->velocity_change, 3)
@@ -469,17 +467,24 @@ int {{ name }}_step(
     /* Until all is known to be sound, the targets are those of the step before. */
     set_targets(controller->action, targets);
 {% if day %}
-    if (!sound_input(sensors, command) || !sound_readings(sensors))
+    if (!sound_input(sensors{{ ', command' if day or gaits | length > 1 }}) || !sound_readings(sensors))
         return {{ prefix }}_BAD_INPUT | stay(controller, targets);
 {% else %}
-    if (!sound_input(sensors, command))
+    if (!sound_input(sensors{{ ', command' if day or gaits | length > 1 }}))
         return {{ prefix }}_BAD_INPUT;
 {% endif %}
-    within.speed = limited(command->speed,
+    within = *command;
+    /* Where a command is not finite the robot is to step on the spot. */
+    if (!isfinite(within.speed) || !isfinite(within.yaw_rate) || !isfinite(within.dwell)) {
+        flags |= {{ prefix }}_COMMAND_LIMITED;
+        within.speed = within.yaw_rate = {{ 0.0 | number }};
+        within.dwell = {{ (gait.dwell | sum // 2) | float | number }};
+    }
+    within.speed = limited(within.speed,
         -{{ prefix }}_MAX_SPEED, {{ prefix }}_MAX_SPEED, &flags);
-    within.yaw_rate = limited(command->yaw_rate,
+    within.yaw_rate = limited(within.yaw_rate,
         -{{ prefix }}_MAX_YAW_RATE, {{ prefix }}_MAX_YAW_RATE, &flags);
-    within.dwell = limited(command->dwell,
+    within.dwell = limited(within.dwell,
         {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
 {% if day %}
 

@@ -52,13 +52,14 @@ enum {
 enum {
     {{ prefix }}_OK = 0,
 {% block bad_input %}
-    /* A sensor or a command is NaN, infinite or beyond 1e6: nothing changes, the targets are those
-     * of the step before, at first the default stance. */
+    /* A sensor is NaN, infinite or beyond 1e6: nothing changes, the targets are those of the step
+     * before, at first the default stance. */
 {% endblock %}
     {{ prefix }}_BAD_INPUT = 1,
     /* The estimate or the action would be: the same. */
     {{ prefix }}_BAD_TARGET = 2,
-    /* A command is beyond the gait's range: the nearest within is taken. */
+    /* A command is beyond the gait's range: the nearest within is taken. Where one is not finite
+     * the robot is to step on the spot. */
     {{ prefix }}_COMMAND_LIMITED = 4,
     /* {{ name }}_init was never called for this controller: nothing changes, the targets are the
      * default stance. */

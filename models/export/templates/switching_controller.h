@@ -14,9 +14,8 @@ enum {
 
 {% endblock %}
 {% block bad_input %}
-    /* A sensor or a command is NaN, infinite or beyond 1e6, or the requested gait has no such
-     * number: nothing changes, the targets are those of the step before, at first the default
-     * stance. */
+    /* A sensor is NaN, infinite or beyond 1e6, or the requested gait has no such number: nothing
+     * changes, the targets are those of the step before, at first the default stance. */
 {% endblock %}
 {% block request %}
     int gait;        /* the gait that is to run, such as {{ prefix }}_GAIT_{{ gaits[-1].constant }} */

@@ -10,11 +10,11 @@ import struct
 class command_t(object):
     """ What the robot is asked to do, sent by its operator, before the sensors of the same step. """
 
-    __slots__ = ["session", "sequence", "utime", "speed", "yaw_rate", "dwell"]
+    __slots__ = ["session", "sequence", "utime", "speed", "yaw_rate", "dwell", "requested_mode"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "double"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "double", "int32_t"]
 
-    __dimensions__ = [None, None, None, None, None, None]
+    __dimensions__ = [None, None, None, None, None, None, None]
 
     def __init__(self):
         self.session = 0
@@ -53,6 +53,12 @@ class command_t(object):
         LCM Type: double
         """
 
+        self.requested_mode = 0
+        """
+        What is requested of a robot with a day: 0 sit, 1 stand, 2 walk.
+        LCM Type: int32_t
+        """
+
 
     def encode(self):
         buf = BytesIO()
@@ -61,7 +67,7 @@ class command_t(object):
         return buf.getvalue()
 
     def _encode_one(self, buf):
-        buf.write(struct.pack(">qqqddd", self.session, self.sequence, self.utime, self.speed, self.yaw_rate, self.dwell))
+        buf.write(struct.pack(">qqqdddi", self.session, self.sequence, self.utime, self.speed, self.yaw_rate, self.dwell, self.requested_mode))
 
     @staticmethod
     def decode(data: bytes):
@@ -76,13 +82,13 @@ class command_t(object):
     @staticmethod
     def _decode_one(buf):
         self = command_t()
-        self.session, self.sequence, self.utime, self.speed, self.yaw_rate, self.dwell = struct.unpack(">qqqddd", buf.read(48))
+        self.session, self.sequence, self.utime, self.speed, self.yaw_rate, self.dwell, self.requested_mode = struct.unpack(">qqqdddi", buf.read(52))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if command_t in parents: return 0
-        tmphash = (0x3331ac485f52dc73) & 0xffffffffffffffff
+        tmphash = (0xccae3d70264ba9d4) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

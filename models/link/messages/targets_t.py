@@ -10,11 +10,11 @@ import struct
 class targets_t(object):
     """ Where the joints are to go: the answer to one sensors_t. """
 
-    __slots__ = ["session", "sequence", "utime", "joint_position"]
+    __slots__ = ["session", "sequence", "utime", "joint_position", "damped"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "double"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "boolean"]
 
-    __dimensions__ = [None, None, None, [12]]
+    __dimensions__ = [None, None, None, [12], None]
 
     def __init__(self):
         self.session = 0
@@ -42,6 +42,12 @@ class targets_t(object):
         LCM Type: double[12]
         """
 
+        self.damped = False
+        """
+        Whether joints are to have no stiffness, and only to brake, whatever the targets are.
+        LCM Type: boolean
+        """
+
 
     def encode(self):
         buf = BytesIO()
@@ -52,6 +58,7 @@ class targets_t(object):
     def _encode_one(self, buf):
         buf.write(struct.pack(">qqq", self.session, self.sequence, self.utime))
         buf.write(struct.pack('>12d', *self.joint_position[:12]))
+        buf.write(struct.pack(">b", self.damped))
 
     @staticmethod
     def decode(data: bytes):
@@ -68,12 +75,13 @@ class targets_t(object):
         self = targets_t()
         self.session, self.sequence, self.utime = struct.unpack(">qqq", buf.read(24))
         self.joint_position = struct.unpack('>12d', buf.read(96))
+        self.damped = bool(struct.unpack('b', buf.read(1))[0])
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if targets_t in parents: return 0
-        tmphash = (0xf983b1bfbb8b3266) & 0xffffffffffffffff
+        tmphash = (0x92b4956f8dc46e59) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -1,6 +1,5 @@
 """The parallel loop over a cluster, whichever it is: what is sent, when, and what comes back."""
 
-import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from itertools import islice
@@ -10,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-ENDING = (signal.SIGINT, signal.SIGTERM)
+from glassgait.studies.common.exit_codes import SIGNALS
+
+ENDING = tuple(SIGNALS)
 """Signals that end a command; its workers leave them to it."""
 
 WORKER_LOST = (

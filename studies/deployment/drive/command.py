@@ -2,10 +2,10 @@
 
 import time
 from abc import abstractmethod
-from collections.abc import Callable
-from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -15,8 +15,11 @@ from annotated_types import Ge, Le
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcm
 
+from glassgait.diagrams.acting import Acting, CompiledActing, PolicyActing
+from glassgait.diagrams.answering import AnsweringEnd
 from glassgait.diagrams.commands import SliderCommand
 from glassgait.diagrams.link import ControllerEnd, RobotEnd
+from glassgait.diagrams.meshcat_operator import MeshcatOperator
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
 from glassgait.diagrams.simulated_robot import SimulatedRobot
 from glassgait.diagrams.unitree_controller_end import UnitreeControllerEnd
@@ -30,15 +33,17 @@ from glassgait.models.link.dds import (
     open_controllers_end,
     open_robots_end,
 )
-from glassgait.models.link.remote import Remote, Sticks, remote_command
+from glassgait.models.link.operator import Asked, Operator, RemoteOperator
+from glassgait.models.link.remote import Sticks
 from glassgait.models.link.supervision import Supervision
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import find_gait
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.command import Command
+from glassgait.models.task.day import REQUESTS, load_day
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
@@ -51,9 +56,12 @@ from glassgait.studies.deployment.drive.dropout import silence_controllers
 from glassgait.studies.deployment.drive.look import look
 from glassgait.studies.deployment.drive.packet_loss import lose_packets
 from glassgait.studies.deployment.drive.processes import Record, RobotProcess, control
+from glassgait.studies.deployment.export.files import load_contract
 from glassgait.studies.view.command import OwnCommand
 
 Wire = Literal["lcm", "unitree"]
+
+Request = Literal["sit", "stand", "walk"]
 
 Dds = Annotated[DdsSettings, tyro.conf.arg(name="")]
 
@@ -69,14 +77,20 @@ class DriveController(OneGait):
 
     Attributes:
         policy: `expert`, a kind of student, or the path of a policy file.
+        day: The robot's day, in some of whose modes the policy acts: `day`, which ships, or path of
+            a day's file; by default the policy always acts.
+        contract: A `deploy.yaml` that `export` wrote: the C file beside it is compiled, and acts in
+            place of a gait and a policy of Python's. Only take one that you trust: it is a program.
         wire: `lcm`, or `unitree` for Unitree's own messages over DDS, by which this end drives the
             motors: it lets the robot rise first, and damps it when anything is wrong.
         link: Where messages go over LCM.
         dds: Where Unitree's go.
         command: What the robot is to do, over Unitree's wire, where the robot's end sends no
             command. By default it steps on the spot in the middle of the gait's rhythm.
-        remote: Take speed and yaw rate from the robot's own remote, over Unitree's wire. Its
-            buttons L2 and B damp the robot in any case.
+        request: What is requested of a day, over Unitree's wire; `stand` by default.
+        remote: Take speed, yaw rate and requests from the robot's own remote, over Unitree's wire.
+            Its buttons L2 and B damp the robot in any case.
+        meshcat: Take them from sliders, buttons and a gamepad in Meshcat, over Unitree's wire.
         sticks: How the remote's sticks command.
         supervision: When joints are damped, over Unitree's wire.
         look: Send nothing, and print once a second what a robot on Unitree's wire senses.
@@ -85,54 +99,93 @@ class DriveController(OneGait):
     title: ClassVar[str] = "drive controller"
 
     policy: str = "expert"
+    day: str | None = None
+    contract: Path | None = None
     wire: Wire = "lcm"
     link: Link = field(default_factory=LinkSettings)
     dds: Dds = field(default_factory=DdsSettings)
     command: OwnCommand = field(default_factory=OwnCommand)
+    request: Request | None = None
     remote: bool = False
+    meshcat: bool = False
     sticks: Sticks = field(default_factory=Sticks)
     supervision: Supervision = field(default_factory=Supervision)
     look: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.contract is not None:
+            self._refuse_beside_contract()
         if self.wire == "lcm" and self.look:
             raise InputError(f"{self.title}: look is for Unitree's wire; add --wire unitree")
-        if self.wire == "lcm" and (self.remote or self.command != OwnCommand()):
+        commanded = self.command != OwnCommand() or self.request is not None
+        if self.wire == "lcm" and (self.remote or self.meshcat or commanded):
             raise InputError(
                 f"{self.title}: over LCM the robot's end sends the command; give it there, or "
                 "--wire unitree here"
             )
-        if self.remote and (self.command.speed, self.command.yaw_rate) != (None, None):
+        if self.remote and (
+            (self.command.speed, self.command.yaw_rate, self.request) != (None, None, None)
+        ):
             raise InputError(
-                f"{self.title}: speed and yaw rate come from the remote; leave --remote or "
-                "--command.speed and --command.yaw-rate out"
+                f"{self.title}: speed, yaw rate and requests come from the remote; leave --remote, "
+                "or --command.speed, --command.yaw-rate and --request out"
             )
+        if self.meshcat and (self.remote or commanded):
+            raise InputError(
+                f"{self.title}: commands come from Meshcat; leave --meshcat, or --remote, "
+                "--command and --request out"
+            )
+
+    def _refuse_beside_contract(self) -> None:
+        defaults = {own.name: own.default for own in fields(type(self))}
+        for name in ("gait", "policy", "day", "source"):
+            if getattr(self, name) != defaults[name]:
+                raise InputError(
+                    f"{self.title}: {name} is the contract's; leave --{name} out, or --contract"
+                )
 
     def run(self) -> None:
         """Answers, and reports what was counted."""
-        found = self.policies()
-        gait, policy = found.gait, found.controller(self.policy)
-        if self.look:
-            self._look(policy.robot)
-            return
+        with ExitStack() as stack:
+            if self.contract is None:
+                found = self.policies()
+                policy = found.controller(self.policy)
+                day = None if self.day is None else load_day(self.day)
+                acting = PolicyActing(policy.robot, found.gait, policy, day)
+                shown = f"{found.gait.name}, {self.policy}"
+            else:
+                folder = Path(stack.enter_context(TemporaryDirectory()))
+                acting = self._compiled(self.contract, folder)
+                shown = str(self.contract)
+            if self.look:
+                self._look(acting.robot)
+                return
+            controller, heard = self._end(acting)
+            say(f"listening on {heard}; Ctrl-C ends")
+            with first_interrupt() as interrupted:
+                record = control(controller, interrupted)
+        print_table(f"{shown}: the controller", _table(record))
+
+    def _compiled(self, contract: Path, folder: Path) -> CompiledActing:
+        """Loads the controller of a contract; its compiled file goes into a folder."""
+        asked = None if self.robot is None else load_robot(self.robot)
+        found, compiled, robot = load_contract(contract, folder, asked)
+        say(f"{contract}: is the {robot.full_name}'s, {found.policy} of {', '.join(found.gaits)}")
+        return CompiledActing(robot, compiled, found)
+
+    def _end(self, acting: Acting) -> tuple[AnsweringEnd, str]:
+        """Returns the controller's end, and where it listens."""
         if self.wire == "lcm":
-            lcm, heard = open_lcm(self.link), self.link.names.sensors
-            controller = ControllerEnd(policy.robot, gait, policy, lcm, self.link.names)
-        else:
-            heard = f"{STATES} of domain {self.dds.domain} at {self.dds.interface}"
-            controller = UnitreeControllerEnd(
-                policy.robot,
-                gait,
-                policy,
-                open_controllers_end(self.dds),
-                command=self._commanded(gait),
-                supervision=self.supervision,
-            )
-        say(f"listening on {heard}; Ctrl-C ends")
-        with first_interrupt() as interrupted:
-            record = control(controller, interrupted)
-        print_table(f"{gait.name}, {self.policy}: the controller", _table(record))
+            lcm = open_lcm(self.link)
+            return ControllerEnd(acting, lcm, self.link.names), self.link.names.sensors
+        end = UnitreeControllerEnd(
+            acting,
+            open_controllers_end(self.dds),
+            operator=self._operator(acting),
+            supervision=self.supervision,
+        )
+        return end, f"{STATES} of domain {self.dds.domain} at {self.dds.interface}"
 
     def _look(self, robot: Robot) -> None:
         endpoint = open_controllers_end(self.dds)
@@ -141,14 +194,25 @@ class DriveController(OneGait):
         record = counts.rows("states", timed=True) | {"messages of another kind": counts.foreign}
         print_table(f"{robot.full_name}: what was heard", _table(record))
 
-    def _commanded(self, gait: Gait) -> Callable[[Remote], Command]:
-        """Returns what the robot is asked to do, given what its remote's operator does."""
+    def _operator(self, acting: Acting) -> Operator:
+        """Returns what asks the robot.
+
+        Raises:
+            InputError: if a mode is requested of a controller without a day.
+        """
+        if self.request is not None and not acting.has_day:
+            raise InputError(f"{self.title}: a request is of a day; add --day day, or leave it out")
+        if self.meshcat:
+            meshcat = open_meshcat()
+            say(f"open {meshcat.web_url()}, and steer under 'Open Controls'")
+            return MeshcatOperator(acting.limits, meshcat, requests=acting.has_day)
         own = self.command
-        dwell = float(sum(gait.dwell) // 2 if own.dwell is None else own.dwell)
+        dwell = float(sum(acting.limits.dwell) // 2 if own.dwell is None else own.dwell)
         if self.remote:
-            return lambda remote: remote_command(remote, gait, self.sticks, dwell)
+            return RemoteOperator(acting.limits, self.sticks, dwell)
         velocity = np.array([own.speed or 0.0, own.yaw_rate or 0.0])
-        return lambda _: Command(velocity, np.array(dwell))
+        asked = Asked(Command(velocity, np.array(dwell)), REQUESTS.index(self.request or "stand"))
+        return lambda _: asked
 
 
 @dataclass(frozen=True)
@@ -163,7 +227,12 @@ class DriveSimulator(Settings):
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's; what is left out is the scenario's. A
             scenario that names no command asks for 0.5 m/s.
-        meshcat: Show the robot in Meshcat, and take commands from sliders there.
+        day: Over LCM, the day that the robot is to live through: `day`, which ships, or path of a
+            day's file. It begins on its belly, damped, and is not put back on its feet; the
+            controller has its `--day` as well, or one in its contract.
+        request: What is requested of the day; `stand` by default.
+        meshcat: Show the robot in Meshcat; over LCM take commands, and requests of a day, from
+            sliders, buttons and a gamepad there.
         n_steps: Control steps to simulate; without end by default.
         patience: Time to wait for the answer to each message of sensors (s): answers that come by
             then act at once. By default none is waited for, and answers act at the next step of
@@ -182,6 +251,8 @@ class DriveSimulator(Settings):
     robot: str | None = None
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
+    day: str | None = None
+    request: Request | None = None
     meshcat: bool = False
     n_steps: Steps | None = None
     patience: Annotated[NotNegative, Le(1.0)] = 0.0
@@ -193,10 +264,16 @@ class DriveSimulator(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.wire == "unitree" and self.command != OwnCommand():
+        days = (self.day, self.request) != (None, None)
+        if self.wire == "unitree" and (self.command != OwnCommand() or days):
             raise InputError(
-                f"{self.title}: over Unitree's wire the controller's end has the command; give it "
-                "there, or --wire lcm here"
+                f"{self.title}: over Unitree's wire the controller's end has the command and the "
+                "day; give them there, or --wire lcm here"
+            )
+        if self.request is not None and (self.day is None or self.meshcat):
+            raise InputError(
+                f"{self.title}: a request is of a day, and not of Meshcat's buttons; add --day day "
+                "and leave --meshcat out, or leave --request out"
             )
 
     def run(self) -> None:
@@ -236,6 +313,7 @@ class DriveSimulator(Settings):
             robot = UnitreeRobotEnd(scenario, endpoint, seed=self.seed, meshcat=meshcat)
             sent = f"{STATES} of domain {self.dds.domain} at {self.dds.interface}"
         else:
+            day = None if self.day is None else load_day(self.day)
             robot = RobotEnd(
                 gait,
                 scenario,
@@ -245,7 +323,10 @@ class DriveSimulator(Settings):
                 session=time.time_ns(),
                 seed=self.seed,
                 meshcat=meshcat,
+                day=day,
             )
+            if day is not None and meshcat is None:
+                robot.request_mode(self.request or "stand")
             sent = self.link.names.sensors
         say(f"sending on {sent}, waiting for a controller; Ctrl-C ends")
         return robot

@@ -170,8 +170,10 @@ def lower(
         for part in range(PARTS):
             now = (step + part / PARTS) * CONTROL_PERIOD
             watches = [
-                step_watch(robot, watch, None, now, watchdog, lean=lean)
-                for watch, lean in zip(watches, leans[-1].tolist(), strict=True)
+                step_watch(robot, watch, None, now, watchdog, position=at, lean=lean)
+                for watch, lean, at in zip(
+                    watches, leans[-1].tolist(), states[:, quadruped.JOINT_POSITION], strict=True
+                )
             ]
             followed.append(np.array([watch.targets for watch in watches]))
         states = physics.step(

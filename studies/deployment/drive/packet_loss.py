@@ -13,6 +13,7 @@ import pandas as pd
 from annotated_types import Ge, Lt
 from pydrake.lcm import DrakeLcm
 
+from glassgait.diagrams.acting import PolicyActing
 from glassgait.diagrams.link import FOLLOWED, ControllerEnd, RobotEnd
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.link.channels import Channels
@@ -213,7 +214,7 @@ class LossyRobots:
             gait, scenario, self._link.robot, channels, watchdog=watchdog, session=1, seed=seed
         )
         self._controller = ControllerEnd(
-            policy.robot, gait, policy, self._link.controller, channels
+            PolicyActing(policy.robot, gait, policy), self._link.controller, channels
         )
         self._generator = np.random.default_rng(seed)
         self._late = round(trial.latency / CONTROL_PERIOD * self._robot.n_parts)

@@ -13,12 +13,13 @@ import pandas as pd
 
 from glassgait.models.errors import InputError, brief
 from glassgait.models.export.binding import LoadedController
-from glassgait.models.export.contract import CONTRACT, contract_of
-from glassgait.models.export.controller import ControllerSource, write_controller
+from glassgait.models.export.contract import CONTRACT, Contract, contract_of, read_contract
+from glassgait.models.export.controller import ControllerSource, Interface, write_controller
 from glassgait.models.export.language import Real
 from glassgait.models.export.reference import PythonController
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
@@ -83,12 +84,14 @@ class Exported(ABC):
     Attributes:
         title: Name of the language.
         deployment: What is exported.
+        real: Type that it computes in, or that it reads and gives.
     """
 
     title: str
 
-    def __init__(self, deployment: Deployment) -> None:
+    def __init__(self, deployment: Deployment, real: Real) -> None:
         self.deployment = deployment
+        self.real: Real = real
 
     @abstractmethod
     def check(self, effort: Effort) -> dict[str, pd.DataFrame]:
@@ -117,7 +120,7 @@ class Exported(ABC):
         """
         first, *others = self.write(folder)
         own = self.deployment
-        contract = contract_of(own.gait, own.controller, first, own.policy_name, own.day)
+        contract = contract_of(own.gait, own.controller, first, own.policy_name, own.day, self.real)
         write_atomically(folder / CONTRACT, contract.text())
         return first, *others, folder / CONTRACT
 
@@ -148,7 +151,7 @@ class CFile(Exported):
         Raises:
             InputError: if there is no C for it.
         """
-        super().__init__(deployment)
+        super().__init__(deployment, real)
         self.written = write_controller(
             deployment.gait,
             deployment.controller,
@@ -231,7 +234,29 @@ def load_controller(written: ControllerSource, folder: Path) -> LoadedController
     Raises:
         InputError: if one of these fails.
     """
-    source = write_source(written, folder)
-    library = source.with_suffix(".so")
+    return _loaded(write_source(written, folder), written, folder)
+
+
+def load_contract(
+    path: Path, folder: Path, robot: Robot | None = None
+) -> tuple[Contract, LoadedController, Robot]:
+    """Reads a contract, compiles the C file beside it into a folder and loads what comes out.
+
+    Args:
+        path: A `deploy.yaml`.
+        folder: Where the compiled file goes.
+        robot: The robot that is to be moved; by default the one of its name, which must ship.
+
+    Raises:
+        InputError: if the contract, the robot or the file are not each other's, the file is no C,
+            or it cannot be compiled.
+    """
+    contract, file, robot = read_contract(path, robot)
+    return contract, _loaded(file, contract.interface(), folder), robot
+
+
+def _loaded(source: Path, interface: Interface, folder: Path) -> LoadedController:
+    """Compiles a controller's C file into a folder, and loads it."""
+    library = folder / f"{source.stem}.so"
     compile_c(source, library, (*FLAGS, "-shared", "-fPIC"))
-    return LoadedController(library, written)
+    return LoadedController(library, interface)

@@ -163,7 +163,7 @@ class OnnxFile(Exported):
         Raises:
             InputError: if there is no graph for it, or its name can name no controller.
         """
-        super().__init__(deployment)
+        super().__init__(deployment, real)
         refuse_other_than_names(deployment.name)
         assert isinstance(deployment.gait, Gait)
         self.gait, self.policy = deployment.gait, deployment.controller.policy
