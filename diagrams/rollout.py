@@ -90,14 +90,29 @@ def make_simulator(
     if path.count("::") > 1:
         raise InputError(f"simulator: {path!r} is part of a larger diagram; give the outermost one")
     context = diagram.CreateDefaultContext()
-    diagram.SetRandomContext(context, RandomGenerator(seed))
-    set_plant_state(diagram, context, state)
+    _begin(diagram, context, state, seed)
     simulator = Simulator(diagram, context)
     if accuracy is not None:
         use_error_control(simulator, accuracy)
     simulator.set_target_realtime_rate(realtime_rate)
     simulator.Initialize()
     return simulator
+
+
+def begin_anew(simulator: Simulator, *, state: Array | None = None, seed: int = 0) -> None:
+    """Puts a simulator back to time 0, as `make_simulator` makes it; fixed inputs stay fixed.
+
+    Args:
+        simulator: A simulator that `make_simulator` made.
+        state: As `make_simulator`'s.
+        seed: As `make_simulator`'s.
+    """
+    diagram, context = simulator.get_system(), simulator.get_mutable_context()
+    assert isinstance(diagram, Diagram)
+    context.SetTime(0.0)
+    diagram.SetDefaultContext(context)
+    _begin(diagram, context, state, seed)
+    simulator.Initialize()
 
 
 def use_error_control(simulator: Simulator, accuracy: float) -> None:
@@ -199,6 +214,12 @@ def record(
         if stopped() or (stop_on_failure and recorded["failures"][-1].any()):
             break
     return Rollout(np.array(times), {name: np.array(values) for name, values in recorded.items()})
+
+
+def _begin(diagram: Diagram, context: Context, state: Array | None, seed: int) -> None:
+    """Draws what is drawn at random, and puts the robot into a state."""
+    diagram.SetRandomContext(context, RandomGenerator(seed))
+    set_plant_state(diagram, context, state)
 
 
 def _control_step(context: Context) -> int | None:

@@ -1,0 +1,1 @@
+"""The studio: formulas are changed while a robot walks by them."""

@@ -1,0 +1,106 @@
+"""`glassgait studio`: changes formulas while a robot walks by them."""
+
+import socket
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from annotated_types import Ge, Le
+
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import find_gait
+from glassgait.models.settings import Seed, Settings
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.console import console
+from glassgait.studies.common.policies import find_policies
+from glassgait.studies.common.run_folder import refuse_run
+from glassgait.studies.distillation.students.library import default_student
+
+MISSING = "the studio needs NiceGUI; install it with pip install 'glassgait[studio]'"
+
+Port = Annotated[int, Ge(0), Le(65535)]
+
+
+@dataclass(frozen=True)
+class OpenStudio(Settings):
+    """Change a formula in the browser and watch the robot answer.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
+            shortest by default. Formulas alone can be edited; other policies walk.
+        scenario: Name of a scenario that ships, or path of a scenario file, in which the robot
+            begins; of a discrete plant in Drake.
+        seed: Seed of the sensors' noise and of pushes.
+        port: Port of the page on this machine; 0 is any that is free.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
+        output: Folder of what is saved; runs/studio/<gait> by default.
+    """
+
+    title: ClassVar[str] = "studio"
+
+    gait: str = "trot"
+    policy: str | None = None
+    scenario: str = TRAINING
+    seed: Seed = 0
+    port: Port = 8080
+    robot: str | None = None
+    source: Path | None = None
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Serves the page until Ctrl-C."""
+        try:
+            # Imported here: NiceGUI is optional, and no other command needs it.
+            from glassgait.studies.studio.page import HOST, serve  # noqa: PLC0415
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] not in ("nicegui", "fastapi", "uvicorn"):
+                raise
+            raise InputError(MISSING) from error
+        # Imported here: it would import what proves and what rolls out before a mistake is found.
+        from glassgait.studies.studio.studio import Studio  # noqa: PLC0415
+
+        found = find_policies(find_gait(self.gait), self.source, self.robot)
+        name = self.policy or default_student(found)
+        controller = found.controller(name)
+        scenario = self._scenario(found.gait)
+        folder = self.output or found.output(self.title)
+        refuse_run(folder)
+        with _listening(HOST, self.port) as listening:
+            studio = Studio(
+                found.gait, controller, scenario, folder, file=found.file(name), seed=self.seed
+            )
+            try:
+                port = listening.getsockname()[1]
+                console.print(f"open http://{HOST}:{port} in a browser; Ctrl-C here ends it")
+                serve(studio, name, listening)
+            finally:
+                studio.stop()
+
+    def _scenario(self, gait: Gait) -> Scenario:
+        scenario = load_scenario(self.scenario)
+        if scenario.accuracy is not None or scenario.station.engine != "drake":
+            raise InputError(
+                f"--scenario {self.scenario}: the studio walks on discrete plants of Drake; name "
+                "a scenario without accuracy and engine, such as training"
+            )
+        # The page steers; this holds until it does.
+        return replace(scenario, command=FixedCommand(0.0, 0.0, sum(gait.dwell) // 2))
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    listening = socket.socket()
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((host, port))
+    except OSError as error:
+        listening.close()
+        raise InputError(
+            f"--port {port}: is taken ({error.strerror}); name another one, or 0 for any"
+        ) from error
+    listening.listen()
+    return listening

@@ -1,0 +1,152 @@
+"""What a page may ask for: each message is checked before anything is done."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+from annotated_types import Ge, Le, MaxLen
+
+from glassgait.models.errors import InputError, shown
+from glassgait.models.settings import Settings
+
+Name = Annotated[str, MaxLen(80)]
+
+
+@dataclass(frozen=True)
+class Choose(Settings):
+    """Show the formula of another place: its number among those that the file holds."""
+
+    title: ClassVar[str] = "choose"
+
+    place: Annotated[int, Ge(0)]
+
+
+@dataclass(frozen=True)
+class Coefficient(Settings):
+    """Change what a term of the formula that is shown is multiplied by.
+
+    Attributes:
+        term: Number of the term.
+        value: Its new coefficient.
+        goes_on: Whether it is still being dragged.
+    """
+
+    title: ClassVar[str] = "coefficient"
+
+    term: Annotated[int, Ge(0)]
+    value: float
+    goes_on: bool = False
+
+
+@dataclass(frozen=True)
+class Number(Settings):
+    """Change a number of a definition.
+
+    Attributes:
+        index: Its place among the numbers of the file.
+        value: What it is to be.
+    """
+
+    title: ClassVar[str] = "number"
+
+    index: Annotated[int, Ge(0)]
+    value: float
+
+
+@dataclass(frozen=True)
+class Switch(Settings):
+    """Switch a term of the formula that is shown off or on."""
+
+    title: ClassVar[str] = "switch"
+
+    term: Annotated[int, Ge(0)]
+    on: bool
+
+
+@dataclass(frozen=True)
+class Steer(Settings):
+    """Command the robot: forward speed (m/s), yaw rate (rad/s), dwell (control steps)."""
+
+    title: ClassVar[str] = "steer"
+
+    speed: float
+    yaw_rate: float
+    dwell: float
+
+
+@dataclass(frozen=True)
+class Push(Settings):
+    """Push the trunk: where to (°, 0 ahead, 90 to the left), and how much (m/s)."""
+
+    title: ClassVar[str] = "push"
+
+    angle: Annotated[float, Ge(-360.0), Le(360.0)]
+    speed: Annotated[float, Ge(0.0), Le(3.0)]
+
+
+@dataclass(frozen=True)
+class Surroundings(Settings):
+    """Change the ground's slope (°) and how late actions are (s); the robots begin anew."""
+
+    title: ClassVar[str] = "surroundings"
+
+    slope: Annotated[float, Ge(-30.0), Le(30.0)]
+    latency: Annotated[float, Ge(0.0), Le(0.04)]
+
+
+@dataclass(frozen=True)
+class Ghost(Settings):
+    """Let the ghost walk, or not."""
+
+    title: ClassVar[str] = "ghost"
+
+    walks: bool
+
+
+@dataclass(frozen=True)
+class Evaluate(Settings):
+    """Count falls in scenarios that ship."""
+
+    title: ClassVar[str] = "evaluate"
+
+    scenarios: Annotated[tuple[Name, ...], MaxLen(60)]
+
+
+@dataclass(frozen=True)
+class Act(Settings):
+    """Do one of the things that need no more words."""
+
+    title: ClassVar[str] = "act"
+
+    what: Literal[
+        "pause", "go", "step", "restart", "undo", "redo", "reset", "verify", "halt work", "save"
+    ]
+
+
+Message = (
+    Choose | Coefficient | Number | Switch | Steer | Push | Surroundings | Ghost | Evaluate | Act
+)
+
+_KINDS: dict[str, type[Settings]] = {
+    kind.title: kind
+    for kind in (
+        Choose, Coefficient, Number, Switch, Steer, Push, Surroundings, Ghost, Evaluate, Act,
+    )
+}  # fmt: skip
+
+
+def read_message(values: Any) -> Message:
+    """Reads what a page sent.
+
+    Args:
+        values: Plain values: the message's kind under `kind`, and its fields.
+
+    Raises:
+        InputError: if it is no message, or a field is not what it must be.
+    """
+    named = values.get("kind") if isinstance(values, dict) else None
+    kind = _KINDS.get(named) if isinstance(named, str) else None
+    if kind is None:
+        raise InputError(f"message {shown(str(named)[:80])} is none that the studio knows")
+    rest = {key: value for key, value in values.items() if key != "kind"}
+    message: Any = kind.from_plain(rest, kind.title)
+    return message

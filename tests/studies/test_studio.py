@@ -1,0 +1,633 @@
+"""The studio without a browser: edits, terms, the live robot, messages and background work."""
+
+import builtins
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.scenario import Scenario, load_scenario
+from glassgait.models.errors import InputError
+from glassgait.models.policies.adjustable import AdjustablePolicy
+from glassgait.models.policies.library import load_policy, load_student
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import machine_state_entries
+from glassgait.studies.cli import main
+from glassgait.studies.common.policies import find_policies
+from glassgait.studies.studio import background
+from glassgait.studies.studio.background import Work, counted, proved
+from glassgait.studies.studio.messages import (
+    Act,
+    Choose,
+    Coefficient,
+    Evaluate,
+    Ghost,
+    Number,
+    Push,
+    Steer,
+    Surroundings,
+    Switch,
+    read_message,
+)
+from glassgait.studies.studio.session import EditSession
+from glassgait.studies.studio.studio import Studio
+from glassgait.studies.studio.terms import GROUPS, Acting, TermReader, in_groups, open_texts
+from glassgait.studies.studio.views import file_view, frame, panel, setup, status
+from glassgait.studies.studio.walker import Steering, Walker
+
+STANDING = Scenario(command=FixedCommand(0.0, 0.0, 8))
+
+
+@pytest.fixture(scope="module")
+def found():
+    return find_policies(load_gait("trot"), quiet=True)
+
+
+@pytest.fixture(scope="module")
+def trot():
+    return load_student("trot", "sparse_formula")
+
+
+@pytest.fixture
+def adjustable(trot):
+    return AdjustablePolicy(trot)
+
+
+@pytest.fixture
+def session(adjustable, found):
+    return EditSession(adjustable.numbered, found.file("sparse_formula").read_text())
+
+
+@pytest.fixture
+def studio(found, tmp_path):
+    made = make_studio(found, tmp_path, "sparse_formula")
+    yield made
+    made.stop()
+
+
+def make_studio(found, folder, name, **options):
+    return Studio(
+        found.gait,
+        found.controller(name),
+        STANDING,
+        folder / "out",
+        file=found.file(name),
+        drawn=False,
+        **options,
+    )
+
+
+def walk(studio, n_steps):
+    """Advances as the thread does, without waiting for the clock."""
+    robot = studio.robot
+    robot._act()
+    for _ in range(n_steps):
+        robot._advance()
+    return robot.latest()
+
+
+# Edits.
+
+
+def test_undo_restores_the_digits_of_the_file(session):
+    before = session.written()
+    for index in range(40, 60):
+        session.change(index, 0.123456789 * (index + 1))
+    session.switch(41, on=False)
+    assert session.written() != before
+    while session.can_undo:
+        session.undo()
+    assert session.written() == before == session.text
+    assert not session.is_changed and session.diff() == ()
+    while session.can_redo:
+        session.redo()
+    assert len(session.changed()) == 20
+
+
+def test_what_is_dragged_is_one_change(session):
+    session.change(27, 0.1)
+    for value in (0.2, 0.3, 0.4):
+        session.change(27, value, goes_on=True)
+    assert session.numbers[27] == 0.4
+    session.undo()
+    assert session.numbers == session.numbered.start
+    # Another number begins another change, whatever the message says.
+    session.change(27, 0.1)
+    session.change(28, 0.1, goes_on=True)
+    session.undo()
+    assert session.numbers[27] == 0.1
+
+
+def test_a_drag_is_not_one_with_what_came_before_another_act(session):
+    session.change(27, 0.1)
+    session.change(27, 0.2)
+    session.undo()
+    session.change(27, 0.3, goes_on=True)
+    session.undo()
+    assert session.numbers[27] == 0.1
+    session.switch(27, on=False)
+    session.change(27, 0.4, goes_on=True)
+    session.undo()
+    assert session.version.off == {27: 0.1}
+    session.undo()
+    assert not session.version.off and session.numbers[27] == 0.1
+
+
+def test_a_change_after_undo_drops_what_was_undone(session):
+    session.change(27, 0.1)
+    session.undo()
+    session.change(28, 0.2)
+    assert not session.can_redo
+
+
+def test_a_term_that_is_off_keeps_its_number(session):
+    start = session.numbers[27]
+    session.switch(27, on=False)
+    assert (session.numbers[27], session.shown(27)) == (0.0, start)
+    session.change(27, 0.5)
+    assert (session.numbers[27], session.shown(27)) == (0.0, 0.5)
+    session.switch(27, on=True)
+    assert session.numbers[27] == 0.5
+    session.reset()
+    assert session.numbers == session.numbered.start
+    session.undo()
+    assert session.numbers[27] == 0.5
+
+
+def test_the_diff_shows_the_changed_line(session):
+    session.change(27, 0.07)
+    head, old, *_ = session.diff()
+    new = next(line for line in session.diff() if line.startswith("+"))
+    assert head.startswith("@@")
+    assert old.startswith("-FL_hip = 0.32 - 0.0693*cmd.yaw")
+    assert new.startswith("+FL_hip = 0.32 - 0.07*cmd.yaw")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e31])
+def test_numbers_that_no_file_holds_are_refused(session, value):
+    with pytest.raises(InputError, match="give a smaller one"):
+        session.change(27, value)
+    with pytest.raises(InputError, match="is not in the file"):
+        session.change(10_000, 1.0)
+
+
+# Terms.
+
+
+def test_terms_add_up_to_the_target_and_to_its_mirror_image(trot, adjustable):
+    generator = np.random.default_rng(2)
+    for place in ((0, 0), (0, 4), (0, 11)):
+        reader = TermReader(adjustable, place)
+        for state in (0, 1):
+            observation = generator.normal(size=len(trot.observation_names))
+            observation[machine_state_entries(trot.observation_names)] = np.eye(2)[state]
+            (acting,) = reader.acting(state)
+            values, _ = reader.evaluate(observation, mirrored=acting.mirrored)
+            asked = reader.sign(mirrored=acting.mirrored) * values.sum()
+            target = trot.robot.joint_targets(trot(observation))[acting.joint]
+            assert asked == pytest.approx(target, abs=1e-12)
+
+
+@pytest.mark.parametrize("gait", ["walk", "bound"])
+def test_the_formulas_of_a_file_are_all_targets(gait):
+    policy, machine = load_student(gait, "sparse_formula"), load_gait(gait)
+    adjustable, names = AdjustablePolicy(policy), policy.observation_names
+    observations = np.random.default_rng(4).normal(size=(machine.n_states, len(names)))
+    observations[:, machine_state_entries(names)] = np.eye(machine.n_states)
+    targets = policy.robot.joint_targets(policy(observations))
+    asked = np.full_like(targets, np.nan)
+    for place in adjustable.numbered.formulas:
+        reader = TermReader(adjustable, place)
+        for state, observation in enumerate(observations):
+            for acting in reader.acting(state):
+                values, _ = reader.evaluate(observation, mirrored=acting.mirrored)
+                sum_of = reader.sign(mirrored=acting.mirrored) * values.sum()
+                asked[state, acting.joint] = sum_of
+    np.testing.assert_allclose(asked, targets, atol=1e-10)
+
+
+def test_a_formula_acts_on_one_side_in_each_state(adjustable):
+    reader = TermReader(adjustable, (0, 0))
+    assert reader.acting(0) == (Acting(0, mirrored=False),)
+    assert reader.acting(1) == (Acting(3, mirrored=True),)
+
+
+def test_terms_are_grouped_by_their_last_factor(adjustable):
+    reader = TermReader(adjustable, (0, 0))
+    groups = {
+        group: [" ".join(reader.terms[index].factors) for index in indices]
+        for group, indices in in_groups(reader.terms)
+    }
+    assert list(groups) == [group for group in GROUPS if group in groups]
+    assert groups["constant"] == [""]
+    assert "cmd.yaw" in groups["command"] and "sent.FR_calf e.v" in groups["command"]
+    assert groups["damping"] == ["sent.RL_calf dq.RL_thigh"]
+    assert "sent.FL_calf sent.RR_hip" in groups["memory"]
+    assert groups["rhythm"] == ["sent.FL_calf phase"]
+
+
+def test_a_coefficient_is_changed_by_the_number_of_its_own(adjustable):
+    reader = TermReader(adjustable, (0, 0))
+    term = reader.terms[1]
+    assert term.coefficient(adjustable.numbers) == -0.0693
+    numbers = list(adjustable.numbers)
+    numbers[term.own] = term.number_for(0.2, numbers)
+    assert term.coefficient(numbers) == pytest.approx(0.2)
+    assert all(own.own is not None for own in reader.terms)
+
+
+def test_numbers_of_definitions_are_open(adjustable):
+    texts = {symbol: text for symbol, text, _ in open_texts(adjustable.numbered)}
+    assert texts["late"] == "tanh(⟦0⟧*t - ⟦1⟧)"
+    assert "lifted.FR" not in texts
+
+
+# The robot.
+
+
+def test_an_edit_changes_the_gait_within_a_second(studio):
+    walk(studio, 100)
+    constant = studio.reader.terms[0]
+    assert constant.group == "constant"
+    before = studio.robot.latest(1)[0]
+    np.testing.assert_array_equal(before.robot.state, before.ghost.state)
+    studio.handle(Choose(place=1))
+    studio.handle(Coefficient(term=0, value=0.8))
+    moments = walk(studio, 50)[-40:]
+    thigh = quadruped.joint_index("FL_thigh")
+    robot, ghost = (
+        np.mean([getattr(moment, own).joints[thigh] for moment in moments])
+        for own in ("robot", "ghost")
+    )
+    assert abs(robot - ghost) > 0.02
+
+
+def test_undo_brings_the_robots_policy_back(studio):
+    studio.handle(Coefficient(term=0, value=0.8))
+    walk(studio, 1)
+    assert studio.adjustable.numbers != studio.adjustable.numbered.start
+    studio.handle(Act(what="undo"))
+    walk(studio, 1)
+    assert studio.adjustable.numbers == studio.adjustable.numbered.start
+
+
+def test_an_unedited_robot_and_its_ghost_go_the_same_way(studio):
+    studio.handle(Push(angle=90.0, speed=0.5))
+    moment = walk(studio, 60)[-1]
+    np.testing.assert_array_equal(moment.robot.state, moment.ghost.state)
+
+
+def test_a_push_to_the_left_moves_the_robot_to_the_left(studio):
+    walk(studio, 60)
+    before = studio.robot.latest(1)[0].robot.state[quadruped.POSITION][1]
+    studio.handle(Push(angle=90.0, speed=1.0))
+    after = walk(studio, 10)[-1].robot.state[quadruped.POSITION][1]
+    assert after - before > 0.03
+
+
+def test_commands_are_followed(studio):
+    studio.handle(Steer(speed=0.8, yaw_rate=0.0, dwell=8.0))
+    moments = walk(studio, 150)
+    assert np.mean([moment.robot.speed for moment in moments[-50:]]) > 0.6
+
+
+def test_a_robot_that_falls_begins_anew(studio):
+    studio.handle(Push(angle=90.0, speed=3.0))
+    studio.handle(Push(angle=90.0, speed=3.0))
+    walk(studio, 200)
+    assert studio.robot.count.falls == 1
+    assert studio.robot.latest(1)[0].robot.step < 150
+
+
+def test_robots_that_begin_anew_are_built_only_once(studio):
+    robot = studio.robot
+    first = [walk(studio, 5)[-1].robot.state]
+    built = [*robot._walkers]
+    robot.restart()
+    first.append(walk(studio, 5)[-1].robot.state)
+    studio.handle(Ghost(walks=False))
+    assert walk(studio, 1)[-1].ghost is None
+    studio.handle(Ghost(walks=True))
+    walk(studio, 1)
+    assert all(own is before for own, before in zip(robot._walkers, built, strict=True))
+    np.testing.assert_array_equal(*first)
+
+
+@pytest.mark.parametrize("name", ["sparse_formula", "expert"])
+def test_a_walker_that_begins_anew_goes_as_a_new_one(found, name):
+    scenario = load_scenario("push_1.0")
+    again, new = (
+        Walker(found.gait, scenario, found.controller(name), seed=seed) for seed in (1, 2)
+    )
+    for walker in (again, new):
+        walker.steer(Steering.of(found.gait))
+    for _ in range(30):
+        again.advance()
+    again.begin_anew(2)
+    for _ in range(30):
+        again.advance()
+        new.advance()
+    np.testing.assert_array_equal(again.sample().state, new.sample().state)
+    np.testing.assert_array_equal(again.sample().observation, new.sample().observation)
+
+
+def test_steps_that_are_asked_for_at_once_are_taken_one_by_one(studio):
+    robot = studio.robot
+    robot.pause(True)
+    for _ in range(30):
+        robot.step()
+    studio.start()
+    end = time.monotonic() + 60
+    while len(robot.latest()) < 30 and time.monotonic() < end:
+        time.sleep(0.02)
+    studio.stop()
+    moments = robot.latest()
+    assert [moment.robot.step for moment in moments] == list(range(1, 31))
+    assert [moment.number for moment in moments] == list(range(1, 31))
+    assert robot.problem is None
+
+
+def test_an_action_that_is_not_finite_halts_the_robot(studio, monkeypatch):
+    # A division by zero: the share of a time of no length.
+    def refused():
+        raise InputError("not finite")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(studio.robot._walkers[0], "advance", refused)
+        walk(studio, 1)
+    assert studio.robot.paused and studio.robot.problem == "not finite"
+    studio.handle(Act(what="go"))
+    walk(studio, 5)
+    assert not studio.robot.paused and studio.robot.problem is None
+
+
+def test_surroundings_change(studio):
+    studio.handle(Surroundings(slope=8.0, latency=0.021))
+    walk(studio, 2)
+    scenario = studio.robot.scenario
+    assert scenario.station.terrain.slope == 8.0
+    assert scenario.latency == pytest.approx(0.02)
+    assert studio.robot.latest(1)[0].robot.step == 2
+
+
+def test_the_robot_keeps_real_time_and_counts_what_is_late(found, tmp_path):
+    now = [0.0]
+
+    def clock():
+        # Every look at the clock takes as long as a robot that is slower than time.
+        now[0] += 0.03
+        return now[0]
+
+    studio = make_studio(found, tmp_path, "sparse_formula")
+    studio.robot._clock = clock
+    studio.start()
+    end = time.monotonic() + 60
+    while studio.robot.count.steps < 20 and time.monotonic() < end:
+        time.sleep(0.05)
+    studio.stop()
+    assert studio.robot.count.late > 0
+
+
+def test_a_walker_begins_as_the_diagram_does(found):
+    walker = Walker(found.gait, STANDING, found.controller("sparse_formula"), seed=1)
+    walker.steer(Steering.of(found.gait))
+    walker.advance()
+    sample = walker.sample()
+    assert sample.step == 1 and not sample.fallen
+    assert sample.observation.shape == (len(found.policy("sparse_formula").observation_names),)
+
+
+# Messages.
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        None,
+        [],
+        "push",
+        {},
+        {"kind": "exec"},
+        {"kind": ["push"]},
+        {"kind": "push"},
+        {"kind": "push", "angle": 0, "speed": 1e9},
+        {"kind": "push", "angle": "left", "speed": 1},
+        {"kind": "coefficient", "term": -1, "value": 1.0},
+        {"kind": "coefficient", "term": 1, "value": float("nan")},
+        {"kind": "number", "index": 1, "value": None},
+        {"kind": "act", "what": "rm -rf"},
+        {"kind": "act", "what": "save", "path": "/etc/passwd"},
+        {"kind": "evaluate", "scenarios": ["a" * 1000]},
+        {"kind": "surroundings", "slope": 89, "latency": 0},
+    ],
+)
+def test_malformed_messages_are_refused(values):
+    with pytest.raises(InputError):
+        read_message(values)
+
+
+def test_messages_stand_for_what_they_say():
+    assert read_message({"kind": "push", "angle": 90, "speed": 1}) == Push(90.0, 1.0)
+    assert read_message({"kind": "switch", "term": 3, "on": False}) == Switch(3, on=False)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Choose(place=99),
+        Coefficient(term=999, value=1.0),
+        Switch(term=999, on=True),
+        Number(index=99_999, value=1.0),
+        Evaluate(scenarios=("../../secret.yaml",)),
+        Steer(speed=1e9, yaw_rate=0.0, dwell=8.0),
+        Steer(speed=0.5, yaw_rate=-2.0, dwell=8.0),
+        Steer(speed=0.5, yaw_rate=0.0, dwell=-5.0),
+        Steer(speed=0.5, yaw_rate=0.0, dwell=1e9),
+    ],
+)
+def test_messages_of_what_is_not_there_change_nothing(studio, message):
+    with pytest.raises(InputError):
+        studio.handle(message)
+    steering = studio.robot.steering
+    walk(studio, 1)
+    assert not studio.session.is_changed and studio.robot.steering == steering
+
+
+# Files, proofs and falls.
+
+
+def test_saved_files_are_the_policy_that_walks(studio, tmp_path):
+    studio.handle(Coefficient(term=3, value=0.2))
+    studio.handle(Switch(term=5, on=False))
+    studio.handle(Number(index=2, value=90.0))
+    studio.handle(Act(what="save"))
+    walk(studio, 1)
+    assert studio.saved.parent == tmp_path / "out"
+    loaded = load_policy(studio.saved)
+    assert isinstance(loaded, FormulaPolicy)
+    assert loaded.digest() == studio.adjustable.digest()
+    assert studio.saved.read_text() == studio.session.written()
+
+
+def test_a_session_replaces_what_it_saved_and_not_what_another_did(studio, found, tmp_path):
+    studio.handle(Act(what="save"))
+    before = studio.saved.read_text()
+    later = make_studio(found, tmp_path, "sparse_formula")
+    later.handle(Coefficient(term=0, value=0.11))
+    later.handle(Act(what="save"))
+    assert later.saved.name == "sparse_formula_edited_2.formulas"
+    assert str(later.saved) in status(later)["problem"]
+    later.handle(Coefficient(term=0, value=0.12))
+    later.handle(Act(what="save"))
+    later.stop()
+    assert studio.saved.read_text() == before
+    assert later.saved.read_text() == later.session.written()
+    assert len([*studio.saved.parent.iterdir()]) == 2
+
+
+def test_a_file_that_is_not_changed_is_saved_as_it_is(studio, found):
+    studio.handle(Act(what="save"))
+    assert studio.saved.read_bytes() == found.file("sparse_formula").read_bytes()
+
+
+def test_a_changed_file_voids_its_certificate(studio):
+    assert file_view(studio)["holds"]
+    studio.handle(Coefficient(term=3, value=0.2))
+    voided = file_view(studio)
+    assert not voided["holds"] and voided["certificate"] != voided["digest"]
+    studio.handle(Act(what="undo"))
+    assert file_view(studio)["holds"]
+
+
+@pytest.mark.slow
+def test_claims_that_no_longer_hold_are_lost(studio):
+    """A joint whose target follows another joint by a hundred is no longer kept within torque."""
+    reader = studio.reader
+    term = next(i for i, own in enumerate(reader.terms) if own.factors == ("q.FL_calf",))
+    studio.handle(Coefficient(term=term, value=30.0))
+    studio.verification = finished(proved(studio._policy(), studio.gait))
+    lost = studio.lost()
+    assert lost
+    before = {own.claim.name: own.outcome for own in studio.certificate.verdicts}
+    after = {own["name"]: own["outcome"] for own in studio.verification.found}
+    assert all(before[name] == "proved" != after[name] for name in lost)
+    rows = status(studio)["verification"]["rows"]
+    assert {row["name"] for row in rows if row["lost"]} == set(lost)
+
+
+def finished(generator):
+    """Work that was done here, without a process."""
+    work = Work.__new__(Work)
+    work.found = [vars(own) for own in generator]
+    work.problem, work._ended = None, True
+    return work
+
+
+def test_falls_are_counted_of_both(found, monkeypatch):
+    few = background.RolloutConfig(n_robots=2, n_steps=10, seed=500, n_seeds=1)
+    monkeypatch.setattr(background, "ROLLOUTS", few)
+    own = found.controller("sparse_formula")
+    rows = list(counted(found.gait, (own, own), ["training", "slope_5deg"]))
+    assert [(row.number, row.original, row.falls, row.robots) for row in rows] == [
+        (1, False, 0, 2), (2, True, 0, 2), (3, False, 0, 2), (4, True, 0, 2),
+    ]  # fmt: skip
+
+
+def test_page_and_readme_say_how_many_robots_walk_and_for_how_long(studio):
+    said = setup(studio, "sparse_formula")["counted"]
+    assert said == "26 robots fall in 10 s"
+    rollouts = background.ROLLOUTS
+    assert (rollouts.n_robots, rollouts.n_steps * CONTROL_PERIOD) == (26, 10.0)
+    page = Path(background.__file__).with_name("README.md").read_text()
+    assert "falls of 26 robots in 10 s" in page
+
+
+def squares(count):
+    for number in range(count):
+        yield Steering(float(number), 0.0, 1.0)
+    if count > 3:
+        raise InputError("too many")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "problem"), [(3, None), (4, "InputError: too many")])
+def test_work_goes_on_in_a_process_of_its_own(count, problem):
+    work = Work(squares, count)
+    end = time.monotonic() + 120
+    while work.runs and time.monotonic() < end:
+        work.look()
+        time.sleep(0.05)
+    assert [own["speed"] for own in work.found] == [float(number) for number in range(count)]
+    assert work.problem == problem
+
+
+# What the page shows.
+
+
+def test_views_are_json_and_hold_what_the_page_needs(studio):
+    walk(studio, 60)
+    whole = {
+        "setup": setup(studio, "sparse_formula"),
+        "panel": panel(studio),
+        "status": status(studio),
+        "frame": frame(studio, 0, 0),
+        "file": file_view(studio),
+    }
+    again = json.loads(json.dumps(whole, allow_nan=False))
+    assert len(again["frame"]["steps"]) == 60
+    assert len(again["frame"]["terms"]["values"]) == sum(
+        len(group["terms"]) for group in again["panel"]["groups"]
+    )
+    assert again["setup"]["certificate"]["counts"]["proved"] > 0
+    later = frame(studio, 60, 0)
+    assert later["steps"] == [] and later["number"] == 60
+
+
+def test_policies_without_formulas_walk_and_are_not_edited(found, tmp_path):
+    studio = make_studio(found, tmp_path, "expert")
+    assert not setup(studio, "expert")["formulas"]
+    walk(studio, 20)
+    assert len(frame(studio, 0, 4)["steps"]) == 20
+    assert file_view(studio) is None and status(studio)["edits"] is None
+    with pytest.raises(InputError, match="no formulas to edit"):
+        studio.handle(Act(what="save"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--scenario", "cenic_1e-5"], "discrete plants of Drake"),
+        (["--scenario", "mujoco"], "discrete plants of Drake"),
+        (["--gait", "gallop"], "gallop"),
+        (["--port", "70000"], "port"),
+    ],
+)
+def test_the_command_refuses_what_cannot_be_done(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["studio", *arguments])
+    assert ended.value.code == 2
+    assert message in " ".join(capsys.readouterr().err.replace("│", " ").split())
+
+
+def test_the_command_says_how_to_install_what_is_missing(capsys, monkeypatch):
+    usual = builtins.__import__
+
+    def without_nicegui(name, *arguments, **options):
+        if name.partition(".")[0] == "nicegui":
+            raise ModuleNotFoundError(name=name)
+        return usual(name, *arguments, **options)
+
+    monkeypatch.delitem(sys.modules, "glassgait.studies.studio.page", raising=False)
+    monkeypatch.setattr(builtins, "__import__", without_nicegui)
+    with pytest.raises(SystemExit) as ended:
+        main(["studio"])
+    assert ended.value.code == 2
+    assert "pip install 'glassgait[studio]'" in capsys.readouterr().err
