@@ -6,20 +6,14 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import (
-    IllustrationProperties,
-    Meshcat,
-    MeshcatVisualizer,
-    Rgba,
-    Role,
-    SceneGraph,
-)
+from pydrake.geometry import Meshcat, MeshcatVisualizer
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from glassgait.diagrams.posed_robots import AddPosedRobots, paint
+from glassgait.diagrams.replay import replay_page
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.visualization import draw_ground, open_meshcat
 from glassgait.models.arrays import Array
@@ -31,9 +25,6 @@ from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH
 
 LANE = 1.0
 """Distance between where the two robots begin (m)."""
-
-TINT = 0.7
-"""Share of a robot's own colour in that of its parts, which can still be distinguished."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +83,7 @@ def save_pair_replay(
     meshcat.StopRecording()
     meshcat.get_mutable_recording().set_repetitions(repetitions)
     meshcat.PublishRecording()
-    write_atomically(path, _with_legend(meshcat.StaticHtml(), robots))
+    write_atomically(path, _with_legend(replay_page(meshcat), robots))
 
 
 def middle_of_paths(left: Array, right: Array) -> Array:
@@ -116,35 +107,14 @@ def _make_display(
 ) -> tuple[Diagram, MultibodyPlant, list[ModelInstanceIndex]]:
     """Builds a diagram that draws robots in their colours, and steps nothing."""
     builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    instances = []
-    for shown in robots:
-        instances += Parser(plant, shown.name).AddModels(str(shown.robot.urdf_path))
-    plant.Finalize()
+    models = {shown.name: shown.robot for shown in robots}
+    plant, scene_graph, instances = AddPosedRobots(builder, models)
     for shown, instance in zip(robots, instances, strict=True):
-        _paint(plant, scene_graph, instance, shown.color)
+        paint(plant, scene_graph, instance, shown.color)
     draw_ground(meshcat)
     meshcat.SetCameraPose([1.2, -1.65, 0.9], [0.0, 0.0, 0.1])
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
     return builder.Build(), plant, instances
-
-
-def _paint(
-    plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, color: str
-) -> None:
-    inspector = scene_graph.model_inspector()
-    source = plant.get_source_id()
-    tint = np.array([int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-    for body in plant.GetBodyIndices(instance):
-        frame = plant.GetBodyFrameIdOrThrow(body)
-        for geometry in inspector.GetGeometries(frame, Role.kIllustration):
-            painted = IllustrationProperties(inspector.GetIllustrationProperties(geometry))
-            bare = painted.GetProperty("phong", "diffuse")
-            mixed = TINT * tint + (1 - TINT) * np.array([bare.r(), bare.g(), bare.b()])
-            painted.UpdateProperty("phong", "diffuse", Rgba(*mixed, 1.0))
-            # Replaced at once, it would have Drake warn of visualizers; there is none yet.
-            scene_graph.RemoveRole(source, geometry, Role.kIllustration)
-            scene_graph.AssignRole(source, geometry, painted)
 
 
 def _positions(rollout: Rollout, lane: float) -> Array:

@@ -44,4 +44,31 @@ def save_replay(
     meshcat.StopRecording()
     meshcat.get_mutable_recording().set_repetitions(repetitions)
     meshcat.PublishRecording()
-    write_atomically(path, meshcat.StaticHtml())
+    write_atomically(path, replay_page(meshcat))
+
+
+def replay_page(meshcat: Meshcat) -> str:
+    """Returns what Meshcat shows as a page that opens without a server.
+
+    A page around it may ask for a moment: by the message `{replay: seconds}`. Browsers let pages of
+    other files send messages, and nothing else.
+    """
+    page, end = meshcat.StaticHtml(), "</body>"
+    start = page.rindex(end) if end in page else len(page)
+    return f"{page[:start]}{_FOLLOWING}{page[start:]}"
+
+
+_FOLLOWING = """<script>
+window.addEventListener("message", event => {
+  const seconds = event.data && event.data.replay;
+  if (typeof seconds !== "number" || typeof viewer === "undefined" || !viewer.animator) return;
+  viewer.animator.pause();
+  viewer.animator.seek(seconds);
+});
+if (window.parent !== window) {
+  // Meshcat begins to play once it has loaded, which it does not announce.
+  const announce = () => window.parent.postMessage({replay: "ready"}, "*");
+  for (const wait of [0, 400, 1500, 4000]) setTimeout(announce, wait);
+}
+</script>
+"""

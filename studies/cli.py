@@ -44,6 +44,10 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "training.robot_command:MakeRobot",
             "Make a robot of a description in URDF or MJCF, or check one, and let it stand.",
         ),
+        "transfer": (
+            "training.transfer_command:Transfer",
+            "Write the expert and the formulas of one robot anew for another; nothing is learned.",
+        ),
     },
     "measure": {
         "evaluate worlds": (
@@ -104,6 +108,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "explanation.command:ExplainTerms",
             "Print the formulas of a policy: the lines that its file holds, and that act.",
         ),
+        "explain typeset": (
+            "explanation.typeset:ExplainTypeset",
+            "Write all that a policy of formulas says as a page of mathematics, and the same as "
+            "LaTeX.",
+        ),
         "explain interventions": (
             "explanation.interventions.command:ExplainInterventions",
             "Test what a policy of formulas says: change a term, and see whether the robot moves "
@@ -116,6 +125,10 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         "view": (
             "view.command:View",
             "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
+        ),
+        "studio": (
+            "studio.command:OpenStudio",
+            "Change a formula in the browser and watch the robot answer.",
         ),
     },
     "prove": {
@@ -208,7 +221,7 @@ MOVED = {
 def main(arguments: list[str] | None = None) -> None:
     """Runs a command; bad input ends in one sentence and exit code 2.
 
-    Ctrl-C ends in one with exit code 130, SIGTERM with 143.
+    Ctrl-C ends in one with exit code 130, SIGTERM with 143, SIGHUP with 129.
 
     Args:
         arguments: The command and its settings; those that the process was called with by default.

@@ -200,7 +200,7 @@ def _of_joints(
             unit=unit,
             factor=factor,
             symbol=f"{symbol}.{leg}_{joint}",
-            latex=rf"{latex}_{{\mathrm{{{leg} {joint.title()}}}}}",
+            latex=rf"{latex}_{{\mathrm{{{leg}\,{joint}}}}}",
             merged_name=f"{title} {joint.title()}",
             mirror_sign=-1.0 if joint == "hip" else 1.0,
         )

@@ -1,6 +1,7 @@
 """The gait diagram: which feet touch the ground, and in which state the reward machine is."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +13,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
-from glassgait.models.task.palette import state_colors
+from glassgait.models.task.palette import ink_on, state_colors
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 
 
@@ -71,6 +72,20 @@ def session_figure(
         if axes is not rows[-1]:
             axes.set_xlabel("")
     return figure
+
+
+def strip_data(rollout: Rollout, gait: Gait) -> dict[str, Any]:
+    """Returns what a page's gait strip shows of a rollout, as JSON has it; see `player.js`."""
+    colors = state_colors(gait)
+    return {
+        "period": CONTROL_PERIOD,
+        "legs": quadruped.LEGS,
+        "states": gait.states,
+        "colors": colors,
+        "inks": [ink_on(color) for color in colors],
+        "state": rollout["rm_state"].argmax(axis=1).tolist(),
+        "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
+    }
 
 
 def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:

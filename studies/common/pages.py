@@ -2,11 +2,13 @@
 
 import base64
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import jinja2
 
+from glassgait.models.task.palette import ink_on
 from glassgait.studies.common.tables import format_cell
 
 SHARED_TEMPLATES = Path(__file__).parent / "templates"
@@ -27,7 +29,28 @@ def page_template(folder: Path, name: str) -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.filters["cell"] = format_cell
+    environment.filters["tex"] = escape_latex
+    environment.filters["minus"] = with_minus
+    environment.globals["chip"] = chip_style
     return environment.get_template(name)
+
+
+def escape_latex(text: str) -> str:
+    """Writes plain text so that LaTeX takes it as such."""
+    return re.sub(r"[\\{}$&#^_%~]", lambda sign: _LATEX.get(sign[0], f"\\{sign[0]}"), text)
+
+
+_LATEX = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\textasciitilde{}"}
+
+
+def with_minus(text: str) -> str:
+    """Writes the minus signs of numbers as such."""
+    return re.sub(r"-(?=[0-9])", "−", text)
+
+
+def chip_style(color: str) -> str:
+    """Returns the style of a label on a colour, with the ink that can be read on it."""
+    return f"background: {color}; color: {ink_on(color)}"
 
 
 def embedded(value: Any) -> str:

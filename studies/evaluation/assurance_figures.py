@@ -96,7 +96,7 @@ def _outcome(rollout: Rollout, calibration: Calibration) -> dict[str, Any]:
 
 LOOKS = {
     "schedule": ("s", "0.55", "every n-th step"),
-    "assured": ("o", "tab:blue", "outside of the region"),
+    "assured": ("o", "#0072B2", "outside of the region"),
 }
 """Marker, colour and title of the policies that share the steps."""
 
@@ -159,7 +159,7 @@ def draw_pushed(shown: Mapping[str, Any], calibration: Calibration) -> Figure:
     step, velocity = shown["push"]
     for name, color, title in (
         ("alone", "tab:red", "student alone"),
-        ("assured", "tab:blue", "assured"),
+        ("assured", "#0072B2", "assured"),
     ):
         own = shown[name]
         time = CONTROL_PERIOD * np.arange(len(own["height"]))
@@ -178,7 +178,7 @@ def draw_pushed(shown: Mapping[str, Any], calibration: Calibration) -> Figure:
             where=acts,
             step="post",
             transform=axes.get_xaxis_transform(),
-            color="tab:blue",
+            color="#0072B2",
             alpha=0.12,
             linewidth=0,
             label="expert acts",

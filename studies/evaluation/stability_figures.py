@@ -14,19 +14,17 @@ from matplotlib.ticker import MaxNLocator
 
 from glassgait.models.arrays import Array
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled
-from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.distillation.students.registry import (
+    policy_color,
+    policy_marker,
+    policy_title,
+)
 
 COLORS = mpl.colormaps["RdBu_r"]
 """Blue where differences shrink, red where they grow, white in between."""
 
 SCALE = TwoSlopeNorm(1.0, 0.4, 1.6)
 """Spectral radii that the colours span."""
-
-LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""By Okabe and Ito: safe for colour-blind readers."""
-
-MARKERS = "osD^vPX"
-"""Policies are distinguished without colours too."""
 
 Records = Sequence[Mapping[str, Any]]
 
@@ -117,11 +115,10 @@ def _draw_circle(axes: Axes, records: Records, reach: float) -> None:
 
 def _draw_rhythm(axes: Axes, results: Mapping[str, Records]) -> None:
     """Draws radii over the dwell: filled of the derivative, hollow of differences of a size."""
-    for place, (policy, records) in enumerate(results.items()):
-        color, marker = LINES[place % len(LINES)], MARKERS[place % len(MARKERS)]
+    for policy, records in results.items():
         middle = sorted(rhythm_of(records), key=lambda record: record["dwell"])
         sure = [record for record in middle if believed(record)]
-        look = {"color": color, "marker": marker, "markersize": 3.5}
+        look = {"color": policy_color(policy), "marker": policy_marker(policy), "markersize": 3.5}
         axes.plot(
             [record["dwell"] for record in sure],
             [record["radius"] for record in sure],

@@ -31,7 +31,7 @@ from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
+from glassgait.studies.distillation.students.registry import policy_color, policy_title
 from glassgait.studies.importance.measures import permutation_importance
 
 LEFT_LEGS = ("FL", "RL")
@@ -169,8 +169,6 @@ MARKERS = dict(zip(quadruped.LEG_JOINTS, ("o", "^", "s"), strict=True))
 LEAST = 1e-4
 """Importances below it are drawn on the edge."""
 
-EXPERT_COLOR = "black"
-
 
 @styled
 def symmetry_figure(table: pd.DataFrame, left_right: pd.DataFrame, title: str) -> Figure:
@@ -198,7 +196,7 @@ def symmetry_figure(table: pd.DataFrame, left_right: pd.DataFrame, title: str) -
         panel.set_visible(False)
     for panel, row in zip(panels.flat, table.itertuples(index=False), strict=False):
         name = str(row.policy)
-        _draw_pairs(panel, left_right[left_right["policy"] == name], _color(name))
+        _draw_pairs(panel, left_right[left_right["policy"] == name], policy_color(name))
         panel.set_title(f"{policy_title(name)}, R² = {row.r2:.2f}")
         panel.set(xscale="log", yscale="log")
         panel.set(xlim=(0.7 * LEAST, 2 * greatest), ylim=(0.7 * LEAST, 2 * greatest))
@@ -210,10 +208,6 @@ def symmetry_figure(table: pd.DataFrame, left_right: pd.DataFrame, title: str) -
         panel.tick_params(labelbottom=True)
     figure.legend(handles=_legend(), loc="outside upper center", ncols=4, title=title)
     return figure
-
-
-def _color(policy: str) -> str:
-    return STUDENTS[policy].color if policy in STUDENTS else EXPERT_COLOR
 
 
 def _draw_pairs(panel: Axes, pairs: pd.DataFrame, color: str) -> None:

@@ -6,16 +6,16 @@ from itertools import product
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgb
+from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import PercentFormatter
 
 from glassgait.diagrams.scenario import TRAINING
+from glassgait.models.task.palette import ink_on
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.distillation.students.registry import policy_title
@@ -113,10 +113,7 @@ def fall_overview(tables: Mapping[str, pd.DataFrame]) -> Figure:
 
 def readable_on(color: tuple[float, float, float]) -> str:
     """Returns black or white, whichever stands out more from a colour."""
-    # Relative luminance as WCAG 2 defines it; 0.179 contrasts as much with black as with white.
-    channels = np.array(to_rgb(color))
-    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
-    return "black" if linear @ (0.2126, 0.7152, 0.0722) > 0.179 else "white"
+    return ink_on(to_hex(color))
 
 
 def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> None:

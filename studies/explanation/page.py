@@ -15,9 +15,8 @@ from glassgait.models.policies.capabilities import FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import state_colors
+from glassgait.studies.common.gait_figure import strip_data
 from glassgait.studies.common.pages import embedded, inline_image, page_template
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.explanation.certificate import CertificatePanel
@@ -132,14 +131,9 @@ def render_page(
     known = variables_of(policy, rollout["observations"])
     quantities = _quantities(known.titles, explained)
     data = {
-        "period": CONTROL_PERIOD,
+        **strip_data(rollout, gait),
         "joints": quadruped.JOINTS,
-        "legs": quadruped.LEGS,
-        "states": gait.states,
-        "colors": state_colors(gait),
-        "state": rollout["rm_state"].argmax(axis=1).tolist(),
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
-        "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
         "quantities": list(quantities.values()),
         "units": known.units,
         "values": _values(quantities, known.values),
@@ -157,6 +151,7 @@ def render_page(
         limited=policy.joint_law.limited,
         held_back=held_back(policy, rollout),
         additive=any(not term.weights for own in explained for term in own.terms),
+        weighted=any(term.weights for own in explained for term in own.terms),
         formulas=isinstance(policy, FormulaPolicy),
         certificate=certificate,
         data=embedded(data),

@@ -7,6 +7,8 @@ import numpy as np
 
 from glassgait.models.formulas.file import formula_lines
 from glassgait.models.formulas.mirror import FormulaMirror
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -35,6 +37,12 @@ def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
         observations: What it observed (n_steps, n).
     """
     entries = entries_of(policy.observation_names)
+    if isinstance(policy, AdditivePolicy):
+        # Its terms are functions that are named at values, in whichever unit these are.
+        units = tuple(entry.unit for entry in entries)
+        robot_units = RobotUnits.of(policy.robot, policy.observation_names)
+        symbols = tuple(entry.symbol for entry in entries)
+        return Variables(symbols, units, robot_units.quantities(observations))
     if not isinstance(policy, FormulaPolicy):
         units = tuple(entry.scaled_unit(policy.robot) for entry in entries)
         return Variables(policy.observation_names, units, observations)

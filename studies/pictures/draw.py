@@ -1,12 +1,15 @@
-"""Draws the pictures of the README and of the pages.
+"""Draws the pictures of the README and of the pages, and records what they were drawn from.
 
-`python -m glassgait.studies.pictures.draw` does it. The loop is drawn by Graphviz's `dot` from the
-diagram's own description; robots need EGL.
+`python -m glassgait.studies.pictures.draw` draws all, and with names, such as `blocks.svg`, those
+alone. The loop is drawn by Graphviz's `dot` from the diagram's own description; robots need EGL.
 """
 
 import io
 import re
 import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
@@ -21,24 +24,30 @@ from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
+from glassgait.models.policies.library import (
+    EXPERT_DIRECTORY,
+    load_expert,
+    shipped_expert,
+    shipped_experts,
+)
 from glassgait.models.robots.robot import load_robot
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.distillation.students.baselines import untrained_student
+from glassgait.studies.pictures.age import FOLDER, digest_of_text, digests, note
+from glassgait.studies.pictures.blocks import blocks_svg
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 from glassgait.studies.view.stills import gait_strip
 
-FOLDER = Path(__file__).parent
 ABLATION_DIRECTORY = EXPERT_DIRECTORY / "ablation"
 
 ABLATIONS = {
-    "curriculum": {
+    "curriculum.png": {
         "with the curriculum": "bound_with_curriculum.csv",
         "without (paper)": "bound_without_curriculum.csv",
     },
-    "mirror_and_latency": {
+    "mirror_and_latency.png": {
         "both": "trot_short.csv",
         "without the mirror": "trot_without_mirror.csv",
         "without latency": "trot_without_latency.csv",
@@ -52,27 +61,105 @@ FILMED_STEPS = 96
 SETTLING_STEPS = 100
 COMMAND = FixedCommand(speed=0.4, dwell=8)
 
+COMMAND_LINE = "python -m glassgait.studies.pictures.draw"
 
-def draw_all() -> None:
-    """Draws every picture."""
-    say("drawing the loop")
-    write_atomically(FOLDER / "locomotion.svg", loop_svg(load_gait("trot")))
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that is drawn from what ships.
+
+    Attributes:
+        draw: Draws it.
+        inputs: Returns the digests of what it is drawn from, by their names.
+    """
+
+    draw: Callable[[Path], None]
+    inputs: Callable[[], dict[str, str]]
+
+
+def pictures() -> dict[str, Picture]:
+    """Returns the pictures that are drawn here, by the names of their files."""
+    trot = load_gait("trot")
+    whole = {
+        "blocks.svg": Picture(
+            lambda path: write_atomically(path, blocks_svg()),
+            lambda: {"drawing": digest_of_text(blocks_svg())},
+        ),
+        "locomotion.svg": Picture(
+            lambda path: write_atomically(path, loop_svg(trot)),
+            lambda: {"diagram": digest_of_text(loop_dot(trot))},
+        ),
+        "learning_curves.png": Picture(_draw_learning_curves, _learning_curves),
+    }
     for name in shipped_experts():
-        say(f"filming the {name}")
-        gait = load_gait(name)
-        rollout = expert_rollout(gait, COMMAND, SETTLING_STEPS + FILMED_STEPS)
-        save_figure(
-            gait_strip(load_robot(), rollout, gait), FOLDER / f"{name}_gait", extensions=("png",)
-        )
-        camera = Camera(load_robot(), 480, 300)
-        frames = [camera.take(x) for x in rollout["state"][SETTLING_STEPS::FRAME_STEPS]]
-        write_atomically(FOLDER / f"{name}.gif", gif(frames))
-    say("drawing the learning curves")
-    curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
-    save_figure(learning_curves(curves), FOLDER / "learning_curves", extensions=("png",))
+        whole[f"{name}.gif"] = Picture(_Filmed(name).draw_film, _Filmed(name).inputs)
+        whole[f"{name}_gait.png"] = Picture(_Filmed(name).draw_strip, _Filmed(name).inputs)
     for name, lines in ABLATIONS.items():
-        curves = {label: pd.read_csv(ABLATION_DIRECTORY / file) for label, file in lines.items()}
-        save_figure(ablation_curves(curves), FOLDER / name, extensions=("png",))
+        whole[name] = Picture(_Ablation(lines).draw, _Ablation(lines).inputs)
+    return whole
+
+
+def draw(names: Sequence[str] = ()) -> None:
+    """Draws pictures, by default all, and records what each was drawn from."""
+    known = pictures()
+    for name in names or known:
+        say(f"drawing {name}")
+        known[name].draw(FOLDER / name)
+        note(name, f"{COMMAND_LINE} {name}", known[name].inputs())
+
+
+def _learning_curves() -> dict[str, str]:
+    return digests(*(EXPERT_DIRECTORY / f"{name}.csv" for name in shipped_experts()))
+
+
+def _draw_learning_curves(path: Path) -> None:
+    curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
+    save_figure(learning_curves(curves), path.with_suffix(""), extensions=("png",))
+
+
+@dataclass(frozen=True)
+class _Ablation:
+    """Runs that differ in an ingredient: their files, by the name of their line."""
+
+    lines: dict[str, str]
+
+    def inputs(self) -> dict[str, str]:
+        return digests(*(ABLATION_DIRECTORY / file for file in self.lines.values()))
+
+    def draw(self, path: Path) -> None:
+        curves = {
+            label: pd.read_csv(ABLATION_DIRECTORY / file) for label, file in self.lines.items()
+        }
+        save_figure(ablation_curves(curves), path.with_suffix(""), extensions=("png",))
+
+
+@dataclass(frozen=True)
+class _Filmed:
+    """A gait, as its expert goes."""
+
+    name: str
+
+    def inputs(self) -> dict[str, str]:
+        robot = load_robot()
+        return digests(
+            shipped_expert(self.name),
+            GAIT_DIRECTORY / f"{self.name}.yaml",
+            Path(robot.path),
+            robot.urdf_path,
+        )
+
+    def draw_strip(self, path: Path) -> None:
+        gait = load_gait(self.name)
+        figure = gait_strip(load_robot(), self._rollout(), gait)
+        save_figure(figure, path.with_suffix(""), extensions=("png",))
+
+    def draw_film(self, path: Path) -> None:
+        camera = Camera(load_robot(), 480, 300)
+        states = self._rollout()["state"][SETTLING_STEPS::FRAME_STEPS]
+        write_atomically(path, gif([camera.take(state) for state in states]))
+
+    def _rollout(self) -> Rollout:
+        return expert_rollout(load_gait(self.name), COMMAND, SETTLING_STEPS + FILMED_STEPS)
 
 
 def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
@@ -84,16 +171,34 @@ def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
 
 def loop_svg(gait: Gait) -> str:
     """Draws the locomotion diagram, with expert and student, as SVG."""
+    arguments = ["dot", "-Tsvg", "-Gnodesep=0.12", "-Granksep=0.35", "-Nfontname=Helvetica"]
+    dot = loop_dot(gait)
+    drawn = subprocess.run(arguments, input=dot, text=True, check=True, capture_output=True)
+    return re.sub(r"<!--.*?-->\n", "", drawn.stdout, flags=re.DOTALL)
+
+
+def loop_dot(gait: Gait) -> str:
+    """Describes the locomotion diagram, with expert and student, in Graphviz's language."""
     expert = load_expert(gait.name)
     student = untrained_student(expert)
     scenario = Scenario(command=COMMAND, sensor_noise=0.0)
     diagram = MakeLocomotion(
         gait, scenario, policy=AlternatingController(expert, student, period=4)
     )
-    dot = _without_exports(diagram.GetGraphvizString(max_depth=1))
-    arguments = ["dot", "-Tsvg", "-Gnodesep=0.12", "-Granksep=0.35", "-Nfontname=Helvetica"]
-    drawn = subprocess.run(arguments, input=dot, text=True, check=True, capture_output=True)
-    return re.sub(r"<!--.*?-->\n", "", drawn.stdout, flags=re.DOTALL)
+    return _numbered_anew(_without_exports(diagram.GetGraphvizString(max_depth=1)))
+
+
+def _numbered_anew(dot: str) -> str:
+    """Counts systems from 0 on, and sorts edges: Drake counts all of a process, and sorts none."""
+    numbers: dict[str, int] = {}
+    counted = re.sub(
+        r"\b(_|s|clusters?)(\d+)",
+        lambda found: f"{found[1]}{numbers.setdefault(found[2], len(numbers))}",
+        dot,
+    )
+    lines = counted.splitlines(keepends=True)
+    edges = iter(sorted(line for line in lines if " -> " in line))
+    return "".join(next(edges) if " -> " in line else line for line in lines)
 
 
 def _without_exports(dot: str) -> str:
@@ -134,4 +239,4 @@ def gif(frames: list[np.ndarray]) -> bytes:
 
 
 if __name__ == "__main__":
-    draw_all()
+    draw(sys.argv[1:])

@@ -6,18 +6,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pandas as pd
 from pydrake.geometry import Meshcat
 
 from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.files import write_atomically
 from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -26,7 +29,7 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import PERIODS, alternation_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.gait_figure import gait_figure, strip_data
 from glassgait.studies.common.play import play
 from glassgait.studies.common.policies import EXPERT, SHIPPED, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig
@@ -43,6 +46,7 @@ from glassgait.studies.distillation.students.boosting import (
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMULA
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
@@ -50,10 +54,15 @@ from glassgait.studies.distillation.students.symbolic_regression import (
 )
 from glassgait.studies.distillation.study import distill, r2_table, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
-from glassgait.studies.reproduction.page import Page, Section, Table
+from glassgait.studies.explanation.interventions.sentences import find_sentences
+from glassgait.studies.explanation.typeset import beside, typeset
+from glassgait.studies.reproduction.page import Page, Replay, Section, Table
 
 SHOWN = STATEWISE_SYMBOLIC.name
-"""The student whose formulas, replays and gait diagrams are shown."""
+"""The student that is distilled here whose formulas, replay and gait diagram are shown."""
+
+PAGE = SPARSE_FORMULA.name
+"""The student that ships and comes first: a whole controller on two pages."""
 
 QUICK = DistillationConfig(
     # Formulas come first: the page shows them while the others are fitted.
@@ -124,21 +133,23 @@ class Demo(Settings):
         folder = self.output or default_folder(self.title, expert.robot.name)
         replays: dict[str, tuple[str, Policy]] = {"expert": (policy_title(EXPERT), expert)}
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
-        if found.place == SHIPPED and SHOWN in found.files:
-            shipped = found.policy(SHOWN)
-            replays = {"shipped": (f"{policy_title(SHOWN)}, as shipped", shipped), **replays}
+        if found.place == SHIPPED and PAGE in found.files:
+            shipped = found.formulas(PAGE)
+            replays = {"shipped": (f"{policy_title(PAGE)}, as shipped", shipped), **replays}
             inputs["shipped student"] = shipped.digest()
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
             rollouts = RolloutConfig(n_robots=self.n_robots, n_seeds=1)
             parts = Parts(gait, expert, rollouts, n_replays=len(replays) + 1)
             road = _Road(parts, folder)
+            if "shipped student" in inputs:
+                road.typeset(found.formulas(PAGE), found.file(PAGE))
             for name, (title, policy) in replays.items():
                 road.show(name, title, policy)
             road.distill(self.resume)
             road.evaluate()
             parts.minutes = (time.monotonic() - started) / 60
-            path = demo_page(parts, folder).write(folder)
+            path = demo_page(parts).write(folder)
         console.print(f"report written to {path} after {parts.minutes:.1f} minutes")
 
 
@@ -151,7 +162,9 @@ class Parts:
         expert: The expert.
         rollouts: How robots are rolled out.
         n_replays: Number of replays in the end.
-        replays: Names and titles of the replays so far.
+        replays: The replays so far, by their names.
+        result: What the first one shows, in a sentence.
+        typeset: Name of the page in the folder on which the shipped formulas stand.
         r2: The R² table of the students so far.
         standalone: The scores alone.
         return_figure: Picture of return against alternation ratio.
@@ -163,7 +176,9 @@ class Parts:
     expert: NeuralPolicy
     rollouts: RolloutConfig
     n_replays: int = 3
-    replays: dict[str, str] = field(default_factory=dict)
+    replays: dict[str, Replay] = field(default_factory=dict)
+    result: str = ""
+    typeset: str | None = None
     r2: pd.DataFrame | None = None
     standalone: pd.DataFrame | None = None
     return_figure: Path | None = None
@@ -178,6 +193,13 @@ class _Road:
     parts: Parts
     folder: Path
     meshcat: Meshcat = field(default_factory=open_meshcat)
+
+    def typeset(self, policy: FormulaPolicy, path: Path) -> None:
+        """Writes the formulas that ship, whose file is given, as a page to be read."""
+        said = find_sentences(policy.digest(), [beside(path)])
+        for name, text in typeset(policy, PAGE, said).items():
+            write_atomically(self.folder / name, text)
+        self.parts.typeset = f"{PAGE}.html"
 
     def show(self, name: str, title: str, policy: Policy) -> None:
         """Records a policy alone: a replay and a gait diagram, whose files begin with a name."""
@@ -195,7 +217,9 @@ class _Road:
         say(f"open {replay}: a replay, {title}")
         figure = gait_figure(rollout, gait, f"{gait.name.capitalize()}, {title}")
         save_figure(figure, self.folder / f"{name}_gait")
-        self.parts.replays[name] = title
+        shown = Replay(title, replay_name(name), strip_data(rollout, gait))
+        self.parts.replays[name] = shown
+        self.parts.result = self.parts.result or result_in_words(title, rollout)
         self._write(f"replay, {title}")
 
     def distill(self, resume: bool) -> None:
@@ -237,8 +261,19 @@ class _Road:
         return run_rollouts(cases, self.folder / "rollouts")
 
     def _write(self, new: str) -> None:
-        path = demo_page(self.parts, self.folder).write(self.folder)
+        path = demo_page(self.parts).write(self.folder)
         say(f"open {path}, or reload it: {new}")
+
+
+def result_in_words(title: str, rollout: Rollout) -> str:
+    """Says in a sentence how far a robot went, and whether it stayed up."""
+    way = np.diff(rollout["state"][:, quadruped.POSITION][:, :2], axis=0)
+    seconds = rollout.time[-1] - rollout.time[0]
+    end = "fell at the end" if rollout.failed else "did not fall"
+    return (
+        f"{title}: this robot went {np.linalg.norm(way, axis=1).sum():.1f} m in {seconds:.0f} s, "
+        f"commanded {REPLAY_SPEED:g} m/s, and {end}."
+    )
 
 
 def replay_name(name: str) -> str:
@@ -258,7 +293,7 @@ def formula_texts(gait: Gait, student: StatewiseSymbolicPolicy) -> list[tuple[st
     ]
 
 
-def demo_page(parts: Parts, folder: Path) -> Page:
+def demo_page(parts: Parts) -> Page:
     """Makes the page of what there is by now."""
     smaller = Section(
         "What is smaller here, and what is lost",
@@ -268,24 +303,27 @@ def demo_page(parts: Parts, folder: Path) -> Page:
         f"{parts.gait.description} Neural expert, {len(parts.expert.observation_names)} "
         "observations, 12 joints."
     )
+    result = f"**{parts.result}**" if parts.result else ""
     if parts.minutes is None:
         # It does not reload itself: the replays would begin anew each time.
         lead = [
-            summary,
+            result or summary,
+            *([summary] if result else []),
             "**This page is not complete: the demo is at work. Reload it now and then; each time "
             "there is more.** If the demo was interrupted, the same command with `--resume` "
             "completes it.",
         ]
     else:
         lead = [
+            *([result] if result else []),
             f"{summary} Everything below was computed in {parts.minutes:.1f} minutes, and [some "
-            f"of it is smaller](#{smaller.anchor}) than in the full studies."
+            f"of it is smaller](#{smaller.anchor}) than in the full studies.",
         ]
     return Page(
         f"A {parts.gait.name}ting robot, distilled into models a person can read",
         lead,
         [
-            _replays(parts, folder),
+            _replays(parts),
             _alone(parts),
             _alternation(parts),
             _r2(parts),
@@ -295,17 +333,19 @@ def demo_page(parts: Parts, folder: Path) -> Page:
     )
 
 
-def _replays(parts: Parts, folder: Path) -> Section:
+def _replays(parts: Parts) -> Section:
     missing = parts.n_replays - len(parts.replays)
+    page = (
+        f"All that the first robot does stands on [two pages of formulas]({parts.typeset}), from "
+        "sensors to limits. "
+        if parts.typeset
+        else ""
+    )
     return Section(
-        "Replays",
-        note=f"Commanded {REPLAY_SPEED} m/s forward, with sensor noise; each acts alone. Bars: "
-        "feet in contact; bands: states of the reward machine.",
-        replays=[(title, replay_name(name)) for name, title in parts.replays.items()],
-        figures=[
-            (f"Feet in contact over time: {title}", folder / f"{name}_gait.png")
-            for name, title in parts.replays.items()
-        ],
+        "The page that ships, and its robot" if parts.typeset else "Replays",
+        note=f"{page}Commanded {REPLAY_SPEED} m/s forward, with sensor noise; each acts alone. "
+        "Bars: feet in contact; bands: states of the reward machine, every second one hatched.",
+        replays=list(parts.replays.values()),
         pending="further replays, of the expert and of the formulas that are distilled here"
         if missing
         else "",

@@ -1,16 +1,17 @@
 """A page of results: text, tables, pictures and replays, as one HTML file and in Markdown."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from glassgait.models.files import write_atomically
-from glassgait.studies.common.pages import inline_image, page_template
+from glassgait.studies.common.pages import embedded, inline_image, page_template
 from glassgait.studies.common.tables import to_markdown
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -32,6 +33,21 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Replay:
+    """A replay in the page's folder.
+
+    Attributes:
+        title: Who moves.
+        page: Name of its file.
+        strip: Its gait strip, as `strip_data` returns.
+    """
+
+    title: str
+    page: str
+    strip: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class Section:
     """A part of a page.
 
@@ -41,7 +57,7 @@ class Section:
         note: How to read it, in Markdown.
         points: Sentences of a list.
         tables: The tables.
-        replays: Replays in the page's folder, each with its title.
+        replays: Replays in the page's folder, all of one length, which one player plays.
         figures: Pictures (PNG or SVG), each with what it shows.
         texts: Texts that are folded, each with its title.
         wide: Whether a picture takes the page's whole width.
@@ -53,7 +69,7 @@ class Section:
     note: str = ""
     points: Sequence[str] = ()
     tables: Sequence[Table] = ()
-    replays: Sequence[tuple[str, str]] = ()
+    replays: Sequence[Replay] = ()
     figures: Sequence[tuple[str, Path]] = ()
     texts: Sequence[tuple[str, str]] = ()
     wide: bool = False
@@ -95,6 +111,9 @@ class Page:
         html = page_template(TEMPLATES, "report.html").render(
             page=self,
             inline=inline_image,
+            strips=[
+                embedded(replay.strip) for section in self.sections for replay in section.replays
+            ],
             prose=lambda text: Markup(markdown.renderInline(text)),
         )
         write_atomically(path, html)

@@ -149,7 +149,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
             "joint position",
             "FR",
             "q.FR_thigh",
-            r"q_{\mathrm{FR Thigh}}",
+            r"q_{\mathrm{FR\,thigh}}",
             "rad from the default stance",
         ),
         (
@@ -157,7 +157,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
             "joint velocity",
             "RR",
             "dq.RR_calf",
-            r"\dot q_{\mathrm{RR Calf}}",
+            r"\dot q_{\mathrm{RR\,calf}}",
             "0.05 · rad/s",
         ),
         (
@@ -165,7 +165,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
             "previous action",
             "FL",
             "a.FL_hip",
-            r"a^{-}_{\mathrm{FL Hip}}",
+            r"a^{-}_{\mathrm{FL\,hip}}",
             "0.25 rad of joint target",
         ),
         ("RM State 1", "machine state", None, "s1", "s_{1}", "0 or 1"),

@@ -14,6 +14,7 @@ import pytest
 from joblib import delayed
 
 from glassgait.models.errors import InputError
+from glassgait.studies.common.parallel.cluster import ENDING
 from glassgait.studies.common.parallel.loop import _signals_held, run_parallel
 
 PARENT = """
@@ -74,7 +75,7 @@ def test_a_worker_that_is_killed_is_reported():
         list(run_parallel((delayed(os._exit)(1) for _ in range(4)), 2))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", ENDING)
 def test_signals_wait_until_workers_have_started_whoever_lets_them_through(number):
     came, at_once = [], []
 
@@ -112,7 +113,7 @@ def test_workers_end_with_a_parent_that_is_killed(parent):
     assert _gone(workers, 10)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", ENDING)
 def test_workers_leave_signals_to_their_parent(parent, number):
     workers = _workers(parent)
     # As a terminal's Ctrl-C does: to every process of the group.

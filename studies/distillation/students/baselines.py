@@ -50,7 +50,7 @@ def _fit_statewise_linear(
     return StatewiseLinearPolicy(samples.gait, names, weights, intercepts, robot=samples.robot)
 
 
-LINEAR = Student("linear", "Linear", _fit_linear, color="#999999", marker="v", brevity=6)
+LINEAR = Student("linear", "Linear", _fit_linear, color="#8A8A8A", marker="v", brevity=6)
 
 STATEWISE_LINEAR = Student(
     "statewise_linear",
@@ -85,7 +85,7 @@ def _fit_open_loop(
     return OpenLoopPolicy(samples.gait, names, table=table, robot=samples.robot)
 
 
-OPEN_LOOP = Student("open_loop", "Open loop", _fit_open_loop, color="#CCCCCC", marker="x")
+OPEN_LOOP = Student("open_loop", "Open loop", _fit_open_loop, color="#949494", marker="x")
 
 
 def _fit_oscillator(
@@ -122,7 +122,7 @@ def _waves(names: tuple[str, ...]) -> tuple[Definition, ...]:
 
 
 OSCILLATOR = Student(
-    "oscillator", "Oscillators", _fit_oscillator, color="#999999", marker="1", brevity=7
+    "oscillator", "Oscillators", _fit_oscillator, color="#777777", marker="1", brevity=7
 )
 """An honest baseline: 36 numbers, and no sensor but the feet that turn the machine on.
 

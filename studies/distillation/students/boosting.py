@@ -103,7 +103,7 @@ HISTOGRAM_GBM = compiled_student(
     "GBM, histograms",
     _fit_histogram_gbm_joint,
     BoostedTreesPolicy.compile,
-    color="#56B4E9",
+    color="#2F8FC4",
     marker="h",
     settings=HistogramGbmSettings(),
 )

@@ -23,6 +23,9 @@ STUDENTS: dict[str, Student] = {
 }
 """The students by name, in the order of tables."""
 
+OTHER_COLOR, OTHER_MARKER = "#1b1f24", "X"
+"""Of the expert, and of policies of a person's own."""
+
 
 def student_title(name: str) -> str:
     """Returns what people call a student, or a policy of another name."""
@@ -43,3 +46,13 @@ def sums_of_terms() -> tuple[str, ...]:
 def policy_title(name: str) -> str:
     """Returns what people call the expert, a student, or a policy of another name."""
     return "Neural expert" if name == "expert" else student_title(name)
+
+
+def policy_color(name: str) -> str:
+    """Returns the colour of the expert, a student, or a policy of another name, in all figures."""
+    return STUDENTS[name].color if name in STUDENTS else OTHER_COLOR
+
+
+def policy_marker(name: str) -> str:
+    """Returns the marker that distinguishes a policy without colours too."""
+    return STUDENTS[name].marker if name in STUDENTS else OTHER_MARKER

@@ -235,7 +235,7 @@ SPARSE_FORMULA = Student(
     "sparse_formula",
     "Page of formulas",
     _fit,
-    color="#E69F00",
+    color="#A87400",
     marker="*",
     settings=SparseFormulaSettings(),
     brevity=1,

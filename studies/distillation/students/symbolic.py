@@ -239,7 +239,7 @@ STATEWISE_SYMBOLIC = Student(
     "statewise_symbolic",
     "Symbolic per RM state",
     partial(_fit, statewise=True),
-    color="#CC79A7",
+    color="#B8609A",
     marker="P",
     settings=StatewiseSymbolicSettings(),
     brevity=3,

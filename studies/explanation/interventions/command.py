@@ -26,11 +26,15 @@ from glassgait.studies.explanation.interventions.claims import (
     derive_claims,
     refuse_too_few,
 )
+from glassgait.studies.explanation.interventions.sentences import Sentences, tested_sentences
 from glassgait.studies.explanation.interventions.study import Examiner, readable_table, sentences
 from glassgait.studies.explanation.interventions.terms import readable_terms
 from glassgait.studies.explanation.interventions.walks import Walk, walk
 
-HOLDS, FAILS, PREDICTED = "#1b6ca8", "#c0392b", "0.35"
+SENTENCES = "sentences.json"
+"""File of a run's sentences, which pages read."""
+
+HOLDS, FAILS, PREDICTED = "#0072B2", "#C75300", "0.35"
 """Colours of claims that hold, of those that do not, and of what was predicted."""
 
 TITLES = {
@@ -152,6 +156,7 @@ class ExplainInterventions(OnePolicy):
             write_table(readable_table(table), folder / "claims")
             if self.each:
                 write_table(sentences(table), folder / "sentences")
+                self._sentences(policy, table).write(folder / SENTENCES)
             metrics = {"claims": json_records(table), "held": int(table["holds"].sum())}
             metrics |= {"tested": len(table), "falls": falls}
             write_metrics(metrics, folder / "metrics.json")
@@ -159,6 +164,10 @@ class ExplainInterventions(OnePolicy):
             save_figure(claims_figure(table, title), folder / "claims")
         print_table(f"{gait.name}: what {student_title(stem)} says", readable_table(table))
         console.print(f"{metrics['held']} of {metrics['tested']} claims hold; written to {folder}")
+
+    def _sentences(self, policy: FormulaPolicy, table: pd.DataFrame) -> Sentences:
+        said = tested_sentences(table)
+        return Sentences(policy.digest(), self.n_robots, self.n_steps, self.seed, said)
 
     def _test(
         self, gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, folder: Path

@@ -1,6 +1,6 @@
 "use strict";
 const certificate = data.certificate;
-const MOST_INPUTS = 8;
+const MOST_INPUTS = 8, PINNED_INPUTS = 4;
 let opened = null;
 
 const element = (kind, text = "", name = "") => {
@@ -16,14 +16,14 @@ const both = texts => [...new Set(texts)].join(" → ");
 let nearest = null;
 function drawOutside() {
   at("gait").setAttribute("viewBox", "0 0 640 134");
-  cursor.setAttribute("y2", 130);
-  svg("text", { x: 0, y: 129 }).textContent = "out";
-  svg("line", { x1: left, x2: left + width, y1: 130, y2: 130, stroke: "#b9c0c8" });
+  strip.cursor.setAttribute("y2", 130);
+  strip.add("text", { x: 0, y: 129 }, "out");
+  strip.add("line", { x1: strip.x(0), x2: strip.x(last), y1: 130, y2: 130, stroke: "#828b96" });
   for (const [start, stop] of runs(certificate.outside.map(own => own.length > 0)))
     if (certificate.outside[start].length)
-      svg("rect", { class: "outside", x: xOf(start), y: 119, height: 11, fill: "#d55e00",
-                    width: Math.max(1.5, xOf(Math.min(stop, last)) - xOf(start)) });
-  nearest = svg("path", { id: "nearest", d: "M-5 0 h10 l-5 7 z", fill: "#d55e00", visibility: "hidden" });
+      strip.add("rect", { class: "outside", x: strip.x(start), y: 119, height: 11, fill: "#c75300",
+                          width: Math.max(1.5, strip.x(Math.min(stop, last)) - strip.x(start)) });
+  nearest = strip.add("path", { id: "nearest", d: "M-6 0 h12 l-6 9 z", fill: "#c75300", visibility: "hidden" });
 }
 
 function showOutside() {
@@ -116,7 +116,31 @@ function nearnessOf(own) {
   return text;
 }
 
+// Beside the replay, what is open far below.
+function showPinned() {
+  at("pinned").hidden = opened === null;
+  if (opened === null) return;
+  const own = certificate.witnesses[opened], title = element("h3", `Witness: ${own.claim}`);
+  const close = element("button", "unpin");
+  close.type = "button";
+  close.addEventListener("click", () => open(opened, document.querySelector(`button.witness[data-claim="${opened}"]`)));
+  title.append(close);
+  const table = element("table"), body = head(table, ["input"], ["witness", "number"], [`step ${view.step}`, "number"]);
+  for (const { k, here, values } of inputsOf(own).slice(0, PINNED_INPUTS))
+    cells(body, [data.quantities[k], both(values.map(short)), short(here)], ["name", "number", "number"]);
+  if (own.joint !== null)
+    cells(body, [`target of ${shownJoint(own.joint)} (rad)`, both(own.targets.map(all => signed(all[own.joint]))),
+      signed(data.explained[own.joint].target[view.step])], ["name", "number", "number"]).className = "sum";
+  const more = element("a", "all of it");
+  more.href = "#certificate";
+  more.addEventListener("click", event => { event.preventDefault(); at("certificate").scrollIntoView(); });
+  const last = element("p", "The inputs that are moved, or are furthest from this moment; ");
+  last.append(more, ".");
+  at("pinned").replaceChildren(title, table, last);
+}
+
 function showWitness() {
+  showPinned();
   if (opened === null) return;
   const own = certificate.witnesses[opened], beside = element("div", "", "beside");
   const [inputs, targets] = [inputTable(own), targetTable(own)].map(parts => {
@@ -132,7 +156,7 @@ function showWitness() {
 function showNearest() {
   const step = opened === null ? null : certificate.witnesses[opened].nearest;
   nearest.setAttribute("visibility", step === null ? "hidden" : "visible");
-  if (step !== null) nearest.setAttribute("transform", `translate(${xOf(step)} 0)`);
+  if (step !== null) nearest.setAttribute("transform", `translate(${strip.x(step)} 4)`);
 }
 
 function open(claim, button) {
@@ -140,6 +164,7 @@ function open(claim, button) {
   for (const other of document.querySelectorAll("button.witness")) other.setAttribute("aria-expanded", false);
   opened = opened === claim ? null : claim;
   showNearest();
+  showPinned();
   if (opened === null) return;
   const own = certificate.witnesses[claim], line = element("tr");
   own.usual ??= own.inputs.map(usual);
@@ -148,7 +173,7 @@ function open(claim, button) {
   line.firstElementChild.colSpan = 3;
   button.closest("tr").after(line);
   button.setAttribute("aria-expanded", true);
-  if (view.timer) play();
+  player.pause();
   if (own.joint !== null) view.joint = own.joint;
   if (own.nearest !== null) view.step = own.nearest;
   showAll();

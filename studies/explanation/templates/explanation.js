@@ -1,9 +1,8 @@
-"use strict";
 const data = JSON.parse(document.getElementById("data").textContent);
 const at = id => document.getElementById(id);
 const last = data.state.length - 1;
-const view = { step: data.step, joint: data.joint, timer: null };
-// What else of the page tells of the moment that is shown.
+const view = { step: data.step, joint: data.joint };
+// What else of the page speaks of the moment that is shown.
 const followers = [];
 
 const shownJoint = joint => data.joints[joint].replace("_", " ");
@@ -46,6 +45,7 @@ function head(table, ...titles) {
   for (const [title, kind] of titles) {
     const cell = document.createElement("th");
     cell.textContent = title; cell.className = kind || "";
+    cell.scope = "col";
     line.append(cell);
   }
   return table.createTBody();
@@ -96,8 +96,9 @@ function showLocal() {
         value < 0 ? "var(--down)" : "var(--up)");
     end += value;
   }
-  row(table, ["sum = target", "", signed(end)], 0, end, scale, "#555", "sum");
-  at("error").textContent = own.error.toExponential(0);
+  row(table, ["sum = target", "", signed(end)], 0, end, scale, "var(--total)", "sum");
+  at("error").textContent = own.error < 1e-15 ? "exactly"
+    : `to within ${minus(own.error.toExponential(0))} rad`;
 }
 
 function showValues() {
@@ -159,107 +160,50 @@ function showGlobal() {
       : [weight, nameOf(term)].filter(Boolean).join(" · ");
     const state = term.state === null ? "" : `${data.states[term.state]}: `;
     row(table, [state + name, own.importance[k].toFixed(3)], 0, own.importance[k], [0, most],
-        "#777");
+        "var(--total)");
   });
 }
 
-const svg = (name, attributes) => {
-  const node = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const key in attributes) node.setAttribute(key, attributes[key]);
-  at("gait").append(node);
-  return node;
-};
-const left = 26, width = 610, rowHeight = 22;
-const xOf = step => left + width * step / last;
-function runs(values) {
-  const found = [];
-  let start = 0;
-  for (let i = 1; i <= values.length; i++)
-    if (i === values.length || values[i] !== values[start]) { found.push([start, i]); start = i; }
-  return found;
-}
-function drawGait() {
-  for (const [start, stop] of runs(data.state))
-    svg("rect", { x: xOf(start), width: xOf(Math.min(stop, last)) - xOf(start), y: 4, height: 92,
-                  fill: data.colors[data.state[start]], opacity: .25 });
-  data.legs.forEach((leg, k) => {
-    const feet = data.contact.map(contact => contact[k]);
-    for (const [start, stop] of runs(feet)) if (feet[start])
-      svg("rect", { x: xOf(start), width: xOf(Math.min(stop, last)) - xOf(start),
-                    y: 8 + k * rowHeight, height: rowHeight - 8, fill: "#2b2f33" });
-    svg("text", { x: 0, y: 19 + k * rowHeight }).textContent = leg;
-  });
-  for (let second = 0; second <= last * data.period; second++)
-    svg("text", { x: xOf(second / data.period) - 6, y: 112 }).textContent = second + " s";
-  return svg("line", { y1: 0, y2: 98, stroke: "#c00", "stroke-width": 1.5 });
-}
-const cursor = drawGait();
 drawFile();
 
 const frame = at("replay");
 frame.srcdoc = JSON.parse(at("replay-page").textContent);
-function seek() {
-  const viewer = frame.contentWindow && frame.contentWindow.viewer;
-  if (!viewer || !viewer.animator) return;
-  viewer.animator.pause();
-  viewer.animator.seek(view.step * data.period);
-}
-// Meshcat starts its animation by itself once it has loaded.
-frame.addEventListener("load", () => {
-  seek(); setTimeout(seek, 400); setTimeout(seek, 1500);
-  // Whoever drags the replay has the focus in there.
-  frame.contentWindow.addEventListener("keydown", press);
+// Whoever drags the replay has the focus in there.
+frame.addEventListener("load", () => frame.contentWindow.addEventListener("keydown", event => player.press(event)));
+
+const player = new Player(document.querySelector(".player"), {
+  last, period: data.period, frames: [frame], shown: step => { view.step = step; show(); write(); },
 });
+const go = step => player.go(step);
+const strip = new Strip(at("gait"), data, go);
 
 function show() {
-  at("time").value = view.step;
   const state = data.state[view.step];
   const chip = document.createElement("span");
   chip.className = "chip";
   chip.style.background = data.colors[state];
+  chip.style.color = data.inks[state];
   chip.textContent = data.states[state];
   at("moment").replaceChildren(
     `${(view.step * data.period).toFixed(2)} s · RM state `, chip,
     `, iteration ${data.iterations[view.step]}`);
-  cursor.setAttribute("x1", xOf(view.step));
-  cursor.setAttribute("x2", xOf(view.step));
+  strip.show(view.step);
   showLocal();
   showFile();
   showValues();
-  followers.forEach(tell => tell());
-  seek();
+  followers.forEach(follower => follower());
 }
-function go(step) { view.step = Math.max(0, Math.min(last, step)); show(); write(); }
-function play() {
-  if (view.timer) { clearInterval(view.timer); view.timer = null; }
-  else view.timer = setInterval(() => go(view.step < last ? view.step + 1 : 0), 1000 * data.period * 2);
-  at("play").textContent = view.timer ? "pause" : "play";
-}
-
-at("time").max = last;
-at("time").addEventListener("input", event => go(Number(event.target.value)));
-at("play").addEventListener("click", play);
-at("gait").addEventListener("click", event => {
-  const box = at("gait").getBoundingClientRect();
-  go(Math.round(((event.clientX - box.left) * 640 / box.width - left) / width * last));
-});
 data.joints.forEach((name, k) => at("joint").add(new Option(shownJoint(k), k)));
-function showAll() { at("joint").value = view.joint; show(); showGlobal(); showFigures(); }
+function showAll() {
+  at("joint").value = view.joint;
+  player.step = view.step;
+  player.show();
+  showGlobal();
+  showFigures();
+}
 at("joint").addEventListener("change", event => {
   view.joint = Number(event.target.value); showAll(); write();
 });
 at("observations").addEventListener("toggle", showValues);
 window.addEventListener("hashchange", () => { follow(); showAll(); });
-document.addEventListener("keydown", press);
-function press(event) {
-  if (event.target.tagName === "SELECT" || event.target.type === "text") return;
-  const by = event.shiftKey ? 10 : 1;
-  if (event.key === "ArrowRight") go(view.step + by);
-  else if (event.key === "ArrowLeft") go(view.step - by);
-  else if (event.key === "Home") go(0);
-  else if (event.key === "End") go(last);
-  else if (event.key === " " && !["BUTTON", "SUMMARY"].includes(event.target.tagName)) play();
-  else return;
-  event.preventDefault();
-}
-showAll();
+document.addEventListener("keydown", event => player.press(event));

@@ -1,0 +1,100 @@
+"""Typeset controllers: pages and LaTeX of formula files, those that ship first of all."""
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+from glassgait.models.robots import quadruped
+from glassgait.studies.common.typeset import to_latex
+from glassgait.studies.explanation.interventions.sentences import (
+    Sentence,
+    Sentences,
+    find_sentences,
+)
+from glassgait.studies.explanation.typeset import beside, typeset
+
+PAGES = sorted(STUDENT_DIRECTORY.rglob("sparse_formula.formulas"))
+
+
+def typeset_page(path: Path) -> dict[str, str]:
+    policy = load_policy(path)
+    said = find_sentences(policy.digest(), [beside(path)])
+    return typeset(policy, path.stem, said)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.parent.name)
+def test_every_page_that_ships_has_its_typeset_form(path):
+    remedy = "run 'glassgait explain typeset --output' beside it"
+    for name, text in typeset_page(path).items():
+        assert path.with_name(name).read_text() == text, f"{name} is of another file; {remedy}"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.parent.name)
+def test_sentences_that_ship_are_of_the_policy_that_ships(path):
+    policy = load_policy(path)
+    said = find_sentences(policy.digest(), [beside(path)])
+    assert said is not None
+    assert {own.joint for own in said.sentences} <= set(quadruped.JOINTS)
+
+
+def test_pages_ship():
+    assert [path.parent.name for path in PAGES] == ["bound", "trot", "pace", "trot", "walk"]
+
+
+def test_a_page_holds_all_joints_and_says_which_are_mirror_images():
+    page = typeset_page(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
+    html = page["sparse_formula.html"]
+    assert html.count("<article") == 24
+    assert html.count('<article id="FL_hip-1" class="image">') == 1
+    assert html.count('class="image"') == 12
+    for section in ("contacts", "odometry", "machine", "definitions", "targets", "limits"):
+        assert f'<section id="{section}">' in html
+    assert "front left hip inward: by 0.049" in html
+    assert "to the right turns the front right hip inward: by 0.049" in html
+    latex = page["sparse_formula.tex"]
+    assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") > 24
+    assert latex.count("{") == latex.count("}")
+
+
+def test_mathml_is_well_formed():
+    html = typeset_page(PAGES[0])["sparse_formula.html"]
+    maths = html.split("<math>")[1:]
+    for own in maths:
+        inner = own.split("</math>")[0].replace("&nbsp;", " ")
+        ElementTree.fromstring(f"<math>{inner}</math>")
+    assert len(maths) > 500
+
+
+def test_a_changed_formula_changes_both_forms():
+    path = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
+    policy = load_policy(path)
+    file = policy.to_file()
+    place = next(iter(file.formulas))
+    other = {**file.formulas, place: file.formulas[place].operands[0]}
+    assert to_latex(replace(file, formulas=other)) != to_latex(file)
+
+
+def test_sentences_of_another_policy_are_not_taken(tmp_path):
+    own = Sentence("FL_hip", 0, "More turns the front left hip inward", 0.1, 0.1, 0.01, True)
+    said = Sentences("abc", 26, 500, 0, (own,))
+    said.write(tmp_path / "s.json")
+    assert find_sentences("abc", [tmp_path / "s.json"]) == said
+    assert find_sentences("abd", [tmp_path / "none", tmp_path / "s.json"]) is None
+    (tmp_path / "s.json").write_text("[1]")
+    with pytest.raises(InputError, match="holds no sentences"):
+        find_sentences("abc", [tmp_path / "s.json"])
+
+
+def test_a_sentence_that_failed_is_not_said():
+    claim = "More yaw rate to the left turns the front left hip inward, late in state 0"
+    own = Sentence("FL_hip", 0, claim, -0.1, -0.05, 0.01, True)
+    assert own.words() == (
+        "More yaw rate to the left turns the front left hip inward, late in the state: by 0.050 ± "
+        "0.010 rad in simulation; the term alone predicts 0.100."
+    )
+    assert "to the right turns the front right hip inward" in own.words(mirrored=True)
+    assert "inward" not in replace(own, holds=False).words()
