@@ -207,11 +207,14 @@ def test_a_working_folder_that_is_gone_is_reported(tmp_path):
     assert printed == "glassgait: the working folder is gone; change to one that is there\n"
 
 
-# A command that is at work as soon as it has started, and that may be slow to unwind.
+# A command that is at work as soon as it has started, and that may be slow to unwind. Tests that
+# `nohup` has begun hand down that a hang-up is ignored, which commands keep to.
 AT_WORK = """
-import os, sys, time
+import os, signal, sys, time
 from glassgait.studies import cli
 from glassgait.studies.common import exit_codes as ending
+
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 class Work:
     def run(self):
