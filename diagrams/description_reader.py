@@ -1,6 +1,6 @@
 """Reads a quadruped's numbers from a description that another project wrote, in URDF or MJCF.
 
-Names, axes and zero angles of such a file are its own. Here legs are told apart by where they are,
+Names, axes and zero angles of such a file are its own. Here legs are named by where they are,
 and joints by their order along the leg; angles are turned so that a leg hangs straight down at 0
 and each axis points as this project's does. MuJoCo parses both formats.
 """

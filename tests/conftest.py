@@ -8,20 +8,25 @@ from dataclasses import replace
 from functools import reduce
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
 
+from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.formulas.expression import plus
 from glassgait.models.formulas.mirror import FormulaMirror
+from glassgait.models.link.gamepad import BUTTONS
+from glassgait.models.link.remote import Button
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
@@ -38,6 +43,7 @@ from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
 from glassgait.studies.deployment.export.files import has_compiler, load_controller
+from glassgait.systems.meshcat_request import request_button
 
 A1 = load_robot()
 
@@ -350,5 +356,61 @@ def damaged() -> Callable[..., bytes]:
         except ValueError:  # a number of thousands of digits, which Python reads but does not write
             return b"{}"
         return text.encode(errors="replace")
+
+    return run
+
+
+class Browsers:
+    """A Meshcat that browsers show, one of them with a gamepad."""
+
+    def __init__(self, meshcat: Meshcat) -> None:
+        self.meshcat, self.n_browsers = meshcat, 1
+        self.gamepad = SimpleNamespace(index=None, axes=[], button_values=[])
+
+    def hold(self, *axes: float, buttons: Button = Button(0)) -> None:  # noqa: B008
+        """Has the gamepad reported, with sticks there and buttons held."""
+        values = [float(own in buttons) for own in BUTTONS]
+        self.gamepad = SimpleNamespace(index=0, axes=list(axes), button_values=values)
+
+    def GetGamepad(self) -> SimpleNamespace:  # noqa: N802
+        return self.gamepad
+
+    def GetNumActiveConnections(self) -> int:  # noqa: N802
+        return self.n_browsers
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.meshcat, name)
+
+
+@pytest.fixture(scope="module")
+def server() -> Meshcat:
+    """A Meshcat that several tests share."""
+    return open_meshcat()
+
+
+@pytest.fixture
+def meshcat(server: Meshcat) -> Iterator[Meshcat]:
+    """The same, without controls at a test's beginning."""
+    yield server
+    server.DeleteAddedControls()
+
+
+@pytest.fixture
+def browsers(meshcat: Meshcat) -> Browsers:
+    """The same, shown by browsers with a gamepad."""
+    return Browsers(meshcat)
+
+
+@pytest.fixture
+def click(meshcat: Meshcat) -> Callable[..., None]:
+    """Does what a browser does when a person clicks buttons, on whichever labels they have."""
+
+    def run(*names: str) -> None:
+        shown = meshcat.GetButtonNames()
+        for name in names:
+            labels = (request_button(name), request_button(name, True))
+            words = ("type", "button", "name", next(own for own in shown if own in labels))
+            packed = b"".join(bytes([0xA0 | len(word)]) + word.encode() for word in words)
+            meshcat._InjectWebsocketMessage(message=b"\x82" + packed)
 
     return run

@@ -15,7 +15,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 class AdjustablePolicy(Policy):
     """Acts by the formulas of a file, with numbers that are exchanged while it acts.
 
-    It alone of all policies is not immutable: whoever advances a simulator calls `adjust` between
+    It alone of all policies is not immutable: what advances a simulator calls `adjust` between
     two control steps, and all contexts of a diagram that holds it then act by the new numbers. The
     formulas are compiled once, so that a change takes no time, and to the last bit it acts as
     `to_policy` does. It has no file of its own.

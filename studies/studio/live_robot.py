@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.geometry import Meshcat
 
+from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.live_display import LiveDisplay
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
@@ -18,7 +19,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.studies.studio.walker import Sample, Steering, Walker
+from glassgait.studies.studio.steered_robot import Sample, SteeredRobot, initial_command
 
 KEPT = 400
 """Control steps that are kept (8 s)."""
@@ -101,13 +102,13 @@ class LiveRobot:
         self._lock = threading.Lock()
         self._moments: deque[Moment] = deque(maxlen=KEPT)
         self._fallen_at: int | None = None
-        self._built: dict[tuple[Scenario, int], Walker] = {}
+        self._built: dict[tuple[Scenario, int], SteeredRobot] = {}
         self._steps_asked = 0
         self._meshcat: Meshcat | None = None
         self._display: LiveDisplay | None = None
         self.address: Future[str] = Future()
         self.count = Count()
-        self.steering = Steering.of(gait)
+        self.steering = initial_command(gait)
         self.has_ghost = True
         self.paused = False
         self.problem: str | None = None
@@ -131,13 +132,13 @@ class LiveRobot:
         self._asked.append(act)
         self._woken.set()
 
-    def steer(self, steering: Steering) -> None:
+    def steer(self, steering: FixedCommand) -> None:
         """Commands both robots from the next control step on."""
 
         def act() -> None:
             self.steering = steering
-            for walker in self._walkers:
-                walker.steer(steering)
+            for robot in self._robots:
+                robot.steer(steering)
 
         self.ask(act)
 
@@ -145,8 +146,8 @@ class LiveRobot:
         """Pushes both robots: adds to the trunk's velocity (3; m/s, along its heading)."""
 
         def act() -> None:
-            for walker in self._walkers:
-                walker.push(velocity)
+            for robot in self._robots:
+                robot.push(velocity)
 
         self.ask(act)
 
@@ -192,23 +193,23 @@ class LiveRobot:
             return list(self._moments)[-n_steps:]
 
     def _begin(self, scenario: Scenario) -> None:
-        self._walkers = [self._walker(scenario, own) for own in range(1 + self.has_ghost)]
-        for walker in self._walkers:
-            walker.begin_anew(self._seed)
-            walker.steer(self.steering)
+        self._robots = [self._robot(scenario, own) for own in range(1 + self.has_ghost)]
+        for robot in self._robots:
+            robot.begin_anew(self._seed)
+            robot.steer(self.steering)
         if scenario != self.scenario:
             self._display = None
         self.scenario, self._fallen_at = scenario, None
 
-    def _walker(self, scenario: Scenario, own: int) -> Walker:
-        """Returns the walker of a controller in a scenario, which is built only once.
+    def _robot(self, scenario: Scenario, own: int) -> SteeredRobot:
+        """Returns the robot of a controller in a scenario, which is built only once.
 
         A diagram with systems of Python's is never freed: Drake holds their methods, and these
         hold the systems. So diagrams are kept for when they are needed again.
         """
         if (scenario, own) not in self._built:
-            walker = Walker(self._gait, scenario, self._controllers[own], seed=self._seed)
-            self._built[scenario, own] = walker
+            robot = SteeredRobot(self._gait, scenario, self._controllers[own], seed=self._seed)
+            self._built[scenario, own] = robot
         return self._built[scenario, own]
 
     def _live(self) -> None:
@@ -262,11 +263,11 @@ class LiveRobot:
                 self.count.steps += 1
                 return
         try:
-            for walker in self._walkers:
-                walker.advance()
+            for robot in self._robots:
+                robot.advance()
             # What was asked for meanwhile acts in this instant's updates, before anything looks.
             self._act()
-            robot, *ghost = [walker.sample() for walker in self._walkers]
+            robot, *ghost = [robot.sample() for robot in self._robots]
         except InputError as error:
             self._halt(error)
             return

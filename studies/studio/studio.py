@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario, load_scenario, scenario_names
 from glassgait.models.certificates.certificate import (
     Certificate,
@@ -42,7 +43,6 @@ from glassgait.studies.studio.messages import (
 )
 from glassgait.studies.studio.session import EditSession
 from glassgait.studies.studio.terms import Term, TermReader
-from glassgait.studies.studio.walker import Steering
 
 AT_REST = 0.4
 """Time after the last change of a number from which on the whole file is looked at (s)."""
@@ -128,7 +128,9 @@ class Studio:
         self.notice = None
         match message:
             case Steer(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
-                self.robot.steer(self._within(Steering(speed, yaw_rate, dwell)))
+                command = FixedCommand(speed, yaw_rate, round(dwell))
+                command.check(self.gait)
+                self.robot.steer(command)
             case Push(angle=angle, speed=speed):
                 turned = math.radians(angle)
                 self.robot.push(speed * np.array([math.cos(turned), math.sin(turned), 0.0]))
@@ -259,21 +261,6 @@ class Studio:
             raise InputError(f"formula {place} is not in the file; it has {len(self.places)}")
         assert self.adjustable is not None
         self.reader = TermReader(self.adjustable, self.places[place])
-
-    def _within(self, steering: Steering) -> Steering:
-        """Returns a command that the gait is made for, as it is; refuses another."""
-        gait = self.gait
-        for name, value, (least, greatest) in (
-            ("speed", steering.speed, (-gait.max_speed, gait.max_speed)),
-            ("yaw_rate", steering.yaw_rate, (-gait.max_yaw_rate, gait.max_yaw_rate)),
-            ("dwell", steering.dwell, gait.dwell),
-        ):
-            if not least <= value <= greatest:
-                raise InputError(
-                    f"steer: {name} is {shown(value)}; the {gait.name} takes {least:g} to "
-                    f"{greatest:g}"
-                )
-        return steering
 
     def _in(self, slope: float, latency: float) -> Scenario:
         """Returns the robot's scenario on another slope, with actions as late as asked."""

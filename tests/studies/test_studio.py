@@ -37,10 +37,10 @@ from glassgait.studies.studio.messages import (
     read_message,
 )
 from glassgait.studies.studio.session import EditSession
+from glassgait.studies.studio.steered_robot import SteeredRobot, initial_command
 from glassgait.studies.studio.studio import Studio
 from glassgait.studies.studio.terms import GROUPS, Acting, TermReader, in_groups, open_texts
 from glassgait.studies.studio.views import file_view, frame, panel, setup, status
-from glassgait.studies.studio.walker import Steering, Walker
 
 STANDING = Scenario(command=FixedCommand(0.0, 0.0, 8))
 
@@ -309,25 +309,25 @@ def test_a_robot_that_falls_begins_anew(studio):
 def test_robots_that_begin_anew_are_built_only_once(studio):
     robot = studio.robot
     first = [walk(studio, 5)[-1].robot.state]
-    built = [*robot._walkers]
+    built = [*robot._robots]
     robot.restart()
     first.append(walk(studio, 5)[-1].robot.state)
     studio.handle(Ghost(walks=False))
     assert walk(studio, 1)[-1].ghost is None
     studio.handle(Ghost(walks=True))
     walk(studio, 1)
-    assert all(own is before for own, before in zip(robot._walkers, built, strict=True))
+    assert all(own is before for own, before in zip(robot._robots, built, strict=True))
     np.testing.assert_array_equal(*first)
 
 
 @pytest.mark.parametrize("name", ["sparse_formula", "expert"])
-def test_a_walker_that_begins_anew_goes_as_a_new_one(found, name):
+def test_a_steered_robot_that_begins_anew_goes_as_a_new_one(found, name):
     scenario = load_scenario("push_1.0")
     again, new = (
-        Walker(found.gait, scenario, found.controller(name), seed=seed) for seed in (1, 2)
+        SteeredRobot(found.gait, scenario, found.controller(name), seed=seed) for seed in (1, 2)
     )
-    for walker in (again, new):
-        walker.steer(Steering.of(found.gait))
+    for steered in (again, new):
+        steered.steer(initial_command(found.gait))
     for _ in range(30):
         again.advance()
     again.begin_anew(2)
@@ -360,7 +360,7 @@ def test_an_action_that_is_not_finite_halts_the_robot(studio, monkeypatch):
         raise InputError("not finite")
 
     with monkeypatch.context() as patched:
-        patched.setattr(studio.robot._walkers[0], "advance", refused)
+        patched.setattr(studio.robot._robots[0], "advance", refused)
         walk(studio, 1)
     assert studio.robot.paused and studio.robot.problem == "not finite"
     studio.handle(Act(what="go"))
@@ -395,11 +395,11 @@ def test_the_robot_keeps_real_time_and_counts_what_is_late(found, tmp_path):
     assert studio.robot.count.late > 0
 
 
-def test_a_walker_begins_as_the_diagram_does(found):
-    walker = Walker(found.gait, STANDING, found.controller("sparse_formula"), seed=1)
-    walker.steer(Steering.of(found.gait))
-    walker.advance()
-    sample = walker.sample()
+def test_a_steered_robot_begins_as_the_diagram_does(found):
+    steered = SteeredRobot(found.gait, STANDING, found.controller("sparse_formula"), seed=1)
+    steered.steer(initial_command(found.gait))
+    steered.advance()
+    sample = steered.sample()
     assert sample.step == 1 and not sample.fallen
     assert sample.observation.shape == (len(found.policy("sparse_formula").observation_names),)
 
@@ -551,7 +551,7 @@ def test_page_and_readme_say_how_many_robots_walk_and_for_how_long(studio):
 
 def squares(count):
     for number in range(count):
-        yield Steering(float(number), 0.0, 1.0)
+        yield FixedCommand(float(number), 0.0, 1)
     if count > 3:
         raise InputError("too many")
 

@@ -1,11 +1,7 @@
 """Commands from sliders and from a gamepad."""
 
-from types import SimpleNamespace
-
 import numpy as np
-import pytest
 
-from glassgait.diagrams.visualization import open_meshcat
 from glassgait.systems.meshcat_command import (
     DWELL_SLIDER,
     SPEED_SLIDER,
@@ -14,17 +10,6 @@ from glassgait.systems.meshcat_command import (
 )
 
 SLIDERS = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
-
-
-@pytest.fixture(scope="module")
-def server():
-    return open_meshcat()
-
-
-@pytest.fixture
-def meshcat(server):
-    yield server
-    server.DeleteAddedControls()
 
 
 def commanded(system, context):
@@ -67,70 +52,47 @@ def test_server_listens_on_localhost_alone(server):
     assert server.web_url().startswith("http://localhost:")
 
 
-class Held:
-    """A Meshcat whose browser reports a gamepad."""
-
-    def __init__(self, meshcat):
-        self.meshcat, self.n_browsers = meshcat, 1
-        self.gamepad = SimpleNamespace(index=None, axes=[], button_values=[])
-
-    def hold(self, *axes):
-        self.gamepad = SimpleNamespace(index=0, axes=list(axes), button_values=[])
-
-    def GetGamepad(self):  # noqa: N802
-        return self.gamepad
-
-    def GetNumActiveConnections(self):  # noqa: N802
-        return self.n_browsers
-
-    def __getattr__(self, name):
-        return getattr(self.meshcat, name)
-
-
-def test_a_gamepad_that_is_there_commands_in_place_of_sliders(trot, latch, meshcat):
-    held = Held(meshcat)
-    system = MeshcatCommand(trot, held)
+def test_a_gamepad_that_is_there_commands_in_place_of_sliders(trot, latch, meshcat, browsers):
+    system = MeshcatCommand(trot, browsers)
     context = system.CreateDefaultContext()
     latch(system, context)
     np.testing.assert_allclose(commanded(system, context), [0.5, 0.0, 8])
     move(meshcat, -0.25, 0.4, 7)
-    held.hold(0.0, -1.0, -0.55, 0.0)
+    browsers.hold(0.0, -1.0, -0.55, 0.0)
     latch(system, context)
     np.testing.assert_allclose(commanded(system, context), [1.0, 0.5, 7])
-    held.hold(0.0, 0.05, 0.05, 0.0)
+    browsers.hold(0.0, 0.05, 0.05, 0.0)
     latch(system, context)
     np.testing.assert_array_equal(commanded(system, context), [0.0, 0.0, 7])
 
 
-def test_a_gamepad_that_reports_nonsense_commands_within_the_range(trot, latch, meshcat):
-    held = Held(meshcat)
-    system = MeshcatCommand(trot, held)
+def test_a_gamepad_that_reports_nonsense_commands_within_the_range(trot, latch, meshcat, browsers):
+    system = MeshcatCommand(trot, browsers)
     context = system.CreateDefaultContext()
-    held.hold(np.nan, np.nan, np.inf)
+    browsers.hold(np.nan, np.nan, np.inf)
     latch(system, context)
     np.testing.assert_array_equal(commanded(system, context), [0.0, 0.0, 8])
-    held.hold(0.0, -1e9, -1e9, 0.0)
+    browsers.hold(0.0, -1e9, -1e9, 0.0)
     latch(system, context)
     np.testing.assert_allclose(commanded(system, context), [1.0, 1.0, 8])
 
 
 def test_a_gamepad_whose_browser_is_gone_commands_nothing_until_it_reports_again(
-    trot, latch, meshcat
+    trot, latch, meshcat, browsers
 ):
-    held = Held(meshcat)
-    system = MeshcatCommand(trot, held)
+    system = MeshcatCommand(trot, browsers)
     context = system.CreateDefaultContext()
-    held.n_browsers = 2
+    browsers.n_browsers = 2
     for before, after in ((2, 1), (1, 0)):
-        held.n_browsers = before
-        held.hold(0.0, -1.0, -0.55, 0.01 * before)
+        browsers.n_browsers = before
+        browsers.hold(0.0, -1.0, -0.55, 0.01 * before)
         latch(system, context)
         np.testing.assert_allclose(commanded(system, context)[:2], [1.0, 0.5])
         # Meshcat goes on to give the last report, to another browser too.
-        held.n_browsers = after
+        browsers.n_browsers = after
         for _ in range(2):
             latch(system, context)
             np.testing.assert_array_equal(commanded(system, context)[:2], [0.0, 0.0])
-        held.n_browsers = 1
+        browsers.n_browsers = 1
         latch(system, context)
         np.testing.assert_array_equal(commanded(system, context)[:2], [0.0, 0.0])

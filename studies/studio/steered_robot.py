@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.plant_state import push, recenter
 from glassgait.diagrams.rollout import begin_anew, make_simulator
@@ -28,24 +29,9 @@ SAMPLED = (
 """Outputs of the diagram that are sampled."""
 
 
-@dataclass(frozen=True)
-class Steering:
-    """What the robot is commanded.
-
-    Attributes:
-        speed: Forward speed (m/s).
-        yaw_rate: Yaw rate (rad/s).
-        dwell: Control steps to stay in a state of the machine.
-    """
-
-    speed: float
-    yaw_rate: float
-    dwell: float
-
-    @classmethod
-    def of(cls, gait: Gait) -> "Steering":
-        """Returns where sliders begin: straight on at half the greatest speed."""
-        return cls(0.5 * gait.max_speed, 0.0, float(sum(gait.dwell) // 2))
+def initial_command(gait: Gait) -> FixedCommand:
+    """Returns where sliders begin: straight on at half the greatest speed."""
+    return FixedCommand(0.5 * gait.max_speed, 0.0, sum(gait.dwell) // 2)
 
 
 @dataclass(frozen=True)
@@ -85,7 +71,7 @@ class Sample:
         return float(kinematics.base_velocity(self.state)[0][0])
 
 
-class Walker:
+class SteeredRobot:
     """A robot in its diagram, standing at first."""
 
     def __init__(
@@ -120,11 +106,10 @@ class Walker:
         self._pushed = pusher(self._simulator, self._scenario, seed)
         self._step = 0
 
-    def steer(self, steering: Steering) -> None:
+    def steer(self, command: FixedCommand) -> None:
         """Commands the robot from now on."""
-        velocity = [steering.speed, steering.yaw_rate]
-        self._command.FixValue(self._context, velocity)
-        self._dwell.FixValue(self._context, [steering.dwell])
+        self._command.FixValue(self._context, [command.speed, command.yaw_rate])
+        self._dwell.FixValue(self._context, [float(command.dwell)])
 
     def push(self, velocity: Array) -> None:
         """Adds to the velocity of the trunk (3; m/s, in the directions of the trunk's heading)."""
