@@ -39,6 +39,9 @@ MEASURED, SENT = "joint position", "previous action"
 LEFT = ("FL", "RL")
 """Legs whose hips the ranges of hips are of."""
 
+_BY_THE, _LENGTHS = ", by the ", "'s lengths"
+"""Before and after the name of the robot by whose lengths a definition places feet."""
+
 
 def for_robot(file: FormulaFile, own: Robot, other: Robot) -> FormulaFile:
     """Writes a robot's file anew for another robot.
@@ -60,7 +63,7 @@ def for_robot(file: FormulaFile, own: Robot, other: Robot) -> FormulaFile:
         replace(
             definition,
             formula=_replaced(definition.formula, images),
-            note=_note(definition, own),
+            note=_note(definition, own, other),
         )
         for definition in file.written_definitions()
     ]
@@ -76,11 +79,13 @@ def for_robot(file: FormulaFile, own: Robot, other: Robot) -> FormulaFile:
     )
 
 
-def _note(definition: Definition, own: Robot) -> str:
+def _note(definition: Definition, own: Robot, other: Robot) -> str:
     """Returns what a definition means: places of feet are those of the first robot's legs."""
-    by = f", by the {own.name}'s lengths"
-    of_legs = {"sin", "cos"} & {*_operators(definition.formula)}
-    return definition.note + by if of_legs and by not in definition.note else definition.note
+    if not {"sin", "cos"} & {*_operators(definition.formula)}:
+        return definition.note
+    note, by, owner = definition.note.removesuffix(_LENGTHS).partition(_BY_THE)
+    owner = owner if by else own.name
+    return note if owner == other.name else f"{note}{_BY_THE}{owner}{_LENGTHS}"
 
 
 def _operators(formula: Expression) -> Iterator[str]:

@@ -193,6 +193,11 @@ class Robot(Settings):
         """What `load_robot` finds it by: the name of a robot that ships, or the path of a file."""
         return self.name if self.name in robot_names() and self.is_shipped else self.path
 
+    @property
+    def option(self) -> str:
+        """What a command line ends in to be about it: nothing, where it is the default robot."""
+        return "" if self.name == DEFAULT_ROBOT else f" --robot {self.source}"
+
     @cached_property
     def is_shipped(self) -> bool:
         """Whether it ships with the project."""

@@ -34,7 +34,7 @@ from glassgait.models.task.gait import Gait, gait_names
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import note
-from glassgait.studies.common.run_folder import CONFIG_NAME, default_folder
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME, CONFIG_NAME, default_folder
 
 EXPERT = "expert"
 """Name of the expert."""
@@ -129,9 +129,11 @@ class Policies:
             raise InputError(self.expert_place)
         if name not in self.files:
             there = ", ".join((EXPERT, *self.files))
-            remedy = f"; make it with 'glassgait distill --gait {self.gait.name} --students {name}'"
+            of = f"--gait {self.gait.name}{self.robot.option}"
+            remedy = f"; make it with 'glassgait distill {of} --students {name}'"
             raise InputError(
-                f"--policy {shown(name)}: there is no such policy of the {self.gait.name}; "
+                f"--policy {shown(name)}: there is no such policy of the "
+                f"{self.gait.name} of the {self.robot.name}; "
                 f"{self._where()} are {there}{remedy if name in ORDER else ''}; name one of them, "
                 f"the file of a policy ending in {' or '.join(POLICY_SUFFIXES)}, or another run "
                 "with --source"
@@ -385,7 +387,7 @@ class OneGait(Settings):
         Raises:
             InputError: as `find_policies`.
         """
-        return find_policies(find_gait(self.gait), self.source, self.robot)
+        return find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
 
 
 def _in_run(gait: Gait, folder: Path, robot: Robot | None, *, asked: bool = True) -> Policies:
@@ -404,8 +406,8 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None, *, asked: bool = True
     if not files:
         # A gait of one's own is called as its file.
         of = f"--gait {gait.name}" + ("" if gait.name in gait_names() else ".yaml")
-        if robot is not None and robot.name != DEFAULT_ROBOT:
-            of += f" --robot {robot.source}"
+        if robot is not None:
+            of += robot.option
         lacks = (
             f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
             f"{of}', students with 'glassgait distill {of}', or name the folder of a run with "
@@ -444,6 +446,7 @@ def _refuse_other_gait(gait: Gait, folder: Path) -> None:
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Lists the files of students that a folder holds, by kind and in the order of tables."""
     paths = [path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES]
+    paths = [path for path in paths if path.name != CHECKPOINT_NAME]
     stems = sorted(path.stem for path in paths if path.stem not in (gait, EXPERT))
     ranked = sorted(stems, key=rank)
     return {kind: policy_path(folder, kind) for kind in ranked}

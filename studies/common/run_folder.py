@@ -17,6 +17,7 @@ from glassgait.models.errors import InputError, brief, shown
 from glassgait.models.files import digest, read_yaml, remove_litter, write_atomically
 from glassgait.models.robots.robot import DEFAULT_ROBOT, robot_folder
 
+CHECKPOINT_NAME = "checkpoint.safetensors"
 CONFIG_NAME = "config.yaml"
 LOCK_NAME = ".lock"
 

@@ -25,7 +25,7 @@ from glassgait.studies.common.experiment import PolicyNames, Report, RolloutExpe
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.rollouts import SELECTION_SEEDS
-from glassgait.studies.common.run_folder import default_folder, digest_of_files
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME, default_folder, digest_of_files
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.sweep import gaits_named
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
@@ -44,7 +44,6 @@ from glassgait.studies.distillation.students.sparse_formula import (
 )
 from glassgait.studies.distillation.students.student import TrainingSet
 from glassgait.studies.distillation.students.symbolic import readings_of
-from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
 TERMS = (30, 40, 50, 70, 100, 140, 200, 300)

@@ -8,8 +8,6 @@ from glassgait.studies.training.environment import TrainingEnvironment
 from glassgait.studies.training.learner import Learner
 from glassgait.studies.training.progress import Progress
 
-CHECKPOINT_NAME = "checkpoint.safetensors"
-
 
 def save_checkpoint(
     path: Path,

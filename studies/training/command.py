@@ -12,9 +12,8 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar
-from glassgait.studies.common.run_folder import default_folder, open_run
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME, default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
-from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import read_config

@@ -12,8 +12,8 @@ from torch.utils.tensorboard import SummaryWriter
 
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.reward import REWARD_TERMS
-from glassgait.studies.common.run_folder import to_plain
-from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, save_checkpoint
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME, to_plain
+from glassgait.studies.training.checkpoint import load_checkpoint, save_checkpoint
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.environment import TrainingEnvironment
 from glassgait.studies.training.learner import Learner

@@ -13,7 +13,7 @@ from glassgait.models.settings import Settings
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
 from glassgait.studies.common.run_folder import default_folder, open_run, refuse_run
-from glassgait.studies.common.sweep import Gaits
+from glassgait.studies.common.sweep import Gaits, folder_of
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,8 @@ class Transfer(Settings):
                 "is to act"
             )
         for name, policies in found.items():
-            folder = self.output or default_folder(self.title, robot.name) / name
-            if self.output is not None and len(found) > 1:
-                folder = self.output / name
+            root, alone = default_folder(self.title, robot.name), len(found) == 1
+            folder = folder_of([name], root=root, output=self.output, alone=alone)
             self._write(name, policies, folder)
 
     def _write(self, gait: str, policies: Policies, folder: Path) -> None:

@@ -18,6 +18,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.refinement import study
 from glassgait.studies.distillation.refinement.formula_network import UNIT_EFFECT, FormulaNetwork
@@ -245,6 +246,8 @@ def test_the_command_writes_the_formulas_and_their_record(short_page, tmp_path):
     assert list(pd.read_csv(folder / "candidates.csv")["candidate"]) == ["update 2"]
     main([*arguments, "--updates", "3", "--resume"])
     assert len((folder / "short.csv").read_text().splitlines()) == 1 + 3
+    # The checkpoint beside it is no student.
+    assert list(find_policies(load_gait("trot"), folder).students) == ["short"]
 
 
 @pytest.mark.parametrize(

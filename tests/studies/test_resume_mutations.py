@@ -14,9 +14,10 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.cases import cases_in_worlds, run_rollouts
 from glassgait.studies.common.rollouts import RolloutConfig
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from glassgait.studies.training.checkpoint import load_checkpoint
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.study import TrainingRun
 

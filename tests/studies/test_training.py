@@ -24,7 +24,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
-from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.mirror import Mirrored
 from glassgait.studies.training.record import read_config

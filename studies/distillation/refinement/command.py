@@ -11,11 +11,10 @@ from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME, open_run
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.library import OnePolicy
-from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
 

@@ -47,7 +47,8 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     kinds = [kind for kind in STUDENTS if policy_path(folder, kind).exists()]
     if not kinds:
         raise InputError(
-            f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
+            f"{folder}: holds no students; make them with "
+            f"'glassgait distill --gait {expert.gait}{expert.robot.option}'"
         )
     return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
@@ -81,8 +82,8 @@ def default_student(found: Policies) -> str:
     gait = found.gait.name
     raise InputError(
         f"no student of the {gait} in {found.place} acts by a sum of terms; make one with "
-        f"'glassgait distill --gait {gait} --students {sums_of_terms()[1]}', or name another run "
-        "with --source"
+        f"'glassgait distill --gait {gait}{found.robot.option} --students {sums_of_terms()[1]}', "
+        "or name another run with --source"
     )
 
 
