@@ -5,6 +5,7 @@ messages of sensors and of commands and the answer.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -12,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from glassgait.diagrams.controller import AddController, Sensed, Senses
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import LoadedController
+from glassgait.models.export.contract import Contract
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
@@ -31,11 +33,13 @@ class ActedPorts:
     Attributes:
         action: What joints are asked for (12).
         damped: Of a day, whether joints are to have no stiffness (1).
+        mode: Of a day, the number of its mode (1).
         others: What else is to be seen of it, by name.
     """
 
     action: OutputPort
     damped: OutputPort | None
+    mode: OutputPort | None
     others: dict[str, OutputPort]
 
 
@@ -44,9 +48,11 @@ class Acting(ABC):
 
     Attributes:
         robot: The robot that it moves.
+        day: The day that it lives through, if it does and its day is known.
     """
 
     robot: Robot
+    day: Day | None
 
     @property
     @abstractmethod
@@ -65,8 +71,18 @@ class Acting(ABC):
 
     @property
     @abstractmethod
+    def gaits(self) -> Sequence[str]:
+        """Names of the gaits that it walks in, in the order of their numbers."""
+
+    @property
+    @abstractmethod
     def has_day(self) -> bool:
         """Whether it lives through a day, and begins damped with the robot on its belly."""
+
+    @property
+    @abstractmethod
+    def day_digest(self) -> str:
+        """Digest of that day; empty without one."""
 
     @abstractmethod
     def add(
@@ -101,6 +117,11 @@ class PolicyActing(Acting):
         return f"the {self.gait.name}'s policy"
 
     @property
+    def gaits(self) -> Sequence[str]:
+        """Names of the gaits that it walks in."""
+        return (self.gait.name,)
+
+    @property
     def joint_law(self) -> JointLaw:
         """How joints are to follow its targets."""
         return self.policy.joint_law
@@ -114,6 +135,11 @@ class PolicyActing(Acting):
     def has_day(self) -> bool:
         """Whether it lives through a day."""
         return self.day is not None
+
+    @property
+    def day_digest(self) -> str:
+        """Digest of that day; empty without one."""
+        return "" if self.day is None else self.day.digest()
 
     def add(
         self, builder: DiagramBuilder, receiver: SensorsReceiver, commander: CommandReceiver
@@ -149,26 +175,34 @@ class PolicyActing(Acting):
         }
         modes = controller.modes
         if modes is None:
-            return ActedPorts(controller.acting["actions"], None, seen)
+            return ActedPorts(controller.acting["actions"], None, None, seen)
         requested = commander.get_requested_mode_output_port()
         builder.Connect(requested, modes.get_requested_mode_input_port())
-        seen["mode"] = modes.get_mode_output_port()
-        return ActedPorts(controller.acting["actions"], modes.get_damped_output_port(), seen)
+        return ActedPorts(
+            controller.acting["actions"],
+            modes.get_damped_output_port(),
+            modes.get_mode_output_port(),
+            seen,
+        )
 
 
 @dataclass(frozen=True)
 class CompiledActing(Acting):
-    """A controller that was compiled from C. Of several gaits the first runs.
+    """A controller that was compiled from C.
+
+    Of several gaits the one runs whose number the diagram's input `requested_gait` holds.
 
     Attributes:
         robot: The robot.
         compiled: Its functions.
-        commands: The commands that it is made for.
+        contract: What it needs of its robot.
+        day: The day that was compiled into it, if one was and is known.
     """
 
     robot: Robot
     compiled: LoadedController
-    commands: CommandRange
+    contract: Contract
+    day: Day | None = None
 
     @property
     def title(self) -> str:
@@ -183,12 +217,22 @@ class CompiledActing(Acting):
     @property
     def limits(self) -> CommandRange:
         """The commands that it is made for."""
-        return self.commands
+        return self.contract
+
+    @property
+    def gaits(self) -> Sequence[str]:
+        """Names of the gaits that it walks in."""
+        return tuple(self.contract.gaits)
 
     @property
     def has_day(self) -> bool:
         """Whether it lives through a day."""
         return self.compiled.has_day
+
+    @property
+    def day_digest(self) -> str:
+        """Digest of that day; empty without one."""
+        return self.contract.day if self.has_day else ""
 
     def add(
         self, builder: DiagramBuilder, receiver: SensorsReceiver, commander: CommandReceiver
@@ -215,6 +259,10 @@ class CompiledActing(Acting):
         for name, port in inputs.items():
             if compiled.HasInputPort(name):
                 builder.Connect(port, compiled.GetInputPort(name))
-        damped = compiled.GetOutputPort("damped") if self.has_day else None
+        if len(self.gaits) > 1:
+            builder.ExportInput(compiled.GetInputPort("requested_gait"), "requested_gait")
+        damped, mode = (
+            compiled.GetOutputPort(name) if self.has_day else None for name in ("damped", "mode")
+        )
         seen = {"status": compiled.get_status_output_port()}
-        return ActedPorts(compiled.get_action_output_port(), damped, seen)
+        return ActedPorts(compiled.get_action_output_port(), damped, mode, seen)

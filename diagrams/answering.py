@@ -42,6 +42,11 @@ class Answering:
         take_in(self.diagram, self.simulator, "command", command)
         self.answered = sensors
 
+    def request_gait(self, number: int) -> None:
+        """Requests a gait of a controller of several."""
+        port = self.diagram.GetInputPort("requested_gait")
+        port.FixValue(self.simulator.get_mutable_context(), [float(number)])
+
     def steps_since(self, sensors: sensors_t) -> int | None:
         """Counts control steps since the sensors answered last; None in another session."""
         before = self.answered

@@ -1,6 +1,6 @@
 """Where a robot's commands come from: fixed, drawn, or sliders."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 from glassgait.models.errors import InputError, shown
 from glassgait.models.settings import Range, Settings
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
-from glassgait.models.task.command import Command
+from glassgait.models.task.command import Command, check_command
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command import RandomCommand
 from glassgait.systems.given_command import GivenCommand
@@ -46,18 +46,7 @@ class FixedCommand(Settings):
         Raises:
             InputError: if a value is beyond the gait's range.
         """
-        ranges = {
-            "speed": (-gait.max_speed, gait.max_speed),
-            "yaw_rate": (-gait.max_yaw_rate, gait.max_yaw_rate),
-            "dwell": gait.dwell,
-        }
-        for name, (least, greatest) in ranges.items():
-            value = getattr(self, name)
-            if not least <= value <= greatest:
-                raise InputError(
-                    f"{self.title}: {name} is {shown(value)}; give {least:g} to {greatest:g}, the "
-                    f"range of gait {gait.name!r}"
-                )
+        check_command(gait, gait.name, **asdict(self))
 
 
 @dataclass(frozen=True)
@@ -91,11 +80,14 @@ class SliderCommand(Settings):
 
     Attributes:
         sliders: Distinguishes it from other commands in a file.
+        attended: Whether the robot steps on the spot at first, and while no browser shows Meshcat;
+            by default it goes at half speed at first, and goes on.
     """
 
     title: ClassVar[str] = "command"
 
     sliders: Literal[True] = True
+    attended: bool = False
 
     def check(self, gait: Gait) -> None:
         """Does nothing: sliders end where the gait's range does."""
@@ -125,10 +117,12 @@ def AddCommand(  # noqa: N802
             return velocity.get_output_port(), rhythm.get_output_port()
         case DrawnCommands(speed_range=speed_range):
             source = _add_random_command(builder, gait, speed_range)
-        case SliderCommand():
+        case SliderCommand(attended=attended):
             if meshcat is None:
                 raise ValueError("locomotion: commands from sliders need a Meshcat")
-            source = builder.AddNamedSystem("command", MeshcatCommand(gait, meshcat))
+            source = builder.AddNamedSystem(
+                "command", MeshcatCommand(gait, meshcat, attended=attended)
+            )
     return source.get_command_output_port(), source.get_commanded_dwell_output_port()
 
 

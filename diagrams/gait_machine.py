@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import DiagramBuilder, InputPort
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 from glassgait.diagrams.commands import CommandConfig, SliderCommand
 from glassgait.models.link.gamepad import requested_gait
 from glassgait.models.link.remote import requested_mode
-from glassgait.models.task.day import REQUESTS
+from glassgait.models.task.day import REQUESTS, Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.request import RequestGate
 from glassgait.systems.gait_switch import GaitSwitchSystem
 from glassgait.systems.meshcat_request import MeshcatRequest
 from glassgait.systems.reward_machine import RewardMachineSystem
@@ -38,7 +39,9 @@ def AddGaitMachine(  # noqa: N802
     machine = builder.AddNamedSystem("reward_machine", GaitSwitchSystem(gait))
     port = machine.get_requested_gait_input_port()
     if isinstance(config, SliderCommand) and meshcat is not None:
-        buttons = builder.AddNamedSystem("gait_request", gait_buttons(gait.gaits, meshcat))
+        buttons = builder.AddNamedSystem(
+            "gait_request", gait_buttons([own.name for own in gait.gaits], meshcat)
+        )
         builder.Connect(buttons.get_requested_output_port(), port)
     else:
         builder.ExportInput(port, "requested_gait")
@@ -46,38 +49,54 @@ def AddGaitMachine(  # noqa: N802
 
 
 def AddModeRequest(  # noqa: N802
-    builder: DiagramBuilder, port: InputPort, config: CommandConfig, meshcat: Meshcat | None
+    builder: DiagramBuilder,
+    day: Day,
+    port: InputPort,
+    mode: OutputPort,
+    config: CommandConfig,
+    meshcat: Meshcat | None,
 ) -> None:
     """Lets an operator request modes of a day, by buttons as gaits, or by a diagram's input.
 
     Args:
         builder: Where buttons are added.
+        day: The day, whose modes drop what they cannot take of buttons.
         port: What takes the request (1).
+        mode: The number of the mode that the day is in (1), or `NO_MODE`.
         config: Where commands come from.
         meshcat: Where buttons show.
     """
     if isinstance(config, SliderCommand) and meshcat is not None:
-        buttons = builder.AddNamedSystem("mode_request", mode_buttons(meshcat))
+        buttons = builder.AddNamedSystem("mode_request", mode_buttons(RequestGate(day), meshcat))
+        builder.Connect(mode, buttons.get_mode_input_port())
         builder.Connect(buttons.get_requested_output_port(), port)
     else:
         builder.ExportInput(port, "requested_mode")
 
 
-def gait_buttons(gaits: Sequence[Gait], meshcat: Meshcat) -> MeshcatRequest:
-    """Makes buttons that request gaits, with the keys 1, 2, …, and a gamepad's R1 and L1."""
+def gait_buttons(gaits: Sequence[str], meshcat: Meshcat, first: int = 0) -> MeshcatRequest:
+    """Makes buttons that request gaits, with the keys 1, 2, …, and a gamepad's R1 and L1.
+
+    Args:
+        gaits: Their names.
+        meshcat: Where the buttons show.
+        first: Number of the gait that is requested at first.
+    """
     return MeshcatRequest(
-        [gait.name for gait in gaits],
+        gaits,
         meshcat,
         keys=GAIT_KEYS,
+        first=first,
         by_gamepad=lambda now, before, asked: requested_gait(now, before, asked, len(gaits)),
     )
 
 
-def mode_buttons(meshcat: Meshcat) -> MeshcatRequest:
+def mode_buttons(gate: RequestGate, meshcat: Meshcat) -> MeshcatRequest:
     """Makes buttons that request what a day knows, with keys and a gamepad's buttons."""
     return MeshcatRequest(
         REQUESTS,
         meshcat,
         keys=MODE_KEYS,
-        by_gamepad=lambda now, _, asked: requested_mode(now, asked),
+        by_gamepad=requested_mode,
+        gate=gate,
     )

@@ -5,6 +5,7 @@ late or useless, and lets it act a plant step late; and a publisher with a perio
 of an instant as soon as they are computed, ahead of the clock on the wall.
 """
 
+import logging
 import struct
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -39,6 +40,8 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.day import REQUESTS, Day, lying_state
 from glassgait.models.task.gait import Gait
 from glassgait.systems.link_watchdog import LinkWatchdog
+
+_LOG = logging.getLogger(__name__)
 
 LONGEST_SESSION = 10**9
 """Greatest number of a control step that is believed: more than half a year of walking."""
@@ -75,14 +78,24 @@ class ControllerEnd(AnsweringEnd):
         diagram: What `MakeLinkedController` built.
     """
 
-    def __init__(self, acting: Acting, lcm: DrakeLcmInterface, channels: Channels) -> None:
+    def __init__(
+        self, acting: Acting, lcm: DrakeLcmInterface, channels: Channels, *, gait: int = 0
+    ) -> None:
         """
+        Args:
+            acting: What answers.
+            lcm: Where messages go.
+            channels: Names of the channels.
+            gait: Number of the gait that runs, of a controller of several: commands name none.
+
         Raises:
             InputError: if parts of what answers do not suit each other.
         """
         self.diagram = MakeLinkedController(acting, lcm, channels)
         self.tally = Tally()
         self._lcm, self._answering = lcm, Answering(self.diagram)
+        if len(acting.gaits) > 1:
+            self._answering.request_gait(gait)
         self._latest: sensors_t | None = None
         self._command = command_t()
         self._listeners = (
@@ -201,10 +214,10 @@ class RobotEnd(SimulatedRobot):
             watchdog=watchdog,
             session=session,
             meshcat=meshcat,
-            lies=day is not None,
+            day=day,
         )
         super().__init__(diagram, scenario, seed)
-        self._lives = day is not None
+        self._lives, self._day = day is not None, None if day is None else day.digest()
         if day is not None:
             lying = lying_state(scenario.robot_of(), day, np.zeros((1, quadruped.N_JOINTS)))[0]
             set_plant_state(self.diagram, self.simulator.get_mutable_context(), lying)
@@ -282,6 +295,17 @@ class RobotEnd(SimulatedRobot):
         if is_news(self._robot, answer, self._taken, now):
             take_in(self.diagram, self.simulator, "answer", message)
             self._answered, self._taken = message.sequence, answer.time
+            self._compare_days(message.day)
+
+    def _compare_days(self, day: str) -> None:
+        """Logs, once, that the controller has another day than the robot."""
+        if self._day is None or day in ("", self._day):
+            return
+        self._day = None
+        _LOG.warning(
+            "the controller's day is another one than the robot's, so no button's request is "
+            "taken; name its file with --day here"
+        )
 
 
 class Listener:

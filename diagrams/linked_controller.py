@@ -27,6 +27,7 @@ def MakeLinkedController(  # noqa: N802
         input_ports:
         - sensors
         - command
+        - requested_gait
         output_ports:
         - actions
         - observations
@@ -34,9 +35,11 @@ def MakeLinkedController(  # noqa: N802
         - mode
         - status
 
-    Inputs: sensors (sensors_t), which are answered. command (command_t).
-    Outputs: actions (12) of this control step. Of a policy in Python, observations and rm_state
-    (n_states, one-hot), and mode (1) with a day; of a compiled controller status (1). Messages:
+    Inputs: sensors (sensors_t), which are answered. command (command_t). requested_gait (1), only
+    of a compiled controller of several gaits: the number of the one that is to run; without it the
+    first does.
+    Outputs: actions (12) of this control step. mode (1), with a day. Of a policy in Python,
+    observations and rm_state (n_states, one-hot); of a compiled controller status (1). Messages:
     `targets_t` is sent when its publisher is forced to; see
     `glassgait.diagrams.link.ControllerEnd`, which hears the others.
 
@@ -77,6 +80,7 @@ def MakeAnsweringController(acting: Acting) -> Diagram:  # noqa: N802
         input_ports:
         - sensors
         - command
+        - requested_gait
         output_ports:
         - actions
         - observations
@@ -108,11 +112,15 @@ def AddAnsweringController(builder: DiagramBuilder, acting: Acting) -> OutputPor
     commander = builder.AddNamedSystem("command_receiver", CommandReceiver(acting.limits))
     builder.ExportInput(commander.get_message_input_port(), "command")
     acted = acting.add(builder, receiver, commander)
-    sender = builder.AddNamedSystem("targets_sender", TargetsSender(acting.robot))
+    sender = TargetsSender(acting.robot, day=acting.day_digest)
+    builder.AddNamedSystem("targets_sender", sender)
     builder.Connect(acted.action, sender.get_action_input_port())
     builder.ConnectInput("sensors", sender.get_sensors_input_port())
     if acted.damped is not None:
         builder.Connect(acted.damped, sender.get_damped_input_port())
+    if acted.mode is not None:
+        builder.Connect(acted.mode, sender.get_mode_input_port())
+        builder.ExportOutput(acted.mode, "mode")
     for name, port in {"actions": acted.action, **acted.others}.items():
         builder.ExportOutput(port, name)
     return sender.get_message_output_port()

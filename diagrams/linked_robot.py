@@ -26,6 +26,7 @@ from glassgait.models.link.messages import command_t, sensors_t
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_sender import CommandSender
 from glassgait.systems.fall_monitor import FallMonitor
@@ -46,7 +47,7 @@ def MakeLinkedRobot(  # noqa: N802
     watchdog: Watchdog,
     session: int,
     meshcat: Meshcat | None = None,
-    lies: bool = False,
+    day: Day | None = None,
 ) -> Diagram:
     """Builds the station with messages in place of a controller, and a watchdog over them.
 
@@ -63,8 +64,8 @@ def MakeLinkedRobot(  # noqa: N802
         - phase
         - command
 
-    Inputs: answer (targets_t), the controller's latest. requested_mode (1), only of a robot that
-    lies and has no buttons: the number of what the operator requests of its day.
+    Inputs: answer (targets_t), the controller's latest. requested_mode (1), only of a robot with
+    a day and no buttons: the number of what the operator requests of its day.
     Outputs: state (37), the plant's. failures (7), less `abrupt_action`: actions are the
     controller's own. targets (12, rad), which the joints follow. phase (1), a number of `Phase`.
     command (2; m/s, rad/s). Messages: `command_t` and `sensors_t` are sent when their
@@ -78,7 +79,8 @@ def MakeLinkedRobot(  # noqa: N802
         watchdog: How long the robot waits for its controller.
         session: Number of this start, not 0.
         meshcat: Shows robot and contacts there.
-        lies: Whether the robot lies, damped, until a controller answers; it stands by default.
+        day: The day that the robot is to live through: it lies, damped, until a controller answers.
+            It stands by default.
 
     Raises:
         InputError: if the scenario is not made for two processes, or the gait not for the command.
@@ -96,7 +98,11 @@ def MakeLinkedRobot(  # noqa: N802
     state = AddWorldState(builder, plant, scenario.station)
 
     guard = LinkWatchdog(
-        robot, watchdog, session=session, time_step=scenario.station.time_step, lies=lies
+        robot,
+        watchdog,
+        session=session,
+        time_step=scenario.station.time_step,
+        day=day,
     )
     builder.AddNamedSystem(WATCHDOG, guard)
     builder.ExportInput(guard.get_message_input_port(), "answer")
@@ -106,9 +112,10 @@ def MakeLinkedRobot(  # noqa: N802
     commander = builder.AddNamedSystem("command_sender", CommandSender(session))
     builder.Connect(command, commander.get_command_input_port())
     builder.Connect(commanded_dwell, commander.get_commanded_dwell_input_port())
-    if lies:
+    if day is not None:
         requested = commander.get_requested_mode_input_port()
-        AddModeRequest(builder, requested, scenario.command, meshcat)
+        mode = guard.get_mode_output_port()
+        AddModeRequest(builder, day, requested, mode, scenario.command, meshcat)
     sensors = AddSensors(builder, robot, scenario, state, errors, imu=True)
     sender = _add_sensors_sender(builder, sensors, guard, session)
     _add_publishers(builder, commander, sender, lcm, channels)

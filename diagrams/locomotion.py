@@ -167,9 +167,10 @@ def MakeLocomotion(  # noqa: N802
             foot_contact=sensors.feet.get_foot_contact_output_port(),
             meshcat=meshcat,
         )
-    if controller.modes is not None:
+    if day is not None and controller.modes is not None:
         requested = controller.modes.get_requested_mode_input_port()
-        AddModeRequest(builder, requested, scenario.command, meshcat)
+        mode = controller.modes.get_mode_output_port()
+        AddModeRequest(builder, day, requested, mode, scenario.command, meshcat)
     _export_outputs(builder, sensed, sensors.feet, machine, controller, judged)
     diagram = builder.Build()
     diagram.set_name("Locomotion")

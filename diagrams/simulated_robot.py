@@ -35,6 +35,9 @@ class SimulatedRobot(ABC):
     held: ClassVar[IntEnum]
     """The phase in which joints go on by what came last."""
 
+    slack: ClassVar[float] = CONTROL_PERIOD
+    """By how much the robot may be late before its clock is put back (s)."""
+
     def __init__(self, diagram: Diagram, scenario: Scenario, seed: int) -> None:
         self.diagram = diagram
         self.simulator = make_simulator(diagram, seed=seed)

@@ -30,7 +30,7 @@ from glassgait.models.link.packing import (
     unpack_joints,
     unpack_touching,
 )
-from glassgait.models.link.remote import Remote, read_remote
+from glassgait.models.link.remote import Button, Remote, read_remote
 from glassgait.models.link.self_test import Prediction, Recording
 from glassgait.models.link.supervision import (
     Fault,
@@ -45,6 +45,7 @@ from glassgait.models.link.watchdog import CROUCH
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.request import NO_MODE
 
 FREE = Remote.untouched()
 
@@ -93,7 +94,8 @@ class UnitreeControllerEnd(AnsweringEnd):
         self.course, self.filter = initial_course(robot), StateFilter()
         self._answering = _ready(Answering(self.diagram))
         self._robot, self._gains = robot, acting.joint_law.gains_of(robot)
-        self._lies = acting.has_day
+        self._lies, self._mode = acting.has_day, NO_MODE
+        self._changes = len(acting.gaits) > 1
         self._endpoint, self._operator, self._clock = endpoint, operator, clock
         self._settings = supervision
         self._gathered, self._targets = Gathered.begin(), robot.default_stance
@@ -105,6 +107,7 @@ class UnitreeControllerEnd(AnsweringEnd):
         self._first: int | None = None
         self._due, self._reported = 0, Stage.WAITING
         self._heard: list[Record] = []
+        self._held = Button(0)
         self._heard_at = self._sent_at = -np.inf
         self._lateness = _Lateness()
         self._n_sent = 0
@@ -203,9 +206,12 @@ class UnitreeControllerEnd(AnsweringEnd):
 
     def _ask(self, state: Record, sequence: int, *, followed: bool) -> None:
         """Asks the controller for targets."""
-        # What is pressed before the robot follows is not to be remembered for then.
-        remote = read_remote(state["wireless_remote"].tobytes()) if followed else FREE
-        asked = self._operator(remote)
+        remote = read_remote(state["wireless_remote"].tobytes())
+        # Where there is a day, the operator drops what is pressed too early, and says so.
+        remote = remote if self._lies else self._since_followed(remote, followed=followed)
+        asked = self._operator(remote, self._mode if followed else NO_MODE)
+        if self._changes:
+            self._answering.request_gait(asked.requested_gait)
         if asked.damped:
             self._damp(Fault.ASKED)
         command = pack_command(1, sequence * CONTROL_PERIOD, asked.command, asked.requested_mode)
@@ -216,6 +222,16 @@ class UnitreeControllerEnd(AnsweringEnd):
         self._answering.take(sensors, command)
         answer = self.diagram.GetOutputPort("targets").Eval(self._answering.simulator.get_context())
         _, _, self._targets, self._damped = unpack_answer(answer)
+        self._mode = answer.mode
+
+    def _since_followed(self, remote: Remote, *, followed: bool) -> Remote:
+        """Returns what is done with the remote since the robot follows: what was pressed before is
+        not to be remembered for then, nor to count while it is held on."""
+        if not followed:
+            self._held = remote.buttons
+            return FREE
+        self._held &= remote.buttons
+        return remote._replace(buttons=remote.buttons & ~self._held)
 
     def _test(self, sensors: sensors_t) -> None:
         """Notes what is measured in the self-test, and ends it."""

@@ -64,6 +64,7 @@ class UnitreeRobotEnd(SimulatedRobot):
     }
     counted: ClassVar = {"times damped": Drive.DAMPED, "times alone": Drive.ALONE}
     held = Drive.ALONE
+    slack = SILENCE
 
     def __init__(
         self,
@@ -88,6 +89,7 @@ class UnitreeRobotEnd(SimulatedRobot):
         joints = actuated_joints(self._plant)
         self._order = np.array([quadruped.JOINTS.index(name) for name in joints])
         self._last: MotorCommand | None = None
+        self._driven: MotorCommand | None = None
         self._gains: tuple[Array, Array] | None = None
         self._commanded_at, self._answered = -np.inf, -1
         self._n_sent = 0
@@ -149,6 +151,9 @@ class UnitreeRobotEnd(SimulatedRobot):
 
     def _drive(self, command: MotorCommand) -> None:
         """Has the plant's joints, in an order of its own, do what is commanded."""
+        if command is self._driven:
+            return
+        self._driven = command
         context = self.simulator.get_mutable_context()
         order = self._order
         desired: Array = np.concatenate([command.q[order], command.dq[order]])

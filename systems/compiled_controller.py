@@ -38,6 +38,7 @@ class CompiledController(LeafSystem):
         - targets
         - status
         - damped
+        - mode
 
     Inputs: joints (24; rad, rad/s), measured positions, then velocities. touching (4, {0, 1}), FL
     FR RL RR, which feet press on the ground. command (2; m/s, rad/s), forward speed and yaw rate,
@@ -49,7 +50,8 @@ class CompiledController(LeafSystem):
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf, of this control step. action (12), the
     same as other policies give it, 0.25 rad from the default stance a unit. status (1), 0 or the
     sum of flags that the C file lists, such as 1 where a sensor was not finite. damped (1, {0, 1}),
-    of a controller with a day alone, whether joints are damped alone.
+    of a controller with a day alone, whether joints are damped alone. mode (1), of the same alone,
+    its number.
     State: the controller's memory after the previous control step (27 numbers, with odometry 50,
     of a day 16 more), latched every 20 ms (unrestricted update). Feedthrough: all inputs to all
     outputs.
@@ -98,6 +100,9 @@ class CompiledController(LeafSystem):
         if controller.has_day:
             self.DeclareVectorOutputPort(
                 name="damped", size=1, calc=self._calc_damped, prerequisites_of_calc=of_step
+            )
+            self.DeclareVectorOutputPort(
+                name="mode", size=1, calc=self._calc_mode, prerequisites_of_calc=of_step
             )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
@@ -159,6 +164,10 @@ class CompiledController(LeafSystem):
 
     def _calc_damped(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(np.array([float(self._step.Eval(context).damped)]))
+
+    def _calc_mode(self, context: Context, output: BasicVector) -> None:
+        mode = self._controller.mode_of(self._step.Eval(context).memory)
+        output.SetFromVector(np.array([float(mode)]))
 
     def _latch(self, context: Context, state: State) -> None:
         memory = self._step.Eval(context).memory

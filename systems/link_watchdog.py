@@ -16,6 +16,8 @@ from glassgait.models.link.packing import unpack_answer
 from glassgait.models.link.watchdog import Watch, Watchdog, initial_watch, step_watch
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.day import Day
+from glassgait.models.task.request import NO_MODE
 
 N_SCALARS = 5
 """Numbers of a watch that are no joint targets."""
@@ -34,14 +36,17 @@ class LinkWatchdog(LeafSystem):
         - targets
         - phase
         - followed
+        - mode
 
     Inputs: message (targets_t), the latest that came; one of another session is ignored. state
     (37), the plant's, of which the trunk's attitude is read, as a robot's IMU measures it, and the
     joints' positions, to which they are sent where they are to be damped.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf. phase (1), a number of `Phase`.
-    followed (1, {0, 1}), whether joints do what the controller answers.
+    followed (1, {0, 1}), whether joints do what the controller answers. mode (1), number of the
+    mode that the controller's day is in, of the latest message; -1 where it is not followed, or
+    its day is another one than the robot's.
     State: the watch (41 numbers), taken on at every step of the plant (unrestricted update), before
-    the plant's discrete update of the same instant. Feedthrough: none.
+    the plant's discrete update of the same instant. Feedthrough: message to mode.
     """
 
     def __init__(
@@ -51,7 +56,7 @@ class LinkWatchdog(LeafSystem):
         *,
         session: int,
         time_step: float,
-        lies: bool = False,
+        day: Day | None = None,
     ) -> None:
         """
         Args:
@@ -59,7 +64,8 @@ class LinkWatchdog(LeafSystem):
             settings: How long to wait.
             session: The session whose sensors are to be answered.
             time_step: The plant's period (s).
-            lies: Whether the robot lies, damped, until a controller answers; it stands by default.
+            day: The day that the robot is to live through: it lies, damped, until a controller
+                answers. It stands by default.
 
         Raises:
             ValueError: if the time step is not positive.
@@ -68,7 +74,8 @@ class LinkWatchdog(LeafSystem):
         if not time_step > 0.0:
             raise ValueError(f"link watchdog: time_step is {time_step}; it must be above 0")
         self._robot, self._settings, self._session = robot, settings, session
-        self._initial = initial_watch(robot, lies=lies)
+        self._initial = initial_watch(robot, lies=day is not None)
+        self._day = "" if day is None else day.digest()
         self._watch = self.DeclareDiscreteState(pack_watch(self._initial))
         self._message_port = self.DeclareAbstractInputPort(
             "message", AbstractValue.Make(targets_t())
@@ -88,6 +95,12 @@ class LinkWatchdog(LeafSystem):
         )
         self._followed_port = self.DeclareVectorOutputPort(
             name="followed", size=1, calc=self._calc_followed, prerequisites_of_calc=of_state
+        )
+        self._mode_port = self.DeclareVectorOutputPort(
+            name="mode",
+            size=1,
+            calc=self._calc_mode,
+            prerequisites_of_calc={self.xd_ticket(), self._message_port.ticket()},
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=time_step, offset_sec=0.0, update=self._latch
@@ -113,6 +126,10 @@ class LinkWatchdog(LeafSystem):
         """Gives whether the controller is followed."""
         return self._followed_port
 
+    def get_mode_output_port(self) -> OutputPort:
+        """Gives the mode that the controller's day is in."""
+        return self._mode_port
+
     def restart(self, context: Context) -> None:
         """Forgets all answers in a context of its own: the robot was put back on its feet."""
         context.SetDiscreteState(pack_watch(self._initial))
@@ -128,6 +145,13 @@ class LinkWatchdog(LeafSystem):
 
     def _calc_followed(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([float(self._stored(context).followed)])
+
+    def _calc_mode(self, context: Context, output: BasicVector) -> None:
+        message = self._message_port.Eval(context)
+        assert isinstance(message, targets_t)
+        followed = self._stored(context).followed and message.session == self._session
+        known = followed and message.day == self._day
+        output.SetFromVector([float(message.mode if known else NO_MODE)])
 
     def _latch(self, context: Context, state: State) -> None:
         answer = unpack_answer(self._message_port.Eval(context))

@@ -32,16 +32,18 @@ class MeshcatCommand(LeafSystem):
     State: what is commanded (3), latched every 20 ms (unrestricted update). Feedthrough: none.
     """
 
-    def __init__(self, limits: CommandRange, meshcat: Meshcat) -> None:
+    def __init__(self, limits: CommandRange, meshcat: Meshcat, *, attended: bool = False) -> None:
         """
         Args:
             limits: The gait, or what else says where sliders end.
             meshcat: Where they show.
+            attended: Whether speed and yaw rate are 0 at first, and go back to 0 while no browser
+                shows Meshcat; by default the robot goes at half speed at first, and goes on.
         """
         super().__init__()
-        self._meshcat, self._limits = meshcat, limits
+        self._meshcat, self._limits, self._attended = meshcat, limits, attended
         self._gamepad = MeshcatGamepad(meshcat)
-        start = [0.5 * limits.max_speed, 0.0, float(sum(limits.dwell) // 2)]
+        start = [0.0 if attended else 0.5 * limits.max_speed, 0.0, float(sum(limits.dwell) // 2)]
         self._values = self.DeclareDiscreteState(start)
         speed, turn = limits.max_speed, limits.max_yaw_rate
         meshcat.AddSlider(SPEED_SLIDER, -speed, speed, 0.05, start[0], "KeyS", "KeyW")
@@ -78,6 +80,9 @@ class MeshcatCommand(LeafSystem):
         output.SetFromVector(self._stored(context)[2:])
 
     def _latch(self, context: Context, state: State) -> None:
+        if self._attended and self._meshcat.GetNumActiveConnections() == 0:
+            for slider in (SPEED_SLIDER, YAW_RATE_SLIDER):
+                self._meshcat.SetSliderValue(slider, 0.0)
         sliders = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
         values = [self._meshcat.GetSliderValue(name) for name in sliders]
         held = self._gamepad.held()

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, LeafSystem, OutputPort, State
+from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort, State
 
 from glassgait.models.link.remote import Button, Remote
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.request import RequestGate
 from glassgait.systems.meshcat_gamepad import MeshcatGamepad
 
 ByGamepad = Callable[[Remote, Remote, int], int]
@@ -20,10 +21,14 @@ class MeshcatRequest(LeafSystem):
     .. pydrake_system::
 
         name: MeshcatRequest
+        input_ports:
+        - mode
         output_ports:
         - requested
 
-    Outputs: requested (1), the number of what is requested; 0 until a button is clicked.
+    Inputs: mode (1), only with a gate: the number of the mode of the robot's day, or
+    `NO_MODE`. The gate drops what that mode cannot take.
+    Outputs: requested (1), the number of what is requested, until a button is clicked the first.
     State: that number, and the gamepad's buttons at the step before, latched every 20 ms
     (unrestricted update), which uses the clicks up: a context that begins anew begins with the
     first. Feedthrough: none.
@@ -40,6 +45,8 @@ class MeshcatRequest(LeafSystem):
         *,
         keys: Sequence[str],
         by_gamepad: ByGamepad,
+        gate: RequestGate | None = None,
+        first: int = 0,
     ) -> None:
         """
         Args:
@@ -47,19 +54,28 @@ class MeshcatRequest(LeafSystem):
             meshcat: Where the buttons show.
             keys: JavaScript's codes of keys that do as the buttons do; those beyond have none.
             by_gamepad: What a gamepad requests.
+            gate: What takes requests of a day's modes, or drops them; all are taken by default.
+            first: Number of what is requested until a button is clicked.
         """
         super().__init__()
         self._meshcat, self._names, self._by_gamepad = meshcat, tuple(names), by_gamepad
         self._gamepad = MeshcatGamepad(meshcat)
         self._keys = (*keys, *len(names) * ("",))[: len(names)]
-        self._active = 0
+        self._active = first
         self._add_buttons()
-        self._requested = self.DeclareDiscreteState(1)
+        self._gate = gate
+        self._mode_port = None if gate is None else self.DeclareVectorInputPort("mode", 1)
+        self._requested = self.DeclareDiscreteState([float(first)])
         self._pressed = self.DeclareDiscreteState(1)
         self._requested_port = self.DeclareStateOutputPort("requested", self._requested)
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
+
+    def get_mode_input_port(self) -> InputPort:
+        """Takes the number of the mode of the robot's day, where there is a gate."""
+        assert self._mode_port is not None
+        return self._mode_port
 
     def get_requested_output_port(self) -> OutputPort:
         """Gives the number of what is requested."""
@@ -68,13 +84,21 @@ class MeshcatRequest(LeafSystem):
     def _latch(self, context: Context, state: State) -> None:
         requested = state.get_mutable_discrete_state(self._requested)
         before = int(context.get_discrete_state(self._requested).GetAtIndex(0))
-        requested.SetFromVector([float(self._held(context, state, self._clicked(before)))])
-        active = int(requested.GetAtIndex(0))
+        asked = self._held(context, state, self._clicked(before))
+        active = self._settled(context, before, asked)
+        requested.SetFromVector([float(active)])
         if active != self._active:
             for label in self._labels():
                 self._meshcat.DeleteButton(label)
             self._active = active
             self._add_buttons()
+
+    def _settled(self, context: Context, before: int, asked: int) -> int:
+        """Returns what is requested, of what is asked for."""
+        if self._gate is None or self._mode_port is None:
+            return asked
+        mode = round(self._mode_port.Eval(context)[0])
+        return self._gate.settled(mode, before, asked)
 
     def _clicked(self, before: int) -> int:
         """Returns what is requested by the buttons in Meshcat."""

@@ -162,6 +162,10 @@ class LoadedController:
         state = memory[MACHINE][0]
         return int(np.searchsorted(self._first_states, state, side="right")) - 1
 
+    def mode_of(self, memory: Array) -> int:
+        """Returns the number of the day's mode, of what a controller with a day remembers."""
+        return int(memory[-N_DAY])
+
     def step(
         self,
         memory: Array,

@@ -154,12 +154,12 @@ class Contract(Settings):
         targets: What it gives.
         day: Digest of the robot's day in it; "none" without one.
         observations: What its policy observes, in order.
-        digest: SHA-256 of all other keys and values.
+        digest: SHA-256 of all other keys and values, in their order.
     """
 
     title: ClassVar[str] = "contract"
 
-    version: Literal[3]
+    version: Literal[4]
     file: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]{1,100}$")]
     file_digest: Text
     header_digest: Text
@@ -203,7 +203,8 @@ class Contract(Settings):
 
     def own_digest(self) -> str:
         """Returns the digest of all but the digest."""
-        text = json.dumps(asdict(replace(self, digest="")), sort_keys=True)
+        # A gait's number is its place in `gaits`, so that the order of all entries counts.
+        text = json.dumps(asdict(replace(self, digest="")))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def check(self, robot: Robot) -> None:
@@ -212,6 +213,11 @@ class Contract(Settings):
             InputError: if it was made for another robot, rate, order, unit or number; the message
                 names the key.
         """
+        if self.robot != robot.name:
+            raise InputError(
+                f"{CONTRACT}: key 'robot' is {shown(self.robot)}, not {shown(robot.name)}; move "
+                "that robot, or export the controller for this one"
+            )
         for key, own in terms_of(robot).items():
             if getattr(self, key) != own:
                 raise InputError(
@@ -327,7 +333,7 @@ def contract_of(
     own = gait.gait if isinstance(gait, GaitSwitch) else gait
     requests = {**(GAIT_REQUEST if len(gaits) > 1 else {}), **(DAY_REQUEST if day else {})}
     made = Contract(
-        version=3,
+        version=4,
         file=file.name,
         file_digest=digest(file),
         header_digest=_header_digest(file),
@@ -391,7 +397,7 @@ def read_contract(path: Path, robot: Robot | None = None) -> tuple[Contract, Pat
         if key not in found:
             raise InputError(f"{path}: lacks the key {key!r}; export the controller again")
     if type(found["version"]) is not int:
-        raise InputError(f"{path}: key 'version' is {shown(found['version'])}; it must be 3")
+        raise InputError(f"{path}: key 'version' is {shown(found['version'])}; it must be 4")
     contract = Contract.from_plain(found, str(path))
     if robot is None:
         robot = robot_of(path, contract.robot)

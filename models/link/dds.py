@@ -56,7 +56,8 @@ class Heard(NamedTuple):
     """A message that came.
 
     Attributes:
-        message: The message; None if its bytes are none of its type.
+        message: The message, the very one of before where its bytes are the same; None if they are
+            none of its type.
         publisher: The number of its publisher.
         age: Time since it was sent (s), but for the difference of two machines' clocks.
     """
@@ -128,6 +129,8 @@ class DdsEndpoint:
                 f"{settings.domain} ({error.msg}); name another one of `ip link`"
             ) from error
         self._hears = hears[1]
+        self._data: bytes | None = None
+        self._message: Record | None = None
         kept = Qos(Policy.History.KeepLast(KEPT))
         topic, own = (Topic(participant, name, _idl_type(kind)) for name, kind in (hears, sends))
         self._reader = DataReader(participant, topic, kept)
@@ -152,12 +155,17 @@ class DdsEndpoint:
         self._writer.write(sample)
 
     def _read(self, sample: Any) -> Heard:
-        try:
-            message = self._hears.from_wire(getattr(sample, "data", b""))
-        except ValueError:
-            message = None
+        data = getattr(sample, "data", b"")
+        if data != self._data:
+            try:
+                self._message = self._hears.from_wire(data)
+            except ValueError:
+                self._message = None
+            self._data = data
         info = sample.sample_info
-        return Heard(message, info.publication_handle, time.time() - 1e-9 * info.source_timestamp)
+        return Heard(
+            self._message, info.publication_handle, time.time() - 1e-9 * info.source_timestamp
+        )
 
 
 def open_controllers_end(settings: DdsSettings) -> DdsEndpoint:

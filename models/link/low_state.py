@@ -4,6 +4,7 @@ LowState comes every 2 ms and says what is now; a controller here is asked every
 has summed the specific force since then. So the states of a control period are gathered one by one.
 """
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -184,6 +185,7 @@ def pack_state(
 
 def roll_pitch_yaw(quaternion: Array) -> Array:
     """Returns roll, pitch and yaw (3; rad) of an attitude (4; w, x, y, z), of any length."""
-    turn = kinematics.rotation_matrix(quaternion)
-    roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
-    return np.array([roll, np.arcsin(np.clip(-turn[2, 0], -1.0, 1.0)), yaw])
+    w, x, y, z = (quaternion / np.linalg.norm(quaternion)).tolist()
+    roll = math.atan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    yaw = math.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return np.array([roll, math.asin(min(max(2 * (w * y - x * z), -1.0), 1.0)), yaw])

@@ -12,6 +12,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, CommandRange, on_the_spot, sound_command
 from glassgait.models.task.day import REQUESTS
 from glassgait.models.task.imu import ImuReading
+from glassgait.models.task.request import NO_MODE
 
 MICROSECONDS = 1e6
 
@@ -80,19 +81,28 @@ def pack_command(session: int, time: float, command: Command, requested_mode: in
     return message
 
 
-def pack_targets(answered: Stamped, targets: Array, *, damped: bool = False) -> targets_t:
+def pack_targets(
+    answered: Stamped,
+    targets: Array,
+    *,
+    damped: bool = False,
+    mode: int = NO_MODE,
+    day: str = "",
+) -> targets_t:
     """Packs joint targets (12; rad) as the answer to a message of sensors.
 
     Args:
         answered: The message.
         targets: The targets.
         damped: Whether joints are to have no stiffness.
+        mode: Number of the mode that the controller's day is in.
+        day: Digest of that day; empty without one.
     """
     message = targets_t()
     message.session, message.sequence = answered.session, answered.sequence
     message.utime = answered.utime
     message.joint_position = targets.tolist()
-    message.damped = damped
+    message.damped, message.mode, message.day = damped, mode, day
     return message
 
 

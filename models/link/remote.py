@@ -113,18 +113,19 @@ def write_remote(remote: Remote) -> bytes:
     return _LAYOUT.pack(int(remote.buttons), *sticks).ljust(N_REMOTE, b"\x00")
 
 
-def requested_mode(remote: Remote, before: int) -> int:
+def requested_mode(now: Remote, before: Remote, requested: int) -> int:
     """Returns the number of what the operator requests of a day.
 
     Args:
-        remote: What the operator does. Of several buttons that are pressed the first request
-            counts: to sit before to stand, and that before to walk.
-        before: What was requested before, and still is where no button is pressed.
+        now: What the operator does. Of several buttons that are held the first request counts: to
+            sit before to stand, and that before to walk.
+        before: What the operator did a control step before: a button counts once.
+        requested: What was requested so far, and still is where no button is newly pressed.
     """
     for number, name in enumerate(REQUESTS):
-        if REQUESTED_BY[name] in remote.buttons:
-            return number
-    return before
+        if REQUESTED_BY[name] in now.buttons:
+            return requested if REQUESTED_BY[name] in before.buttons else number
+    return requested
 
 
 def remote_command(remote: Remote, limits: CommandRange, settings: Sticks, dwell: float) -> Command:

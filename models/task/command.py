@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError, shown
 from glassgait.models.task.gait import Gait
 
 DEAD_BAND = 0.2
@@ -83,6 +84,31 @@ def limit_command(limits: CommandRange, command: Command) -> Command:
     return Command(
         np.clip(command.velocity, -greatest, greatest), np.clip(command.dwell, *limits.dwell)
     )
+
+
+def check_command(limits: CommandRange, made_for: str, **given: float) -> None:
+    """Checks that numbers of a command are within what something is made for.
+
+    Args:
+        limits: Its ranges.
+        made_for: What it is called, such as a gait's name.
+        given: `speed` (m/s), `yaw_rate` (rad/s), `dwell` (control steps), or some of them.
+
+    Raises:
+        InputError: if one is beyond its range.
+    """
+    ranges = {
+        "speed": (-limits.max_speed, limits.max_speed),
+        "yaw_rate": (-limits.max_yaw_rate, limits.max_yaw_rate),
+        "dwell": limits.dwell,
+    }
+    for name, value in given.items():
+        least, greatest = ranges[name]
+        if not least <= value <= greatest:
+            raise InputError(
+                f"command: {name} is {shown(value)}; give {least:g} to {greatest:g}, the range of "
+                f"gait {made_for!r}"
+            )
 
 
 def on_the_spot(limits: CommandRange) -> Command:

@@ -200,6 +200,17 @@ class Day(Settings):
         """The propositions in which every other mode leads to the one that damps."""
         return _read(self.fault[self.damped], f"fault.{self.damped}")
 
+    @cached_property
+    def next_modes(self) -> NDArray[np.int64]:
+        """The number of the mode that each leads to (n_modes, 1024), by the propositions' code."""
+        names = self.names
+        led = np.repeat(np.arange(len(names))[:, None], 2 ** len(PROPOSITIONS.names), axis=1)
+        for edge in self.edges:
+            led[names.index(edge.source), np.array(edge.when.table)] = names.index(edge.target)
+        led[:, np.array(self.fault_formula.table)] = names.index(self.damped)
+        led.flags.writeable = False
+        return led
+
     def posture(self, mode: str, robot: Robot) -> Array | None:
         """Returns the joint angles (12; rad) that a mode's joints go to; None where they do not."""
         joints = self.modes[mode].joints
@@ -284,6 +295,11 @@ def load_day(day: str | Path = SHIPPED) -> Day:
             )
         path = DAY_DIRECTORY / f"{day}.yaml"
     return Day.from_plain(read_yaml(path), str(path))
+
+
+def day_of(digest: str) -> Day | None:
+    """Returns the day of a digest, of those that ship; None where there is none."""
+    return next((own for own in map(load_day, day_names()) if own.digest() == digest), None)
 
 
 def lying_state(robot: Robot, day: Day, errors: Array) -> Array:

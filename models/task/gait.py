@@ -9,6 +9,7 @@ import os
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from itertools import combinations
 from math import inf
 from pathlib import Path
@@ -150,13 +151,23 @@ def load_gait(gait: str | Path) -> Gait:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     shipped = GAIT_DIRECTORY / f"{path.stem}.yaml"
-    if shipped.exists() and path.resolve() != shipped and loaded != load_gait(path.stem):
+    if shipped.exists() and path.resolve() != shipped and loaded != shipped_gait(path.stem):
         # Policies know their gait by its name.
         raise InputError(
             f"{path}: is called like the gait {path.stem!r} that ships, and differs from it; give "
             "the file another name"
         )
     return loaded
+
+
+@cache
+def shipped_gait(name: str) -> Gait:
+    """Returns a gait that ships, read once.
+
+    Raises:
+        InputError: if there is none of this name.
+    """
+    return load_gait(name)
 
 
 def parse_gait(text: str, *, name: str) -> Gait:

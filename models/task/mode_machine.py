@@ -150,17 +150,9 @@ class ModeMachine:
             np.array([(stance if own is None else own) - stance for own in goals])
             / robot.action_scale
         )
-        # The mode that each leads to, by the code of the propositions.
-        numbers = np.arange(len(names))[:, None]
-        self._next = np.repeat(numbers, 2 ** len(PROPOSITIONS.names), axis=1)
-        for edge in day.edges:
-            source, target = names.index(edge.source), names.index(edge.target)
-            self._next[source, np.array(edge.when.table)] = target
-        fault = np.array(day.fault_formula.table)
         self._fault = names.index(day.damped)
-        self._next[:, fault] = self._fault
         # All that is known without sound readings is whether there have been none for long.
-        self._blind_leads = bool(fault[1 << PROPOSITIONS.names.index("blind")])
+        self._blind_leads = day.fault_formula.table[1 << PROPOSITIONS.names.index("blind")]
         self.upright = -round(float(np.cos(np.radians(day.lean))), 12)
         self.level = -round(float(np.cos(np.radians(day.level))), 12)
 
@@ -218,7 +210,7 @@ class ModeMachine:
         blind = state.unsound > round(self.day.blindness / CONTROL_PERIOD)
         code = self._code(state, readings, requested=requested, goes=goes, blind=blind)
         lost = np.where(blind & self._blind_leads, self._fault, state.mode)
-        mode = np.where(sound, self._next[state.mode, code], lost)
+        mode = np.where(sound, self.day.next_modes[state.mode, code], lost)
         changed = mode != state.mode
         steps = np.where(changed, 0, state.steps + 1)
         begin = np.where(changed[..., None], before, state.begin)

@@ -1,12 +1,14 @@
 """Compiled controllers and a robot's day over both wires: as in Python, and as in one diagram."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.lcm import DrakeLcm
 
 from glassgait.diagrams.acting import CompiledActing, PolicyActing
 from glassgait.diagrams.answering import Answering
-from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.commands import FixedCommand, SliderCommand
 from glassgait.diagrams.link import ControllerEnd, RobotEnd
 from glassgait.diagrams.linked_controller import MakeAnsweringController
 from glassgait.diagrams.locomotion import MakeLocomotion
@@ -30,6 +32,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.day import REQUESTS, load_day, lying_state
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.request import RequestGate
 from glassgait.studies.deployment.export.files import (
     CFile,
     Deployment,
@@ -61,7 +64,7 @@ def compiled(page, tmp_path_factory):
         folder = tmp_path_factory.mktemp("exported")
         CFile(Deployment(TROT, page, "page", "page", day), "double").write_all(folder)
         contract, loaded, robot = load_contract(folder / CONTRACT, tmp_path_factory.mktemp("so"))
-        return CompiledActing(robot, loaded, contract)
+        return CompiledActing(robot, loaded, contract, day)
 
     return {"day": load(DAY), "always": load(None)}
 
@@ -98,10 +101,18 @@ def same(answer, other):
 class Lcm:
     """Both ends over LCM, in one process and simulated time, and a shadow beside them."""
 
-    def __init__(self, gait, acting, shadow, day=None):
+    def __init__(self, gait, acting, shadow, day=None, *, scenario=CALM, meshcat=None):
         self.lcm, channels = DrakeLcm("memq://"), Channels("DAY_")
         self.robot = RobotEnd(
-            gait, CALM, self.lcm, channels, watchdog=Watchdog(), session=4, seed=3, day=day
+            gait,
+            scenario,
+            self.lcm,
+            channels,
+            watchdog=Watchdog(),
+            session=4,
+            seed=3,
+            meshcat=meshcat,
+            day=day,
         )
         self.controller, self.shadow = ControllerEnd(acting, self.lcm, channels), Shadow(shadow)
         self.command = command_t()
@@ -198,6 +209,50 @@ def test_a_damped_robot_stays_so_without_its_controller_and_goes_on_with_it(trot
     assert not ends.robot.fallen
 
 
+def test_a_click_on_walk_while_the_robot_rises_is_dropped_over_lcm(
+    trot, page, meshcat, click, caplog
+):
+    acting = PolicyActing(A1, trot, page, DAY)
+    world = replace(CALM, command=SliderCommand(attended=True))
+    ends = Lcm(trot, acting, acting, day=DAY, scenario=world, meshcat=meshcat)
+    click("walk")  # Before any controller answers.
+    ends.run(3, answered=False)
+    ends.run(20)
+    assert ends.command.requested_mode == REQUESTS.index("sit")
+    click("stand")
+    _, modes, _ = ends.run(80)
+    assert modes[-1] == "rise"
+    click("walk")
+    _, modes, _ = ends.run(80)
+    assert modes[-1] == "stand"
+    assert ends.command.requested_mode == REQUESTS.index("stand")
+    assert "walk *" not in meshcat.GetButtonNames()
+    assert len(caplog.records) == 2
+    click("walk")
+    ends.run(3)
+    assert ends.command.requested_mode == REQUESTS.index("walk")
+
+
+def test_over_lcm_a_robot_of_another_day_takes_no_click(trot, page, meshcat, click, caplog):
+    """Modes have their numbers by the controller's day, which the robot does not know."""
+    acting, other = PolicyActing(A1, trot, page, DAY), replace(DAY, description="another")
+    world = replace(CALM, command=SliderCommand(attended=True))
+    ends = Lcm(trot, acting, acting, day=other, scenario=world, meshcat=meshcat)
+    ends.run(10)
+    click("stand")
+    ends.run(3)
+    assert ends.command.requested_mode == REQUESTS.index("sit")
+    assert caplog.text.count("day is another one than the robot's") == 1
+
+
+def test_over_lcm_sliders_of_meshcat_begin_at_rest(trot, page, meshcat):
+    acting = PolicyActing(A1, trot, page)
+    world = replace(CALM, command=SliderCommand(attended=True))
+    ends = Lcm(trot, acting, acting, scenario=world, meshcat=meshcat)
+    ends.run(3)
+    assert (ends.command.speed, ends.command.yaw_rate) == (0.0, 0.0)
+
+
 class Pipe:
     """An end of Unitree's wire within one process."""
 
@@ -223,7 +278,13 @@ class Unitree:
         self.controller = UnitreeControllerEnd(
             acting,
             self.controllers,
-            operator=RemoteOperator(acting.limits, Sticks(), 8.0),
+            operator=RemoteOperator(
+                acting.limits,
+                Sticks(),
+                8.0,
+                n_gaits=len(acting.gaits),
+                gate=RequestGate(acting.day) if acting.has_day else None,
+            ),
             supervision=supervision,
             clock=lambda: self.robot.simulator.get_context().get_time(),
         )
@@ -303,6 +364,83 @@ def test_a_robot_lives_through_its_day_by_its_remote_over_unitrees_wire(trot, pa
     assert ends.robot.output("state")[4] > 0.4
 
 
+@pytest.fixture(scope="module")
+def both(switched_pages, tmp_path_factory):
+    """What was exported of two gaits."""
+    if not has_compiler():
+        pytest.skip("needs a C compiler, cc")
+    folder = tmp_path_factory.mktemp("both")
+    switch = switched_pages.switch
+    own = Deployment(switch, alone(switched_pages), "both", "pages", None)
+    CFile(own, "double").write_all(folder)
+    contract, loaded, robot = load_contract(folder / CONTRACT, tmp_path_factory.mktemp("so"))
+    return CompiledActing(robot, loaded, contract)
+
+
+def running(controller):
+    """The number of the gait that a compiled controller of several runs."""
+    diagram, simulator = controller.diagram, controller._answering.simulator
+    acting = diagram.GetSubsystemByName("compiled_controller")
+    context = acting.GetMyContextFromRoot(simulator.get_context())
+    memory = context.get_discrete_state(0).value()
+    return acting._controller.gait_of(memory)
+
+
+def test_shoulder_buttons_change_the_gait_over_unitrees_wire(both):
+    supervision = Supervision(rising=0.5, self_test=False)
+    ends = Unitree(both, both, supervision)
+    ends.shadow.take = lambda *_: None
+    found = []
+    # What is held from before the robot follows on does not count until it is pressed again.
+    pressed = ((Button.R1, 60), (Button(0), 2), (Button.R1, 2), (Button(0), 100))
+    for buttons, n_steps in pressed:
+        ends.press(buttons, forward=0.3)
+        for _ in range(n_steps):
+            ends.robot.send()
+            for part in range(ends.robot.n_parts):
+                ends.controller.listen(0.0)
+                ends.controller.answer()
+                ends.robot.advance(part)
+        found.append(running(ends.controller))
+    assert (found[0], found[-1]) == (0, 1)
+    assert ends.controller.course.stage is Stage.FOLLOWING
+
+
+@pytest.mark.parametrize("gait", [0, 1])
+def test_over_lcm_the_gait_that_was_named_runs(both, gait):
+    lcm, channels = DrakeLcm("memq://"), Channels("GAITS_")
+    first = load_gait(both.gaits[0])
+    robot = RobotEnd(first, CALM, lcm, channels, watchdog=Watchdog(), session=5)
+    controller = ControllerEnd(both, lcm, channels, gait=gait)
+    for _ in range(100):
+        robot.send()
+        for part in range(robot.n_parts):
+            if part == 0:
+                lcm.HandleSubscriptions(0)
+                assert controller.answer()
+            robot.advance(part)
+    assert running(controller) == gait
+    assert robot.phase is Phase.FOLLOWING
+
+
+@pytest.mark.parametrize("of", ["page", "compiled"])
+def test_start_while_the_robot_rises_is_dropped_and_does_not_act_later(
+    of, trot, page, compiled, caplog
+):
+    python = PolicyActing(A1, trot, page, DAY)
+    ends = Unitree(python if of == "page" else compiled["day"], python, AT_ONCE)
+    ends.run(3)
+    ends.request("stand")
+    assert ends.run(90)[1][-1] == "rise"
+    ends.request("walk")
+    _, modes, _ = ends.run(120)
+    assert order(modes) == ["rise", "stand"]
+    assert "the mode 'rise', which does not take it" in caplog.text
+    assert len(caplog.records) == 1
+    ends.request("walk")
+    assert ends.run(5)[1][-1] == "walk"
+
+
 def test_two_buttons_damp_a_day_for_good(trot, page):
     acting = PolicyActing(A1, trot, page, DAY)
     ends = Unitree(acting, acting, AT_ONCE)
@@ -318,10 +456,13 @@ def test_two_buttons_damp_a_day_for_good(trot, page):
     assert all(command.is_damping for command in sent)
 
 
-def test_a_day_begins_lying_after_the_self_test(trot, page):
+def test_a_day_begins_lying_after_the_self_test(trot, page, caplog):
     acting = PolicyActing(A1, trot, page, DAY)
     ends = Unitree(acting, acting, Supervision(rising=1.0))
+    ends.request("walk")
     stages, modes, sent = ends.run(260)
+    assert "dropped: the robot follows no controller" in caplog.text
+    assert len(caplog.records) == 1
     expected = [Stage.RISING, Stage.TESTING, Stage.LOWERING, Stage.FOLLOWING]
     assert order(stages) == expected
     assert modes[-1] == "rest"

@@ -68,7 +68,7 @@ class Ends:
         self.controller = UnitreeControllerEnd(
             acting or PolicyActing(A1, gait, policy),
             self.controllers,
-            operator=operator or (lambda _: Asked(FORWARD)),
+            operator=operator or (lambda *_: Asked(FORWARD)),
             supervision=supervision or Supervision(rising=1.0, self_test=False),
             clock=lambda: self.robot.simulator.get_context().get_time(),
         )
@@ -194,7 +194,7 @@ def test_a_controller_that_was_late_itself_damps(ends):
 @pytest.mark.parametrize("stage", [Stage.RISING, Stage.FOLLOWING])
 def test_two_buttons_of_an_operators_gamepad_damp_for_good(trot, page, stage):
     pressed = []
-    ends = Ends(trot, page, operator=lambda _: Asked(FORWARD, damped=bool(pressed)))
+    ends = Ends(trot, page, operator=lambda *_: Asked(FORWARD, damped=bool(pressed)))
     ends.run(20 if stage is Stage.RISING else 60)
     assert ends.controller.course.stage is stage
     pressed.append(True)
@@ -208,7 +208,7 @@ def test_two_buttons_of_an_operators_gamepad_damp_for_good(trot, page, stage):
 def test_what_is_pressed_before_the_robot_follows_is_not_remembered(trot, page):
     heard = []
 
-    def operator(remote):
+    def operator(remote, _):
         heard.append((ends.controller.course.stage, remote.buttons))
         return Asked(FORWARD)
 

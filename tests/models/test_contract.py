@@ -36,7 +36,7 @@ def changed(folder, change, robot=A1):
     """Reads the contract with something changed in it."""
     plain = yaml.safe_load((folder / CONTRACT).read_text())
     change(plain)
-    (folder / CONTRACT).write_text(yaml.safe_dump(plain))
+    (folder / CONTRACT).write_text(yaml.safe_dump(plain, sort_keys=False))
     return read_contract(folder / CONTRACT, robot)
 
 
@@ -131,6 +131,7 @@ def test_every_sign_and_unit_of_a_joint_is_refused(folder, key, factor):
         lambda plain: plain.update(stiffness=float("nan")),
         lambda plain: plain.update(version=1),
         lambda plain: plain.update(version=2),
+        lambda plain: plain.update(version=3),
         lambda plain: plain["hip_offset"].reverse(),
         lambda plain: plain.update(thigh_offset=-plain["thigh_offset"]),
         lambda plain: plain.update(gaits={}),
@@ -151,7 +152,7 @@ def test_a_controller_that_was_edited_is_refused(folder):
     (folder / "trot_expert.c").write_text("/* another */")
     with pytest.raises(InputError, match="file_digest"):
         read_contract(folder / CONTRACT, A1)
-    with pytest.raises(InputError, match="'robot'"):
+    with pytest.raises(InputError, match="'robot' is 'a1', not 'go2'"):
         read_contract(folder / CONTRACT, load_robot("go2"))
 
 
@@ -193,3 +194,24 @@ def test_a_day_and_several_gaits_say_what_else_is_asked_and_given(folder):
     policies = SwitchedPolicy(gaits, [alone(expert), alone(load_expert("pace"))])
     both = contract_of(gaits, alone(policies), file, "expert")
     assert list(both.gaits) == ["trot", "pace"] and "gait" in both.command
+
+
+def exchanged(entries):
+    """Returns a mapping whose first two entries are in each other's place."""
+    first, second, *rest = entries
+    return {name: entries[name] for name in (second, first, *rest)}
+
+
+@pytest.mark.parametrize("keys", [("gaits", "rm_states"), ("command_ranges",), ("sensors",)])
+def test_every_exchange_of_two_entries_is_refused(folder, keys):
+    """A gait's number is its place: in another order another gait would run."""
+    gaits, file = GaitSwitch([TROT, load_gait("pace")]), folder / "trot_expert.c"
+    policies = SwitchedPolicy(gaits, [alone(load_expert(name)) for name in ("trot", "pace")])
+    contract = contract_of(gaits, alone(policies), file, "expert")
+    (folder / CONTRACT).write_text(contract.text())
+    assert list(read_contract(folder / CONTRACT)[0].gaits) == ["trot", "pace"]
+    plain = yaml.safe_load(contract.text())
+    plain |= {key: exchanged(plain[key]) for key in keys}
+    (folder / CONTRACT).write_text(yaml.safe_dump(plain, sort_keys=False))
+    with pytest.raises(InputError, match="'digest'"):
+        read_contract(folder / CONTRACT)

@@ -29,6 +29,7 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task import gait as gaits
 from glassgait.models.task.gait import gait_lines, gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
@@ -295,3 +296,20 @@ def test_a_checker_reads_the_machine_that_a_policy_holds():
     assert machine.said["clearance"] == 0.05
     assert machine.mirrors([1, 0])
     assert np.allclose(machine.said["dwell"], TROT.dwell)
+
+
+def test_the_gait_of_a_formula_file_is_of_its_robot():
+    page = STUDENT_DIRECTORY / "go2" / "trot" / "sparse_formula.formulas"
+    for robot in (None, "go2"):
+        assert find_gait(page, robot).name == "trot"
+    with pytest.raises(InputError, match="is of robot 'go2'"):
+        find_gait(page, "a1")
+
+
+def test_the_machine_of_a_gait_that_ships_is_read_once(monkeypatch):
+    policy = load_expert("trot")
+    policy.refuse_other_machine(TROT)
+    monkeypatch.setattr(gaits, "read_text", lambda *_: pytest.fail("a file was read"))
+    policy.refuse_other_machine(TROT)
+    with pytest.raises(InputError, match="differs in 'dwell'"):
+        policy.refuse_other_machine(replace(TROT, dwell=(6, 12)))

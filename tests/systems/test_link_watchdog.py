@@ -15,9 +15,11 @@ from glassgait.models.link.watchdog import (
 )
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.day import load_day
+from glassgait.models.task.request import NO_MODE
 from glassgait.systems.link_watchdog import LinkWatchdog, pack_watch, unpack_watch
 
-A1 = load_robot()
+A1, DAY = load_robot(), load_day()
 
 
 SESSION, STEP = 9, 0.01
@@ -103,6 +105,21 @@ def test_numbers_stand_for_a_watch_and_back():
     again = unpack_watch(pack_watch(watch))
     for one, other in zip(watch, again, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(("day", "mode"), [(DAY.digest(), 3), ("another", NO_MODE), ("", NO_MODE)])
+def test_gives_the_mode_of_its_own_day_alone(day, mode):
+    system = LinkWatchdog(A1, Watchdog(), session=SESSION, time_step=STEP, day=DAY)
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    message = answer(0.0)
+    sent = message.get_mutable_value()
+    sent.mode, sent.day, sent.damped = 3, day, True
+    system.get_message_input_port().FixValue(context, message)
+    system.get_state_input_port().FixValue(context, LEVEL)
+    simulator.AdvanceTo(STEP)
+    assert system.get_followed_output_port().Eval(context)[0]
+    assert system.get_mode_output_port().Eval(context)[0] == mode
 
 
 def test_refuses_a_plant_without_steps():

@@ -96,3 +96,21 @@ def test_a_gamepad_whose_browser_is_gone_commands_nothing_until_it_reports_again
         browsers.n_browsers = 1
         latch(system, context)
         np.testing.assert_array_equal(commanded(system, context)[:2], [0.0, 0.0])
+
+
+def test_an_attended_robot_steps_on_the_spot_at_first_and_while_no_browser_is_there(
+    trot, latch, browsers
+):
+    system = MeshcatCommand(trot, browsers, attended=True)
+    context = system.CreateDefaultContext()
+    assert commanded(system, context)[:2] == [0.0, 0.0]
+    latch(system, context)
+    assert commanded(system, context)[:2] == [0.0, 0.0]
+    move(browsers, 0.5, 0.25, 8)
+    latch(system, context)
+    assert commanded(system, context)[:2] == [0.5, 0.25]
+    browsers.n_browsers = 0
+    latch(system, context)
+    browsers.n_browsers = 1
+    latch(system, context)
+    assert commanded(system, context)[:2] == [0.0, 0.0]

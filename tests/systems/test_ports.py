@@ -29,6 +29,7 @@ from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.request import RequestGate
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
@@ -131,7 +132,7 @@ PORTS: dict[Any, Ports] = {
             **{"joints": 24, "touching": 4, **COMMAND},
             **{"requested_gait": 1, "requested_mode": 1, "imu": 9},
         },
-        {"action": 12, "targets": 12, "status": 1, "damped": 1},
+        {"action": 12, "targets": 12, "status": 1, "damped": 1, "mode": 1},
     ),
     ContactSensor: Ports(
         lambda: ContactSensor(0.1), {"touching": 4, "uniform_noise": 4}, {"sensed_contact": 4}
@@ -188,14 +189,17 @@ PORTS: dict[Any, Ports] = {
     LinkWatchdog: Ports(
         lambda: LinkWatchdog(A1, Watchdog(), session=9, time_step=0.01),
         {"message": ABSTRACT, "state": 37},
-        {"targets": 12, "phase": 1, "followed": 1},
-        set(),
+        {"targets": 12, "phase": 1, "followed": 1, "mode": 1},
+        {("message", "mode")},
     ),
     MeshcatCommand: Ports(lambda meshcat: MeshcatCommand(TROT, meshcat), {}, COMMAND),
     MeshcatRequest: Ports(
-        lambda meshcat: MeshcatRequest(["up", "down"], meshcat, keys=(), by_gamepad=max),
-        {},
+        lambda meshcat: MeshcatRequest(
+            ["up", "down"], meshcat, keys=(), by_gamepad=max, gate=RequestGate(None)
+        ),
+        {"mode": 1},
         {"requested": 1},
+        set(),
     ),
     ModeMachineSystem: Ports(
         lambda: ModeMachineSystem(A1, load_day()),
@@ -305,7 +309,7 @@ PORTS: dict[Any, Ports] = {
     ),
     TargetsSender: Ports(
         lambda: TargetsSender(A1),
-        {"action": 12, "sensors": ABSTRACT, "damped": 1},
+        {"action": 12, "sensors": ABSTRACT, "damped": 1, "mode": 1},
         {"message": ABSTRACT},
     ),
     WorldState: Ports(WorldState, {"plant_state": 37}, {"state": 37}),

@@ -5,6 +5,7 @@ from pydrake.common.value import AbstractValue
 
 from glassgait.models.link.messages import sensors_t
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.request import NO_MODE
 from glassgait.systems.targets_sender import TargetsSender
 
 A1 = load_robot()
@@ -17,7 +18,7 @@ def sensors(sequence):
 
 
 def test_answers_the_sensors(fix_inputs, generator):
-    system, action = TargetsSender(A1), generator.normal(size=12, scale=5.0)
+    system, action = TargetsSender(A1, day="d1"), generator.normal(size=12, scale=5.0)
     context = fix_inputs(system, action=action)
     system.get_sensors_input_port().FixValue(context, sensors(5))
     clone = context.Clone()
@@ -27,6 +28,8 @@ def test_answers_the_sensors(fix_inputs, generator):
     np.testing.assert_array_equal(message.joint_position, A1.joint_targets(action, limited=True))
     assert system.get_message_output_port().Eval(clone).sequence == 6
     assert not message.damped
-    fix_inputs(system, clone, damped=1.0)
+    assert (message.mode, message.day) == (NO_MODE, "d1")
+    fix_inputs(system, clone, damped=1.0, mode=4.0)
+    assert system.get_message_output_port().Eval(clone).mode == 4
     assert system.get_message_output_port().Eval(clone).damped
     assert not system.get_message_output_port().Eval(context).damped

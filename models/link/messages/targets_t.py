@@ -10,11 +10,11 @@ import struct
 class targets_t(object):
     """ Where the joints are to go: the answer to one sensors_t. """
 
-    __slots__ = ["session", "sequence", "utime", "joint_position", "damped"]
+    __slots__ = ["session", "sequence", "utime", "joint_position", "damped", "mode", "day"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "boolean"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "boolean", "int32_t", "string"]
 
-    __dimensions__ = [None, None, None, [12], None]
+    __dimensions__ = [None, None, None, [12], None, None, None]
 
     def __init__(self):
         self.session = 0
@@ -48,6 +48,18 @@ class targets_t(object):
         LCM Type: boolean
         """
 
+        self.mode = 0
+        """
+        Number of the mode of its day that the controller is in; of one without a day -1.
+        LCM Type: int32_t
+        """
+
+        self.day = ""
+        """
+        Digest of that day, as a contract holds it; empty of a controller without a day.
+        LCM Type: string
+        """
+
 
     def encode(self):
         buf = BytesIO()
@@ -58,7 +70,11 @@ class targets_t(object):
     def _encode_one(self, buf):
         buf.write(struct.pack(">qqq", self.session, self.sequence, self.utime))
         buf.write(struct.pack('>12d', *self.joint_position[:12]))
-        buf.write(struct.pack(">b", self.damped))
+        buf.write(struct.pack(">bi", self.damped, self.mode))
+        __day_encoded = self.day.encode('utf-8')
+        buf.write(struct.pack('>I', len(__day_encoded)+1))
+        buf.write(__day_encoded)
+        buf.write(b"\0")
 
     @staticmethod
     def decode(data: bytes):
@@ -76,12 +92,15 @@ class targets_t(object):
         self.session, self.sequence, self.utime = struct.unpack(">qqq", buf.read(24))
         self.joint_position = struct.unpack('>12d', buf.read(96))
         self.damped = bool(struct.unpack('b', buf.read(1))[0])
+        self.mode = struct.unpack(">i", buf.read(4))[0]
+        __day_len = struct.unpack('>I', buf.read(4))[0]
+        self.day = buf.read(__day_len)[:-1].decode('utf-8', 'replace')
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if targets_t in parents: return 0
-        tmphash = (0x92b4956f8dc46e59) & 0xffffffffffffffff
+        tmphash = (0x7c3a899638b0dee1) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

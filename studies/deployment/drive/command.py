@@ -3,7 +3,7 @@
 import time
 from abc import abstractmethod
 from contextlib import ExitStack, nullcontext
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, ClassVar, Literal
@@ -26,6 +26,7 @@ from glassgait.diagrams.unitree_controller_end import UnitreeControllerEnd
 from glassgait.diagrams.unitree_robot_end import UnitreeRobotEnd
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError, shown
+from glassgait.models.export.contract import Contract
 from glassgait.models.link.channels import LinkSettings
 from glassgait.models.link.dds import (
     STATES,
@@ -42,13 +43,14 @@ from glassgait.models.policies.library import find_gait
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.command import Command
-from glassgait.models.task.day import REQUESTS, load_day
+from glassgait.models.task.command import Command, check_command
+from glassgait.models.task.day import REQUESTS, day_of, load_day
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.request import RequestGate
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.play import Steps, first_interrupt, pusher
-from glassgait.studies.common.policies import OneGait
+from glassgait.studies.common.policies import EXPERT, OneGait, find_policies
 from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table
@@ -72,13 +74,21 @@ PATIENCE = 2.0
 
 
 @dataclass(frozen=True)
-class DriveController(OneGait):
+class DriveController(Settings):
     """Answer what a robot in another process senses, until Ctrl-C.
 
     Attributes:
-        policy: `expert`, a kind of student, or the path of a policy file.
+        gait: Name of a gait, or path of a gait file; `trot` by default. Of a contract of several
+            gaits, the one that runs; where the remote or Meshcat commands, the first one does by
+            default, until R1, L1 or a button changes it.
+        policy: `expert`, which is the default, a kind of student, or the path of a policy file.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies, or of
+            the contract.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         day: The robot's day, in some of whose modes the policy acts: `day`, which ships, or path of
-            a day's file; by default the policy always acts.
+            a day's file; by default the policy always acts. Beside a contract, the file of its day,
+            where that does not ship.
         contract: A `deploy.yaml` that `export` wrote: the C file beside it is compiled, and acts in
             place of a gait and a policy of Python's. Only take one that you trust: it is a program.
         wire: `lcm`, or `unitree` for Unitree's own messages over DDS, by which this end drives the
@@ -98,7 +108,10 @@ class DriveController(OneGait):
 
     title: ClassVar[str] = "drive controller"
 
-    policy: str = "expert"
+    gait: str | None = None
+    policy: str | None = None
+    robot: str | None = None
+    source: Path | None = None
     day: str | None = None
     contract: Path | None = None
     wire: Wire = "lcm"
@@ -115,7 +128,11 @@ class DriveController(OneGait):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.contract is not None:
-            self._refuse_beside_contract()
+            for name in ("policy", "source"):
+                if getattr(self, name) is not None:
+                    raise InputError(
+                        f"{self.title}: {name} is the contract's; leave --{name} out, or --contract"
+                    )
         if self.wire == "lcm" and self.look:
             raise InputError(f"{self.title}: look is for Unitree's wire; add --wire unitree")
         commanded = self.command != OwnCommand() or self.request is not None
@@ -137,27 +154,14 @@ class DriveController(OneGait):
                 "--command and --request out"
             )
 
-    def _refuse_beside_contract(self) -> None:
-        defaults = {own.name: own.default for own in fields(type(self))}
-        for name in ("gait", "policy", "day", "source"):
-            if getattr(self, name) != defaults[name]:
-                raise InputError(
-                    f"{self.title}: {name} is the contract's; leave --{name} out, or --contract"
-                )
-
     def run(self) -> None:
         """Answers, and reports what was counted."""
         with ExitStack() as stack:
             if self.contract is None:
-                found = self.policies()
-                policy = found.controller(self.policy)
-                day = None if self.day is None else load_day(self.day)
-                acting = PolicyActing(policy.robot, found.gait, policy, day)
-                shown = f"{found.gait.name}, {self.policy}"
+                acting, shown = self._policy()
             else:
                 folder = Path(stack.enter_context(TemporaryDirectory()))
-                acting = self._compiled(self.contract, folder)
-                shown = str(self.contract)
+                acting, shown = self._compiled(self.contract, folder), str(self.contract)
             if self.look:
                 self._look(acting.robot)
                 return
@@ -167,25 +171,68 @@ class DriveController(OneGait):
                 record = control(controller, interrupted)
         print_table(f"{shown}: the controller", _table(record))
 
+    def _policy(self) -> tuple[PolicyActing, str]:
+        """Finds the policy that acts, and what it is called."""
+        gait = find_gait(OneGait.gait if self.gait is None else self.gait, self.robot)
+        found = find_policies(gait, self.source, self.robot)
+        name = self.policy or EXPERT
+        policy = found.controller(name)
+        day = None if self.day is None else load_day(self.day)
+        return PolicyActing(policy.robot, gait, policy, day), f"{gait.name}, {name}"
+
     def _compiled(self, contract: Path, folder: Path) -> CompiledActing:
         """Loads the controller of a contract; its compiled file goes into a folder."""
         asked = None if self.robot is None else load_robot(self.robot)
         found, compiled, robot = load_contract(contract, folder, asked)
+        self._refuse_other_than(found)
         say(f"{contract}: is the {robot.full_name}'s, {found.policy} of {', '.join(found.gaits)}")
-        return CompiledActing(robot, compiled, found)
+        day = day_of(found.day) if self.day is None else load_day(self.day)
+        if compiled.has_day and day is None and (self.remote or self.meshcat):
+            say(
+                "its day does not ship, so every request is taken once the robot follows; name its "
+                "file with --day"
+            )
+        return CompiledActing(robot, compiled, found, day)
+
+    def _refuse_other_than(self, found: Contract) -> None:
+        """Refuses a gait or a day that is not the contract's, and several gaits of which none is
+        chosen, where one is to run."""
+        given = None if self.gait is None else find_gait(self.gait, self.robot or found.robot)
+        if given is not None and found.gaits.get(given.name) != given.digest():
+            raise InputError(
+                f"{self.title}: gait {shown(self.gait)} is not the contract's; leave --gait out, "
+                f"or name {' or '.join(found.gaits)}"
+            )
+        if self.day is not None and load_day(self.day).digest() != found.day:
+            raise InputError(
+                f"{self.title}: day {shown(self.day)} is not the contract's; leave --day out, or "
+                "--contract"
+            )
+        chosen = given is not None or self.remote or self.meshcat
+        if len(found.gaits) > 1 and not (chosen or self.look):
+            raise InputError(
+                f"{self.title}: the contract has several gaits; name the one that is to run, with "
+                f"--gait {' or '.join(found.gaits)}, or change them over Unitree's wire, with "
+                "--remote or --meshcat"
+            )
 
     def _end(self, acting: Acting) -> tuple[AnsweringEnd, str]:
         """Returns the controller's end, and where it listens."""
         if self.wire == "lcm":
-            lcm = open_lcm(self.link)
-            return ControllerEnd(acting, lcm, self.link.names), self.link.names.sensors
+            lcm, gait = open_lcm(self.link), self._gait_of(acting)
+            return ControllerEnd(acting, lcm, self.link.names, gait=gait), self.link.names.sensors
+        operator = self._operator(acting)
         end = UnitreeControllerEnd(
             acting,
             open_controllers_end(self.dds),
-            operator=self._operator(acting),
+            operator=operator,
             supervision=self.supervision,
         )
         return end, f"{STATES} of domain {self.dds.domain} at {self.dds.interface}"
+
+    def _gait_of(self, acting: Acting) -> int:
+        """Returns the number of the gait that runs at first."""
+        return 0 if self.gait is None else acting.gaits.index(find_gait(self.gait).name)
 
     def _look(self, robot: Robot) -> None:
         endpoint = open_controllers_end(self.dds)
@@ -198,21 +245,27 @@ class DriveController(OneGait):
         """Returns what asks the robot.
 
         Raises:
-            InputError: if a mode is requested of a controller without a day.
+            InputError: if a mode is requested of a controller without a day, or the command is
+                beyond the gait's range.
         """
+        check_command(acting.limits, ", ".join(acting.gaits), **self.command.given)
         if self.request is not None and not acting.has_day:
             raise InputError(f"{self.title}: a request is of a day; add --day day, or leave it out")
+        gate = RequestGate(acting.day) if acting.has_day else None
+        gait = self._gait_of(acting)
         if self.meshcat:
             meshcat = open_meshcat()
             say(f"open {meshcat.web_url()}, and steer under 'Open Controls'")
-            return MeshcatOperator(acting.limits, meshcat, requests=acting.has_day)
+            return MeshcatOperator(acting.limits, meshcat, gaits=acting.gaits, gait=gait, gate=gate)
         own = self.command
         dwell = float(sum(acting.limits.dwell) // 2 if own.dwell is None else own.dwell)
         if self.remote:
-            return RemoteOperator(acting.limits, self.sticks, dwell)
+            n_gaits = len(acting.gaits)
+            return RemoteOperator(acting.limits, self.sticks, dwell, n_gaits, gate, gait=gait)
         velocity = np.array([own.speed or 0.0, own.yaw_rate or 0.0])
-        asked = Asked(Command(velocity, np.array(dwell)), REQUESTS.index(self.request or "stand"))
-        return lambda _: asked
+        requested = REQUESTS.index(self.request or "stand")
+        asked = Asked(Command(velocity, np.array(dwell)), requested, gait)
+        return lambda *_: asked
 
 
 @dataclass(frozen=True)
@@ -270,6 +323,10 @@ class DriveSimulator(Settings):
                 f"{self.title}: over Unitree's wire the controller's end has the command and the "
                 "day; give them there, or --wire lcm here"
             )
+        if self.meshcat and self.command != OwnCommand():
+            raise InputError(
+                f"{self.title}: commands come from Meshcat; leave --meshcat or --command out"
+            )
         if self.request is not None and (self.day is None or self.meshcat):
             raise InputError(
                 f"{self.title}: a request is of a day, and not of Meshcat's buttons; add --day day "
@@ -278,11 +335,11 @@ class DriveSimulator(Settings):
 
     def run(self) -> None:
         """Simulates, and reports what was counted."""
-        gait, scenario = find_gait(self.gait), load_scenario(self.scenario)
+        gait, scenario = find_gait(self.gait, self.robot), load_scenario(self.scenario)
         if self.robot is not None:
             scenario = replace(scenario, robot=self.robot)
         if self.wire == "lcm":
-            sliders = replace(scenario, command=SliderCommand())
+            sliders = replace(scenario, command=SliderCommand(attended=True))
             scenario = sliders if self.meshcat else self.command.over(scenario)
         inputs = {"gait": gait.digest(), "world": scenario.digest()}
         opened = (
