@@ -1,4 +1,4 @@
-"""A walking robot in Meshcat, with its command and, beside it, a translucent ghost."""
+"""A walking robot in Meshcat, with its shadow and command and, beside it, a translucent ghost."""
 
 import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, MeshcatVisualizer, Rgba
@@ -6,16 +6,19 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.posed_robots import AddPosedRobots, paint
+from glassgait.diagrams.shadows import Shadows
 from glassgait.diagrams.visualization import draw_ground
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import PLANE, Terrain
 from glassgait.systems.gait_display import WORLD_PATH, GaitDisplay
 
 GHOST_PATH = f"{WORLD_PATH}/visualizer/ghost"
 ARROW_PATH = "command"
+SHADOW_PATH, GHOST_SHADOW_PATH = "shadow", "ghost_shadow"
 
 LANE = 0.6
 """How far to the robot's left the ghost is drawn (m)."""
@@ -73,7 +76,11 @@ class LiveDisplay:
         color = Rgba(0.0, 0.45, 0.70, 1.0)
         meshcat.SetObject(f"{ARROW_PATH}/shaft", Cylinder(0.008, 1.0), color)
         meshcat.SetObject(f"{ARROW_PATH}/tip", MeshcatCone(0.06, 0.025, 0.025), color)
-        meshcat.SetTransform(GHOST_PATH, RigidTransform([0.0, LANE, 0.0]))
+        self._ground = Ground([terrain])
+        paths = (SHADOW_PATH, GHOST_SHADOW_PATH)
+        self._shadows = [Shadows(meshcat, path, robot, terrain=terrain) for path in paths]
+        for path in (GHOST_PATH, GHOST_SHADOW_PATH):
+            meshcat.SetTransform(path, RigidTransform([0.0, LANE, 0.0]))
 
     def show(
         self,
@@ -93,14 +100,20 @@ class LiveDisplay:
             command: Forward speed and yaw rate (2; m/s, rad/s).
             ghost: The ghost's state x (37); none where there is no ghost.
         """
+        # Ground that repeats is laid around its middle period alone.
+        away = self._ground.periods(state)
+        state, beside = (_moved(own, -away) for own in (state, state if ghost is None else ghost))
         given = {"state": state, "rm_state": rm_state, "foot_contact": foot_contact}
         for name, value in given.items():
             self._inputs[name].FixValue(self._context, value)
-        shown = (state, state if ghost is None else ghost)
-        for instance, own in zip(self._instances, shown, strict=True):
+        for instance, shadow, own in zip(
+            self._instances, self._shadows, (state, beside), strict=True
+        ):
             self._plant.SetPositions(self._own, instance, own[: quadruped.N_POSITIONS])
+            shadow.show(own)
         self._diagram.ForcedPublish(self._context)
-        self._meshcat.SetProperty(GHOST_PATH, "visible", ghost is not None)
+        for path in (GHOST_PATH, GHOST_SHADOW_PATH):
+            self._meshcat.SetProperty(path, "visible", ghost is not None)
         self._point(state, command)
 
     def _point(self, state: Array, command: Array) -> None:
@@ -126,3 +139,9 @@ class LiveDisplay:
             along @ RotationMatrix.MakeXRotation(np.pi), base + (length + 0.06) * direction
         )
         self._meshcat.SetTransform(f"{ARROW_PATH}/tip", tip)
+
+
+def _moved(state: Array, offset: Array) -> Array:
+    moved = state.copy()
+    moved[quadruped.POSITION] += offset
+    return moved

@@ -50,13 +50,23 @@ def save_replay(
 def replay_page(meshcat: Meshcat) -> str:
     """Returns what Meshcat shows as a page that opens without a server.
 
+    Its language and its controls are named, for those who hear a page.
+
     A page around it may ask for a moment: by the message `{replay: seconds}`. Browsers let pages of
     other files send messages, and nothing else.
     """
     page, end = meshcat.StaticHtml(), "</body>"
+    for plain, named in _NAMED:
+        page = page.replace(plain, named, 1)
     start = page.rindex(end) if end in page else len(page)
     return f"{page[:start]}{_FOLLOWING}{page[start:]}"
 
+
+_NAMED = (
+    ("<html>", '<html lang="en">'),
+    ("<title>", '<meta name="viewport" content="width=device-width, initial-scale=1"><title>'),
+    ("Drake MeshCat", "Replay"),
+)
 
 _FOLLOWING = """<script>
 window.addEventListener("message", event => {
@@ -70,5 +80,19 @@ if (window.parent !== window) {
   const announce = () => window.parent.postMessage({replay: "ready"}, "*");
   for (const wait of [0, 400, 1500, 4000]) setTimeout(announce, wait);
 }
+else if (matchMedia("(prefers-reduced-motion: reduce)").matches)
+  for (const wait of [0, 400, 1500]) setTimeout(() => viewer.animator?.pause(), wait);
+// A control is called by the words of its line, or of the folder that it stands in.
+const label = () => {
+  for (const own of document.querySelectorAll(".dg :is(input, select):not([aria-label])")) {
+    const line = own.closest("li")?.querySelector(".property-name, .title");
+    const words = line ?? own.closest(".dg")?.querySelector(".title");
+    own.setAttribute("aria-label", words?.textContent.trim() || "control of the replay");
+  }
+};
+addEventListener("load", () => {
+  label();
+  new MutationObserver(label).observe(document.body, {childList: true, subtree: true});
+});
 </script>
 """

@@ -132,11 +132,9 @@ class Work:
         """Whether more is to come, as far as `look` has seen."""
         return not self._ended
 
-    def look(self) -> bool:
-        """Takes what has come, without waiting; returns whether anything has."""
-        any_new = False
+    def look(self) -> None:
+        """Takes what has come, without waiting."""
         while not self._ended and self._receiver.poll():
-            any_new = True
             try:
                 kind, value = self._receiver.recv()
             except EOFError:
@@ -148,7 +146,6 @@ class Work:
                 else:
                     self.problem = value
                     self._end()
-        return any_new
 
     def stop(self) -> None:
         """Ends it, if it runs."""

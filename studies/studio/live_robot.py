@@ -1,11 +1,12 @@
 """A robot that walks at real time in a thread of its own, and a ghost that walks beside it."""
 
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -29,6 +30,9 @@ SHOWN_EVERY = 2
 
 FALLEN_SECONDS = 1.0
 """Time that a robot lies before both are put back on their feet (s)."""
+
+MOST_SCENARIOS = 64
+"""Scenarios whose diagrams are kept: of both robots they take about 4 MiB each."""
 
 PATIENCE = 0.25
 """Lag (s) beyond which lost time is not caught up with: the robot goes on from now."""
@@ -103,7 +107,8 @@ class LiveRobot:
         self._moments: deque[Moment] = deque(maxlen=KEPT)
         self._fallen_at: int | None = None
         self._built: dict[tuple[Scenario, int], SteeredRobot] = {}
-        self._steps_asked = 0
+        self._known = {scenario}
+        self._steps_asked, self._stops_at = 0, math.inf
         self._meshcat: Meshcat | None = None
         self._display: LiveDisplay | None = None
         self.address: Future[str] = Future()
@@ -132,13 +137,17 @@ class LiveRobot:
         self._asked.append(act)
         self._woken.set()
 
-    def steer(self, steering: FixedCommand) -> None:
-        """Commands both robots from the next control step on."""
+    def steer(self, steering: FixedCommand, *, lasts: float = math.inf) -> None:
+        """Commands both robots from the next control step on.
+
+        Args:
+            steering: The command.
+            lasts: Time after which both stop, unless they were commanded again (s).
+        """
 
         def act() -> None:
-            self.steering = steering
-            for robot in self._robots:
-                robot.steer(steering)
+            self._stops_at = self._clock() + lasts
+            self._steer(steering)
 
         self.ask(act)
 
@@ -170,7 +179,18 @@ class LiveRobot:
         self.ask(act)
 
     def restart(self, scenario: Scenario | None = None) -> None:
-        """Puts both back on their feet, in another scenario if one is given."""
+        """Puts both back on their feet, in another scenario if one is given.
+
+        Raises:
+            InputError: if diagrams of as many scenarios are kept as may be.
+        """
+        if scenario is not None and scenario not in self._known:
+            if len(self._known) >= MOST_SCENARIOS:
+                raise InputError(
+                    f"the studio keeps {MOST_SCENARIOS} slopes and latencies, and no more; go back "
+                    "to one of them, or start it anew"
+                )
+            self._known.add(scenario)
         self.ask(lambda: self._begin(scenario or self.scenario))
 
     def set_ghost(self, walks: bool) -> None:
@@ -200,6 +220,11 @@ class LiveRobot:
         if scenario != self.scenario:
             self._display = None
         self.scenario, self._fallen_at = scenario, None
+
+    def _steer(self, steering: FixedCommand) -> None:
+        self.steering = steering
+        for robot in self._robots:
+            robot.steer(steering)
 
     def _robot(self, scenario: Scenario, own: int) -> SteeredRobot:
         """Returns the robot of a controller in a scenario, which is built only once.
@@ -255,6 +280,9 @@ class LiveRobot:
                 self._halt(error)
 
     def _advance(self) -> None:
+        if self._clock() >= self._stops_at:
+            self._stops_at = math.inf
+            self._steer(replace(self.steering, speed=0.0, yaw_rate=0.0))
         if self._fallen_at is not None:
             if self.count.steps - self._fallen_at >= FALLEN_SECONDS / CONTROL_PERIOD:
                 self._seed += 1

@@ -1,14 +1,18 @@
 """What a page may ask for: each message is checked before anything is done."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from annotated_types import Ge, Le, MaxLen
+from annotated_types import Ge, Le, Lt, MaxLen
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.robots import quadruped
 from glassgait.models.settings import Settings
 
 Name = Annotated[str, MaxLen(80)]
+
+MOST_AXES = 32
+"""Axes that a gamepad may have; browsers report the sticks first."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,24 @@ class Choose(Settings):
     title: ClassVar[str] = "choose"
 
     place: Annotated[int, Ge(0)]
+
+
+@dataclass(frozen=True)
+class Joint(Settings):
+    """Draw another joint in the browser that asks, where there are no formulas."""
+
+    title: ClassVar[str] = "joint"
+
+    joint: Annotated[int, Ge(0), Lt(quadruped.N_JOINTS)]
+
+
+@dataclass(frozen=True)
+class Shown(Settings):
+    """Say that the page has taken what it was sent, up to a message of this number."""
+
+    title: ClassVar[str] = "shown"
+
+    number: Annotated[int, Ge(0)]
 
 
 @dataclass(frozen=True)
@@ -74,6 +96,19 @@ class Steer(Settings):
 
 
 @dataclass(frozen=True)
+class Gamepad(Settings):
+    """Command the robot by a gamepad, for a moment.
+
+    Attributes:
+        axes: Its axes, -1 to 1; none where the gamepad is gone, which is then untouched.
+    """
+
+    title: ClassVar[str] = "gamepad"
+
+    axes: Annotated[tuple[float, ...], MaxLen(MOST_AXES)]
+
+
+@dataclass(frozen=True)
 class Push(Settings):
     """Push the trunk: where to (°, 0 ahead, 90 to the left), and how much (m/s)."""
 
@@ -123,15 +158,22 @@ class Act(Settings):
 
 
 Message = (
-    Choose | Coefficient | Number | Switch | Steer | Push | Surroundings | Ghost | Evaluate | Act
+    Choose
+    | Joint
+    | Shown
+    | Coefficient
+    | Number
+    | Switch
+    | Steer
+    | Gamepad
+    | Push
+    | Surroundings
+    | Ghost
+    | Evaluate
+    | Act
 )
 
-_KINDS: dict[str, type[Settings]] = {
-    kind.title: kind
-    for kind in (
-        Choose, Coefficient, Number, Switch, Steer, Push, Surroundings, Ghost, Evaluate, Act,
-    )
-}  # fmt: skip
+_KINDS: dict[str, type[Settings]] = {kind.title: kind for kind in get_args(Message)}
 
 
 def read_message(values: Any) -> Message:

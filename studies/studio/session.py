@@ -8,7 +8,7 @@ from math import isfinite
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.expression import LARGEST
-from glassgait.models.formulas.file import write_formulas
+from glassgait.models.formulas.file import FormulaFile, write_formulas
 from glassgait.models.formulas.numbers import FileNumbers
 from glassgait.models.formulas.text import written_number
 
@@ -50,6 +50,7 @@ class EditSession:
         self._versions = [Version(numbered.start)]
         self._at = 0
         self._dragged: int | None = None
+        self._file = numbered.start, numbered.file
 
     @property
     def version(self) -> Version:
@@ -142,11 +143,18 @@ class EditSession:
         pairs = enumerate(zip(self.numbers, self.numbered.start, strict=True))
         return tuple(index for index, (now, before) in pairs if now != before)
 
+    def file(self) -> FormulaFile:
+        """Returns the file with the numbers that count."""
+        numbers, file = self._file
+        if numbers != self.numbers:
+            numbers = self.numbers
+            file = self.numbered.replaced(numbers)
+            self._file = numbers, file
+        return file
+
     def written(self) -> str:
         """Returns the text of the file with the numbers that count."""
-        if not self.is_changed:
-            return self.text
-        return write_formulas(self.numbered.replaced(self.numbers))
+        return write_formulas(self.file()) if self.is_changed else self.text
 
     def digest(self) -> str:
         """Returns the SHA-256 of that text, as certificates name it."""

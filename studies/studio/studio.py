@@ -21,7 +21,10 @@ from glassgait.models.certificates.certificate import (
 )
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, write_atomically
+from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.numbers import FileNumbers
+from glassgait.models.link.gamepad import read_gamepad
+from glassgait.models.link.remote import Remote, Sticks, remote_command
 from glassgait.models.policies.adjustable import AdjustablePolicy
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -33,6 +36,7 @@ from glassgait.studies.studio.messages import (
     Choose,
     Coefficient,
     Evaluate,
+    Gamepad,
     Ghost,
     Message,
     Number,
@@ -43,6 +47,9 @@ from glassgait.studies.studio.messages import (
 )
 from glassgait.studies.studio.session import EditSession
 from glassgait.studies.studio.terms import Term, TermReader
+
+GAMEPAD_HOLDS = 0.5
+"""Time after which robots stop that a gamepad commands, unless it does so again (s)."""
 
 AT_REST = 0.4
 """Time after the last change of a number from which on the whole file is looked at (s)."""
@@ -56,7 +63,6 @@ class Studio:
         original: The controller as it was found, which the ghost acts by.
         robot: The robot that walks.
         session: The edits; none where the policy is not made of formulas.
-        changes: Counts up with everything that a page shows besides the robot itself.
     """
 
     def __init__(
@@ -87,8 +93,8 @@ class Studio:
         """
         self.gait, self.original, self.file, self._folder = gait, controller, file, folder
         self._clock, self._changed_at = clock, -math.inf
-        self.changes = 0
         self.notice: str | None = None
+        self._gamepad_commands = False
         self.saved: Path | None = None
         self.verification: Work | None = None
         self.evaluation: Work | None = None
@@ -124,13 +130,15 @@ class Studio:
         Raises:
             InputError: if it cannot be done.
         """
-        self.changes += 1
-        self.notice = None
+        if not isinstance(message, Gamepad):
+            self.notice = None
         match message:
             case Steer(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
                 command = FixedCommand(speed, yaw_rate, round(dwell))
                 command.check(self.gait)
                 self.robot.steer(command)
+            case Gamepad(axes=axes):
+                self._steer_by(read_gamepad(axes, ()))
             case Push(angle=angle, speed=speed):
                 turned = math.radians(angle)
                 self.robot.push(speed * np.array([math.cos(turned), math.sin(turned), 0.0]))
@@ -154,8 +162,8 @@ class Studio:
     def look(self) -> None:
         """Takes what work in the background has found since."""
         for work in (self.verification, self.evaluation, self._baseline_work):
-            if work is not None and work.look():
-                self.changes += 1
+            if work is not None:
+                work.look()
         done = self._baseline_work
         if done is not None and not done.runs:
             self._baseline_work = None
@@ -199,6 +207,19 @@ class Studio:
     def numbered(self) -> FileNumbers:
         """Returns the file, and where its numbers stand."""
         return self._session().numbered
+
+    def file_now(self) -> FormulaFile:
+        """Returns the file with the numbers that count."""
+        return self._session().file()
+
+    def _steer_by(self, held: Remote) -> None:
+        """Commands what a gamepad does that is touched, and a stop once it no longer is."""
+        dwell = self.robot.steering.dwell
+        speed, yaw_rate = remote_command(held, self.gait, Sticks(), dwell).velocity.tolist()
+        touched = speed != 0.0 or yaw_rate != 0.0
+        if touched or self._gamepad_commands:
+            self.robot.steer(FixedCommand(speed, yaw_rate, dwell), lasts=GAMEPAD_HOLDS)
+        self._gamepad_commands = touched
 
     def _session(self) -> EditSession:
         if self.session is None:

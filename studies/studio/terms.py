@@ -11,7 +11,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression, variable
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.numbers import FileNumbers
-from glassgait.models.formulas.text import write_formula
+from glassgait.models.formulas.text import write_formula, written_number
 from glassgait.models.policies.adjustable import AdjustablePolicy
 from glassgait.models.policies.symbolic import factors_of
 from glassgait.models.robots import quadruped
@@ -182,7 +182,9 @@ def _own(term: Term, uses: Mapping[int, int]) -> int | None:
 
 
 def _split(part: Expression, numbered: FileNumbers) -> Term:
-    first, symbols = numbered.n_symbols, _symbols(numbered)
+    first = numbered.n_symbols
+    # Numbers inside of a factor, such as of a sine, stay as they are.
+    symbols = (*numbered.file.vocabulary.symbols, *map(written_number, numbered.start))
     sign, numbers, factors = 1.0, [], []
     for factor in factors_of(part):
         if factor.operator == "constant":

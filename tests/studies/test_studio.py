@@ -1,19 +1,27 @@
 """The studio without a browser: edits, terms, the live robot, messages and background work."""
 
+import asyncio
 import builtins
 import json
+import re
 import sys
 import time
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.adjustable import AdjustablePolicy
-from glassgait.models.policies.library import load_policy, load_student
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
@@ -21,14 +29,16 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.studio import background
+from glassgait.studies.studio import background, live_robot
 from glassgait.studies.studio.background import Work, counted, proved
 from glassgait.studies.studio.messages import (
     Act,
     Choose,
     Coefficient,
     Evaluate,
+    Gamepad,
     Ghost,
+    Message,
     Number,
     Push,
     Steer,
@@ -38,9 +48,9 @@ from glassgait.studies.studio.messages import (
 )
 from glassgait.studies.studio.session import EditSession
 from glassgait.studies.studio.steered_robot import SteeredRobot, initial_command
-from glassgait.studies.studio.studio import Studio
+from glassgait.studies.studio.studio import GAMEPAD_HOLDS, Studio
 from glassgait.studies.studio.terms import GROUPS, Acting, TermReader, in_groups, open_texts
-from glassgait.studies.studio.views import file_view, frame, panel, setup, status
+from glassgait.studies.studio.views import file_view, formula_view, frame, panel, setup, status
 
 STANDING = Scenario(command=FixedCommand(0.0, 0.0, 8))
 
@@ -292,6 +302,58 @@ def test_a_push_to_the_left_moves_the_robot_to_the_left(studio):
     assert after - before > 0.03
 
 
+STICKS = {"left forward": (0.0, -1.0, 0.0, 0.0), "right to the right": (0.0, 0.0, 1.0, 0.0)}
+
+
+def test_a_gamepad_commands_as_the_robots_remote_does(studio):
+    gait = studio.gait
+    for held, command in (
+        ("left forward", (gait.max_speed, 0.0)),
+        ("right to the right", (0.0, -gait.max_yaw_rate)),
+    ):
+        studio.handle(Gamepad(axes=STICKS[held]))
+        walk(studio, 1)
+        steering = studio.robot.steering
+        assert (steering.speed, steering.yaw_rate) == pytest.approx(command)
+        assert status(studio)["steering"]["speed"] == steering.speed
+    dwell = studio.robot.steering.dwell
+    assert dwell == initial_command(gait).dwell
+
+
+@pytest.mark.parametrize("axes", [(), (0.0, 0.0, 0.0, 0.0), (0.05, -0.09, 0.09, 0.0)])
+def test_a_gamepad_that_is_let_go_or_gone_stops_the_robot(studio, axes):
+    studio.handle(Gamepad(axes=STICKS["left forward"]))
+    walk(studio, 1)
+    studio.handle(Gamepad(axes=axes))
+    walk(studio, 1)
+    assert (studio.robot.steering.speed, studio.robot.steering.yaw_rate) == (0.0, 0.0)
+
+
+def test_a_gamepad_that_rests_leaves_the_sliders_command(studio):
+    studio.handle(Steer(speed=0.4, yaw_rate=0.1, dwell=8.0))
+    studio.handle(Gamepad(axes=(0.02, -0.03, 0.0, 0.0)))
+    walk(studio, 1)
+    assert studio.robot.steering == FixedCommand(0.4, 0.1, 8)
+
+
+def test_a_gamepad_that_is_not_heard_of_any_more_stops_the_robot(studio):
+    """Its browser may have been closed, or its machine may sleep."""
+    now = [0.0]
+    studio.robot._clock = lambda: now[0]
+    studio.handle(Gamepad(axes=STICKS["left forward"]))
+    walk(studio, 5)
+    now[0] = GAMEPAD_HOLDS - 0.01
+    walk(studio, 1)
+    assert studio.robot.steering.speed == studio.gait.max_speed
+    now[0] = GAMEPAD_HOLDS
+    walk(studio, 1)
+    assert studio.robot.steering == replace(initial_command(studio.gait), speed=0.0)
+    studio.handle(Steer(speed=0.4, yaw_rate=0.0, dwell=8.0))
+    now[0] = 100.0
+    walk(studio, 1)
+    assert studio.robot.steering.speed == 0.4
+
+
 def test_commands_are_followed(studio):
     studio.handle(Steer(speed=0.8, yaw_rate=0.0, dwell=8.0))
     moments = walk(studio, 150)
@@ -377,6 +439,17 @@ def test_surroundings_change(studio):
     assert studio.robot.latest(1)[0].robot.step == 2
 
 
+def test_as_many_surroundings_are_kept_as_may_be(studio, monkeypatch):
+    monkeypatch.setattr(live_robot, "MOST_SCENARIOS", 3)
+    for slope in (4.0, 8.0):
+        studio.handle(Surroundings(slope=slope, latency=0.0))
+    with pytest.raises(InputError, match="keeps 3 slopes and latencies"):
+        studio.handle(Surroundings(slope=12.0, latency=0.0))
+    studio.handle(Surroundings(slope=4.0, latency=0.0))
+    walk(studio, 1)
+    assert studio.robot.scenario.station.terrain.slope == 4.0
+
+
 def test_the_robot_keeps_real_time_and_counts_what_is_late(found, tmp_path):
     now = [0.0]
 
@@ -426,11 +499,73 @@ def test_a_steered_robot_begins_as_the_diagram_does(found):
         {"kind": "act", "what": "save", "path": "/etc/passwd"},
         {"kind": "evaluate", "scenarios": ["a" * 1000]},
         {"kind": "surroundings", "slope": 89, "latency": 0},
+        {"kind": "gamepad"},
+        {"kind": "gamepad", "axes": [0.0, "x"]},
+        {"kind": "gamepad", "axes": [float("nan")]},
+        {"kind": "gamepad", "axes": [0.0] * 1000},
+        {"kind": "joint", "joint": 12},
+        {"kind": "shown", "number": -1},
+        {"kind": "joint", "joint": float("inf")},
     ],
 )
 def test_malformed_messages_are_refused(values):
     with pytest.raises(InputError):
         read_message(values)
+
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=8,
+)
+FIELDS = st.fixed_dictionaries(
+    {"kind": st.sampled_from([kind.title for kind in get_args(Message)])},
+    optional={
+        name: st.one_of(st.integers(-5, 50), st.floats(), st.booleans(), PLAIN)
+        for kind in get_args(Message)
+        for name in kind.__dataclass_fields__
+    },
+)
+
+
+@given(values=PLAIN | FIELDS)
+def test_whatever_a_page_sends_is_a_message_or_is_refused(values):
+    try:
+        message = read_message(values)
+    except InputError:
+        return
+    assert isinstance(message, get_args(Message))
+
+
+FINITE = st.floats(-1e30, 1e30)
+
+
+@pytest.fixture(scope="module")
+def messaged(found, tmp_path_factory):
+    made = make_studio(found, tmp_path_factory.mktemp("messaged"), "sparse_formula")
+    yield made
+    made.stop()
+
+
+@given(
+    message=st.one_of(
+        st.builds(Gamepad, axes=st.lists(FINITE, max_size=32).map(tuple)),
+        st.builds(Steer, speed=FINITE, yaw_rate=FINITE, dwell=FINITE),
+        st.builds(Coefficient, term=st.integers(0, 60), value=FINITE, goes_on=st.booleans()),
+        st.builds(Number, index=st.integers(0, 2000), value=FINITE),
+        st.builds(Switch, term=st.integers(0, 60), on=st.booleans()),
+        st.builds(Choose, place=st.integers(0, 40)),
+        st.builds(Act, what=st.sampled_from(["undo", "redo", "reset", "step", "pause"])),
+    )
+)
+def test_messages_leave_commands_within_the_range_and_a_file_that_can_be_typeset(messaged, message):
+    studio = messaged
+    with suppress(InputError):
+        studio.handle(message)
+    studio.robot._act()
+    studio.robot.steering.check(studio.gait)
+    assert formula_view(studio)["pieces"]
+    json.dumps(status(studio), allow_nan=False)
 
 
 def test_messages_stand_for_what_they_say():
@@ -588,6 +723,61 @@ def test_views_are_json_and_hold_what_the_page_needs(studio):
     assert again["setup"]["certificate"]["counts"]["proved"] > 0
     later = frame(studio, 60, 0)
     assert later["steps"] == [] and later["number"] == 60
+
+
+def test_the_formula_is_typeset_as_on_the_page_of_its_file(studio):
+    page = (STUDENT_DIRECTORY / "trot" / "sparse_formula.html").read_text()
+    maths = "\n".join(re.findall("<math>(.*?)</math>", page))
+    for place in range(len(studio.places)):
+        studio.handle(Choose(place=place))
+        formula = formula_view(studio)
+        assert "\n".join([formula["left"], *formula["pieces"]]) in maths
+
+
+def test_the_typeset_formula_is_of_the_numbers_that_count(studio):
+    studio.handle(Coefficient(term=0, value=0.123))
+    studio.handle(Switch(term=1, on=False))
+    text = "".join(formula_view(studio)["pieces"])
+    assert "<mn>0.123</mn>" in text and "<mn>0.0693</mn>" not in text
+    studio.handle(Act(what="reset"))
+    assert "<mn>0.0693</mn>" in "".join(formula_view(studio)["pieces"])
+
+
+def test_a_formula_all_of_whose_terms_are_off_is_typeset(studio):
+    for term in range(len(studio.reader.terms)):
+        studio.handle(Switch(term=term, on=False))
+    assert formula_view(studio)["pieces"] == ["<mn>0</mn>"]
+
+
+def test_terms_have_the_symbols_of_the_page(studio):
+    terms = [term for group in panel(studio)["groups"] for term in group["terms"]]
+    maths = {"*".join(term["factors"]): term["math"] for term in terms}
+    assert "ω" in maths["cmd.yaw"]
+    assert "FL&nbsp;calf" in maths["q.FL_calf"]
+    assert all("⟦" not in own for own in maths.values())
+
+
+def test_a_page_is_sent_no_more_than_it_takes(studio):
+    page = pytest.importorskip("glassgait.studies.studio.page", reason="needs the extra 'studio'")
+    sent = []
+    client = SimpleNamespace(has_socket_connection=True, run_javascript=sent.append)
+    connection = page._Connection(studio, client)
+
+    def send_often():
+        for _ in range(10):
+            walk(studio, 1)
+            asyncio.run(connection.send())
+
+    send_often()
+    assert len(sent) == page.MOST_AHEAD
+    assert "window.studio" in sent[0] and '"panel"' in sent[0] and '"formula"' in sent[0]
+    for taken, expected in ((2, 2), (-1, 2), (10**6, 2 + page.MOST_AHEAD)):
+        connection.take(SimpleNamespace(args={"kind": "shown", "number": taken}))
+        send_often()
+        assert len(sent) == page.MOST_AHEAD + expected
+    for malformed in (None, 7, {"kind": "exec"}, {"kind": "joint", "joint": float("inf")}):
+        connection.take(SimpleNamespace(args=malformed))
+        assert studio.notice
 
 
 def test_policies_without_formulas_walk_and_are_not_edited(found, tmp_path):

@@ -14,6 +14,9 @@ from glassgait.models.policies.library import load_policy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.policies import find_policies
 
+webdriver = pytest.importorskip("selenium.webdriver", reason="needs Selenium (the test extra)")
+ActionChains, Keys = webdriver.ActionChains, webdriver.Keys
+
 pytestmark = pytest.mark.slow
 
 PATIENCE = 180.0
@@ -52,11 +55,40 @@ def page(browser, served):
     browser.set_script_timeout(PATIENCE)
     until(lambda: reached(browser, served[0]))
     until(lambda: moment(browser) > 0)
-    until(lambda: browser.execute_script("return document.querySelector('iframe') !== null"))
-    # Where no graphics card draws, Meshcat's picture would take what the page needs.
-    browser.execute_script("document.querySelector('iframe').remove()")
+    the_scene_is_drawn(browser)
     until(lambda: moment(browser) > SECOND)
     return browser
+
+
+SCENE = """
+const [address, done] = arguments;
+const wanted = [
+  'visualizer/robot/a1/FL_calf', 'visualizer/ghost', 'gait/contact/FL', 'shadow/FL', 'command/tip'
+];
+const socket = new WebSocket(address.replace('http', 'ws')), held = new Set();
+let moved = 0;
+socket.binaryType = 'arraybuffer';
+socket.onmessage = ({data}) => {
+  const head = new Uint8Array(data, 0, Math.min(data.byteLength, 300));
+  const text = new TextDecoder('latin1').decode(head);
+  for (const own of wanted) if (text.includes(own)) held.add(own);
+  moved += text.includes('set_transform') && text.includes('visualizer/robot/a1/FL_calf');
+  if (held.size === wanted.length && moved > 25) { socket.close(); done(true); }
+};
+"""
+
+
+def the_scene_is_drawn(browser):
+    """Meshcat is in the frame, and has robot, ghost, contacts, shadows and command, which move.
+
+    Its own messages are looked at, and the frame is removed: where no graphics card draws,
+    Meshcat's picture would take what the page needs.
+    """
+    frame = until(lambda: browser.find_elements("css selector", "iframe"))[0]
+    assert frame.is_displayed()
+    address = frame.get_attribute("src")
+    browser.execute_script("arguments[0].remove()", frame)
+    assert browser.execute_async_script(SCENE, address)
 
 
 def reached(browser, address):
@@ -80,6 +112,11 @@ def until(condition, patience=PATIENCE):
 
 def moment(page):
     return int(page.execute_script("return document.body.dataset.moment || 0"))
+
+
+def walk_on(page, n_steps):
+    end = moment(page) + n_steps
+    until(lambda: moment(page) >= end)
 
 
 def steps(page, n_steps):
@@ -111,16 +148,22 @@ def value_of(page, selector):
 CONSTANT = "#terms .row[data-term='0'] input[type=number]"
 
 
-def test_the_studio_answers_in_a_browser(page, served):
+def test_the_studio_answers_in_a_browser(page, served, find_barriers):
     """One robot, one session: each part goes on from where the one before left it."""
     robot_and_ghost_walk_alike(page)
     a_typed_coefficient_changes_the_gait_within_a_second(page)
     the_certificate_is_void(page)
     undo_restores_the_digits(page)
+    a_dragged_coefficient_changes_the_gait_and_is_undone_at_once(page)
+    a_gamepad_commands_and_stops_when_it_is_gone(page)
     a_push_is_answered(page)
     malformed_messages_change_nothing(page)
     verify_marks_a_lost_claim(page)
+    every_control_is_reached_by_tab(page)
+    axe_finds_no_barrier(page, find_barriers)
+    nothing_is_wider_than_the_page(page)
     a_saved_file_is_the_same_policy(page, served[1])
+    evaluate_counts_falls_of_both(page)
     errors = [own for own in page.get_log("browser") if own["level"] == "SEVERE"]
     assert not errors
     ctrl_c_ends_it_in_a_sentence(served[2])
@@ -137,8 +180,7 @@ def a_typed_coefficient_changes_the_gait_within_a_second(page):
     until(lambda: text(page, "#joint-title") == "FL thigh")
     type_number(page, CONSTANT, "0.75")
     until(lambda: text(page, "#changed") == "1 number changed")
-    begun = moment(page)
-    until(lambda: moment(page) >= begun + SECOND)
+    walk_on(page, SECOND)
     recent = steps(page, SECOND)
     # By simulated time: a second after the change the robot is no longer its ghost.
     assert abs(recent[:, 6].mean() - recent[:, 7].mean()) > 0.02
@@ -156,14 +198,60 @@ def undo_restores_the_digits(page):
     assert text(page, "#diff") == ""
 
 
+def a_dragged_coefficient_changes_the_gait_and_is_undone_at_once(page):
+    slider = page.find_element("css selector", "#terms .row[data-term='0'] input[type=range]")
+    drag = ActionChains(page).click_and_hold(slider)
+    for _ in range(6):
+        drag.move_by_offset(2, 0).pause(0.1)
+    drag.release().perform()
+    until(lambda: text(page, "#changed") == "1 number changed")
+    value = until(lambda: (own := value_of(page, CONSTANT)) != "0.551" and own)
+    assert 0.6 < float(value) < 1.2
+    walk_on(page, SECOND)
+    recent = steps(page, SECOND)
+    assert abs(recent[:, 6].mean() - recent[:, 7].mean()) > 0.02
+    until(lambda: f"={value}" in text(page, "#typeset"))
+    click(page, "#undo")
+    until(lambda: value_of(page, CONSTANT) == "0.551")
+    until(lambda: "=0.551" in text(page, "#typeset"))
+    assert page.execute_script("return document.querySelector('#undo').disabled")
+
+
+def a_gamepad_commands_and_stops_when_it_is_gone(page):
+    """By the browser's interface, with a gamepad that is not there."""
+    page.execute_script(
+        "window.pad = {connected: true, mapping: 'standard', axes: [0, 0, 0, 0], buttons: []};"
+        "navigator.getGamepads = () => [window.pad, null]"
+    )
+    greatest = load_gait("trot").max_speed
+    hold = "window.pad.axes = arguments[0]"
+    until(lambda: text(page, "#gamepad") == "gamepad connected")
+    assert value_of(page, "#speed") == "0.5"
+    for gone in ("window.pad = null", "Object.defineProperty(document, 'hidden', {value: true})"):
+        page.execute_script(hold, [0.0, -1.0, 0.0, 0.0])
+        until(lambda: float(value_of(page, "#speed")) == greatest)
+        assert text(page, "#gamepad") == "gamepad commands"
+        walk_on(page, SECOND)
+        # On a busy machine the page may be late, and the robot stop meanwhile.
+        until(lambda: float(value_of(page, "#speed")) == greatest)
+        page.execute_script("window.kept = window.pad; " + gone)
+        until(lambda: float(value_of(page, "#speed")) == 0.0)
+        assert text(page, "#gamepad") == ""
+        page.execute_script("window.pad = {...window.kept, axes: [0, 0, 0, 0]}")
+    page.execute_script("delete document.hidden; delete navigator.getGamepads")
+    page.execute_script(
+        "const own = document.querySelector('#speed'); own.value = 0.5;"
+        "own.dispatchEvent(new Event('change'))"
+    )
+    until(lambda: text(page, "#speed + output") == "0.50 m/s")
+
+
 def a_push_is_answered(page):
     click(page, "#restart")
-    begun = moment(page)
-    until(lambda: moment(page) >= begun + 2 * SECOND)
+    walk_on(page, 2 * SECOND)
     before = steps(page, SECOND)[:, 6].std()
     click(page, ".pad button[data-angle='90']")
-    begun = moment(page)
-    until(lambda: moment(page) >= begun + SECOND // 2)
+    walk_on(page, SECOND // 2)
     pushed = steps(page, SECOND // 2)[:, 6]
     assert abs(pushed - steps(page, 4 * SECOND)[:SECOND, 6].mean()).max() > before
 
@@ -174,8 +262,7 @@ def malformed_messages_change_nothing(page):
         "{kind: 'act', what: 'save', path: '/tmp/x'}, {kind: 'joint', joint: 'x'}])"
         " emitEvent('studio', own)"
     )
-    begun = moment(page)
-    until(lambda: moment(page) >= begun + SECOND)
+    walk_on(page, SECOND)
     assert text(page, "#changed") == ""
 
 
@@ -184,7 +271,7 @@ def verify_marks_a_lost_claim(page):
     until(lambda: text(page, "#joint-title") == "FL hip")
     row = page.execute_script(
         "return [...document.querySelectorAll('#terms .row')].find("
-        "own => own.querySelector('var').textContent === 'q.FL_calf').dataset.term"
+        "own => own.dataset.factors === 'q.FL_calf').dataset.term"
     )
     type_number(page, f"#terms .row[data-term='{row}'] input[type=number]", "30")
     until(lambda: text(page, "#changed") == "1 number changed")
@@ -193,6 +280,82 @@ def verify_marks_a_lost_claim(page):
     until(lambda: "✗ lost" in text(page, "#claims"), 480.0)
     click(page, "#tab-verify .halt")
     click(page, "#undo")
+
+
+def evaluate_counts_falls_of_both(page):
+    # The robot stands still meanwhile, and leaves the machine to the work.
+    click(page, "#pause")
+    click(page, "nav [data-tab=evaluate]")
+    page.execute_script(
+        "for (const own of document.querySelectorAll('#scenarios input'))"
+        " own.checked = own.value === 'training'"
+    )
+    click(page, "#evaluate")
+    until(lambda: text(page, "#falls").count(" of 26") == 2, 480.0)
+    cells = page.execute_script(
+        "return [...document.querySelectorAll('#falls td')].map((own) => own.textContent)"
+    )
+    assert len(cells) == 3
+    assert all(re.fullmatch(r"\d+ of 26", own) for own in cells[1:])
+
+
+TABS = ("formula", "definitions", "verify", "evaluate", "diff")
+
+CONTROLS = """
+const own = [...document.querySelectorAll('#studio :is(button, input, select, [tabindex])')];
+window.seen = new Set();
+window.dim = [];
+document.addEventListener('focusin', (event) => {
+  window.seen.add(event.target);
+  const {outlineStyle} = getComputedStyle(event.target);
+  if (outlineStyle === 'none') window.dim.push(event.target.outerHTML);
+});
+window.controls = own.filter((each) => each.checkVisibility() && !each.disabled);
+document.activeElement.blur();
+return window.controls.length;
+"""
+
+
+def every_control_is_reached_by_tab(page):
+    click(page, "#pause")
+    for tab in TABS:
+        click(page, f"nav [data-tab={tab}]")
+        n_controls = page.execute_script(CONTROLS)
+        assert n_controls > 15
+        for _ in range(n_controls // 20 + 2):
+            ActionChains(page).send_keys(20 * Keys.TAB).perform()
+        missed = page.execute_script(
+            "return window.controls.filter((own) => !window.seen.has(own))"
+            ".map((own) => own.outerHTML)"
+        )
+        assert not missed
+        assert not page.execute_script("return window.dim")
+    click(page, "#pause")
+
+
+def axe_finds_no_barrier(page, find_barriers):
+    click(page, "#terms .row[data-term='1'] input[type=checkbox]")
+    until(lambda: text(page, "#changed") == "1 number changed")
+    for tab in TABS:
+        click(page, f"nav [data-tab={tab}]")
+        assert not find_barriers(page, "#studio")
+    click(page, "#undo")
+    until(lambda: text(page, "#changed") == "")
+
+
+def nothing_is_wider_than_the_page(page):
+    for width in (390, 1000, 1400):
+        page.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False},
+        )
+        for tab in TABS:
+            click(page, f"nav [data-tab={tab}]")
+            inner, whole = page.execute_script(
+                "return [innerWidth, document.documentElement.scrollWidth]"
+            )
+            assert inner == width >= whole
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def a_saved_file_is_the_same_policy(page, folder):

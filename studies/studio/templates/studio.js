@@ -6,6 +6,8 @@ window.studio = (() => {
     const text = Math.abs(value).toFixed(digits);
     return (value < 0 && Number(text) ? "−" : "") + text;
   };
+  // A slider that a person moves stays where it is, whatever comes from elsewhere meanwhile.
+  const moved = new Map(), isHeld = (input) => input.matches(":active") || performance.now() - (moved.get(input) ?? -Infinity) < 400;
   const steps = [];
   let panel = null, rows = [], now = null, joint = 0, notice = null, ready = false;
 
@@ -21,6 +23,7 @@ window.studio = (() => {
     let dragging = false, last = 0, waiting = null;
     const go = () => { waiting = null; last = performance.now(); emit(parseFloat(input.value), dragging); dragging = true; };
     input.addEventListener("input", () => {
+      moved.set(input, performance.now());
       if (waiting === null) waiting = setTimeout(go, Math.max(0, 60 - (performance.now() - last)));
     });
     input.addEventListener("change", () => {
@@ -97,11 +100,12 @@ window.studio = (() => {
     const reach = 2 * (Math.abs(term.start) || 0.05);
     slider.min = term.start - reach; slider.max = term.start + reach;
     if (term.number === null) for (const input of [on, number, slider]) { input.disabled = true; input.title = "shares its numbers with other terms"; }
-    const name = element("var", "", words); name.title = words;
+    const name = element("var"); name.title = words;
+    if (term.factors.length) name.innerHTML = `<math>${term.math}</math>`; else name.textContent = words;
     of.append(name, element("small"));
     bars.append(bar);
     row.append(on, number, slider, of, bars, adds);
-    row.dataset.term = term.index;
+    row.dataset.term = term.index; row.dataset.factors = term.factors.join("*");
     box.append(row);
     on.onchange = () => send("switch", { term: term.index, on: on.checked });
     typed(number, (value) => send("coefficient", { term: term.index, value }));
@@ -113,6 +117,11 @@ window.studio = (() => {
     return { row, on, number, slider, bar, adds, small: of.lastChild, symbols: term.symbols };
   }
 
+  function showFormula(formula) {
+    const pieces = formula.pieces.map((piece, index) => `<math>${index ? "" : formula.left}${piece}</math>`);
+    byId("typeset").innerHTML = pieces.join(" ");
+  }
+
   function showEdits(edits) {
     if (!edits) return;
     byId("undo").disabled = !edits.undo;
@@ -120,8 +129,8 @@ window.studio = (() => {
     byId("reset").disabled = edits.count === 0;
     byId("changed").textContent = edits.count ? `${edits.count} number${edits.count > 1 ? "s" : ""} changed` : "";
     rows.forEach((own, index) => {
-      const value = edits.coefficients[index], held = document.activeElement;
-      if (held !== own.slider) own.slider.value = value;
+      const value = edits.coefficients[index];
+      if (!isHeld(own.slider)) own.slider.value = value;
       own.number.value = value;
       own.on.checked = !edits.off[index];
       own.row.classList.toggle("off", edits.off[index]);
@@ -143,7 +152,9 @@ window.studio = (() => {
   function buildDefinitions() {
     for (const own of SETUP.definitions) {
       const box = element("div", "definition"), code = element("code");
-      code.append(element("b", "", own.symbol), " = ");
+      const symbol = element("b", "", own.symbol), typeset = element("span", "typeset");
+      typeset.innerHTML = `<math>${own.math}</math>`;
+      code.append(symbol, " = ");
       own.text.split(/⟦(\d+)⟧/).forEach((part, i) => {
         if (i % 2 === 0) { code.append(part); return; }
         const input = element("input");
@@ -152,7 +163,9 @@ window.studio = (() => {
         typed(input, (value) => send("number", { index: Number(part), value }));
         code.append(input);
       });
-      box.append(code, element("small", "muted", own.note));
+      const note = element("small", "muted");
+      note.append(typeset, own.note ? ` · ${own.note}` : "");
+      box.append(code, note);
       byId("definitions").append(box);
     }
   }
@@ -264,9 +277,11 @@ window.studio = (() => {
     const shown = { speed: [status.steering.speed, (v) => `${signed(v, 2)} m/s`], yaw_rate: [status.steering.yaw_rate, (v) => `${signed(v, 2)} rad/s`],
       dwell: [status.steering.dwell, (v) => `${v} steps`], slope: [status.slope, (v) => `${signed(v, 0)}°`], latency: [status.latency, (v) => `${(1000 * v).toFixed(0)} ms`] };
     for (const id in shown) {
-      const input = byId(id), [value, words] = shown[id];
-      if (document.activeElement !== input) input.value = value;
-      input.parentElement.querySelector("output").textContent = words(parseFloat(input.value));
+      const input = byId(id), [value, words] = shown[id], held = isHeld(input);
+      if (!held) input.value = value;
+      const text = words(held ? parseFloat(input.value) : value);
+      input.parentElement.querySelector("output").textContent = text;
+      input.setAttribute("aria-valuetext", text);
     }
     if (status.edits && panel) showEdits(status.edits);
     if (status.verification) showVerification(status.verification);
@@ -326,7 +341,7 @@ window.studio = (() => {
     if (own.number) bar.value = own.number; else bar.removeAttribute("value");
     byId("evaluate-state").textContent = own.problem || `${own.number}${own.total ? ` of ${own.total}` : ""} counts done.${staleWords("evaluate-state")}`;
     const table = byId("falls"), head = element("tr");
-    for (const text of ["scenario", "edited", "original"]) head.append(element("th", "", text));
+    for (const text of ["scenario", "edited", "original"]) { const cell = element("th", "", text); cell.scope = "col"; head.append(cell); }
     const cell = (falls, robots) => (falls === undefined ? "…" : `${falls} of ${robots}`);
     table.replaceChildren(head, ...own.rows.map((row) => {
       const line = element("tr");
@@ -345,8 +360,9 @@ window.studio = (() => {
     const value = (id) => parseFloat(byId(id).value);
     const steer = () => send("steer", { speed: value("speed"), yaw_rate: value("yaw_rate"), dwell: value("dwell") });
     for (const id of ["speed", "yaw_rate", "dwell"]) dragged(byId(id), steer);
+    watchGamepad(SETUP.dead_zone, (axes) => send("gamepad", { axes }), (words) => { byId("gamepad").textContent = words; });
     for (const id of ["slope", "latency"]) byId(id).addEventListener("change", () => send("surroundings", { slope: value("slope"), latency: value("latency") }));
-    for (const id of ["slope", "latency"]) byId(id).addEventListener("input", () => now && showStatus(now));
+    for (const id of ["slope", "latency"]) byId(id).addEventListener("input", () => { moved.set(byId(id), performance.now()); if (now) showStatus(now); });
     const size = () => { byId("push").parentElement.querySelector("output").textContent = `${value("push").toFixed(1)} m/s`; };
     byId("push").oninput = size; size();
     for (const button of document.querySelectorAll(".pad button")) button.onclick = () => send("push", { angle: Number(button.dataset.angle), speed: value("push") });
@@ -383,6 +399,7 @@ window.studio = (() => {
   function take(message) {
     if (!ready) { if (!byId("gait")) return; ready = true; connect(); }
     if (message.panel) { panel = message.panel; buildTerms(); }
+    if (message.formula) showFormula(message.formula);
     if (message.status) showStatus(message.status);
     if (message.file) showFile(message.file);
     const frame = message.frame;
