@@ -21,7 +21,7 @@ from glassgait.models.robots.description import urdf
 from glassgait.models.robots.robot import load_robot, read_robot
 from glassgait.models.task.gait import load_gait, parse_gait
 from glassgait.studies.cli import COMMANDS, command_class, main
-from glassgait.studies.common.policies import find_policies
+from glassgait.studies.common.policies import OneGait, find_policies
 from glassgait.studies.distillation.students import registry
 from glassgait.studies.distillation.students.library import default_student
 
@@ -129,7 +129,8 @@ def parsed(monkeypatch, tmp_path):
 
 def gaits_of(command):
     """Names of the gaits that ship and that a command asks for by name."""
-    asked = getattr(command, "gait", ())
+    # A controller's gait is left open where it may be a contract's.
+    asked = OneGait.gait if (own := getattr(command, "gait", ())) is None else own
     names = (asked,) if isinstance(asked, str) else asked
     return [name for name in names if name != "all" and not name.endswith(".yaml")]
 

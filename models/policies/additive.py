@@ -17,6 +17,7 @@ from glassgait.models.policies.policy import (
     contributions_of_action,
 )
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.observation import entries_of
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
@@ -189,8 +190,8 @@ class AdditivePolicy(Policy):
         )
 
     def term_names(self, joint: int) -> tuple[str, ...]:
-        """Names a joint's functions: those of one observation, then those of two."""
-        names = self.observation_names
+        """Names a joint's functions as pages do: those of one quantity, then those of two."""
+        names = tuple(entry.symbol for entry in entries_of(self.observation_names))
         pairs = self.pairs[self.pair_joints == joint]
         return (*names, *(f"{names[first]} & {names[second]}" for first, second in pairs))
 

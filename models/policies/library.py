@@ -108,13 +108,17 @@ def _of_file(path: Path, error: InputError) -> str:
     return str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
 
 
-def find_gait(gait: str | Path) -> Gait:
+def find_gait(gait: str | Path, robot: str | None = None) -> Gait:
     """Loads a gait by its name, or from a gait file, or from a formula file that holds one.
 
-    Of a formula file the whole is read, but for the robot that it names.
+    Args:
+        gait: The name, or path of a file.
+        robot: Name of a robot, or path of its robot.yaml, which a formula file has to be of; by
+            default any.
 
     Raises:
-        InputError: if there is no such gait, or the file breaks a rule of its kind.
+        InputError: if there is no such gait, or the file breaks a rule of its kind, or is of
+            another robot.
     """
     path = Path(gait)
     if path.suffix != FormulaPolicy.suffix:
@@ -123,6 +127,8 @@ def find_gait(gait: str | Path) -> Gait:
         file = read_formulas(_read_formula_text(path))
     except InputError as error:
         raise InputError(_of_file(path, error)) from error
+    if robot is not None:
+        robot_of(path, file.robot, load_robot(robot))
     if file.machine is None:
         raise InputError(f"{path}: has no section 'machine'; name a gait, or a gait file")
     check_gait_name(file.gait, f"{path}: its header names the gait {shown(file.gait)}")
@@ -238,8 +244,9 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
     if kind not in shipped:
         kinds = ", ".join(shipped) or "none"
         raise InputError(
-            f"no student {shown(kind)} of the {gait} ships with the project (shipped: {kinds}); "
-            f"make it with 'glassgait distill --gait {gait} --students {kind}'"
+            f"no student {shown(kind)} for gait {gait!r} of the {robot.name} ships with the "
+            f"project (shipped: {kinds}); make it with 'glassgait distill --gait {gait}"
+            f"{robot.option} --students {kind}'"
         )
     folder = robot_folder(STUDENT_DIRECTORY, robot.name) / gait
     return load_student_of(load_expert(gait, robot=robot), policy_path(folder, kind))
@@ -267,7 +274,8 @@ def load_expert(
         if not path.exists():
             raise InputError(
                 f"no expert for gait {gait!r} of the {robot.name} ships with the project; train "
-                "one with 'glassgait train', or name its run with --source"
+                f"one with 'glassgait train --gait {gait}{robot.option}', or name its run with "
+                "--source"
             )
     policy = load_policy(path, robot)
     if not isinstance(policy, NeuralPolicy):

@@ -22,7 +22,7 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
-from glassgait.models.task.gait import Gait, gait_names, load_gait
+from glassgait.models.task.gait import Gait, gait_names, shipped_gait
 from glassgait.models.task.observation import (
     Group,
     ObservationLayout,
@@ -340,7 +340,7 @@ class Policy(ABC):
         if self.machine is not None:
             own, remedy = self.machine, "name the policy's file as the gait as well"
         elif self.gait in gait_names():
-            own, remedy = load_gait(self.gait), "name a policy whose file holds that machine"
+            own, remedy = shipped_gait(self.gait), "name a policy whose file holds that machine"
         else:
             return
         if (key := own.first_difference(gait)) is not None:

@@ -12,8 +12,6 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 from glassgait.models.files import write_atomically
-from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import entry_of
 
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""
@@ -51,11 +49,6 @@ def subplots(n_rows: int = 1, n_columns: int = 1, **options: Any) -> tuple[Figur
     """
     figure = Figure(figsize=options.pop("figsize", None))
     return figure, figure.subplots(n_rows, n_columns, **options)
-
-
-def label_with_unit(robot: Robot, name: str) -> str:
-    """Labels an axis with an observation's name, its unit below."""
-    return f"{name}\n({entry_of(name).scaled_unit(robot)})"
 
 
 @styled

@@ -8,6 +8,7 @@ from typing import Any
 
 import jinja2
 
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.palette import ink_on
 from glassgait.studies.common.tables import format_cell
 
@@ -33,6 +34,12 @@ def page_template(folder: Path, name: str) -> jinja2.Template:
     environment.filters["minus"] = with_minus
     environment.globals["chip"] = chip_style
     return environment.get_template(name)
+
+
+def gait_title(gait: str, robot: Robot) -> str:
+    """Returns what a page calls a gait: whose it is too, where that is not the default robot."""
+    whose = "" if robot.name == DEFAULT_ROBOT else f" of the {robot.name.capitalize()}"
+    return f"{gait.capitalize()}{whose}"
 
 
 def escape_latex(text: str) -> str:

@@ -125,13 +125,24 @@ def jobs_of(
     jobs = []
     for name, seed in pairs:
         gait = load_gait(name).name
-        folder = (output or root) / gait
-        if len(seeds) > 1:
-            folder /= f"seed_{seed}"
-        if len(pairs) == 1 and output is not None:
-            folder = output
+        parts = [gait, f"seed_{seed}"] if len(seeds) > 1 else [gait]
+        folder = folder_of(parts, root=root, output=output, alone=len(pairs) == 1)
         jobs.append(Job(name, seed, folder, f"{gait}, seed {seed}"))
     return jobs
+
+
+def folder_of(parts: Sequence[str], *, root: Path, output: Path | None, alone: bool) -> Path:
+    """Returns the folder of a run.
+
+    Args:
+        parts: Names of the folders that it is in, below the others.
+        root: Folder of the study's runs.
+        output: The folder that a person named: that of the only run, or of all.
+        alone: Whether it is the only run.
+    """
+    if alone and output is not None:
+        return output
+    return (output or root).joinpath(*parts)
 
 
 def refuse_taken(jobs: Sequence[Job], *, study: str, resume: bool) -> None:

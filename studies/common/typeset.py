@@ -207,14 +207,16 @@ class TypesetController:
         for place in sorted(self.file.formulas):
             state, joint = _place(place)
             image = images.get((state, joint))
-            formula = self.file.formulas[place]
-            left = rf"q^{{*}}_{{\mathrm{{{joint_title(joint)}}}}}"
-            own = Statement(
-                self.markup.symbol(left), self._setter.relation("0"), self._pieces(formula)
-            )
-            target = Target(state, joint, own, image, len(formula.terms()))
+            n_terms = len(self.file.formulas[place].terms())
+            target = Target(state, joint, self.formula(place), image, n_terms)
             states.setdefault(state, []).append(target)
         return list(states.values())
+
+    def formula(self, place: Place) -> Statement:
+        """Typesets one formula of the file, or that of a mirror image."""
+        left = rf"q^{{*}}_{{\mathrm{{{joint_title(quadruped.JOINTS[place[-1]])}}}}}"
+        pieces = self._pieces(self.file.formulas[place])
+        return Statement(self.markup.symbol(left), self._setter.relation("0"), pieces)
 
     def _statement(self, name: str, formula: Expression, note: str) -> Statement:
         relation = self._setter.relation("0")

@@ -1,7 +1,7 @@
 """The map of falls: by policy and world."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import product
 from typing import Any
 
@@ -74,11 +74,14 @@ def fall_map(table: pd.DataFrame, title: str) -> Figure:
 def fall_overview(tables: Mapping[str, pd.DataFrame]) -> Figure:
     """Draws the maps of several gaits side by side, a column a gait and policy, worst world first.
 
+    Which is worst is decided by the policies that all gaits have: a page of one gait moves no row.
+
     Args:
         tables: What `fall_table` returned, by the gait.
     """
     whole = pd.concat([table.assign(gait=gait) for gait, table in tables.items()])
-    worlds = worst_first(whole)
+    common = set.intersection(*(set(table["policy"]) for table in tables.values()))
+    worlds = worst_first(whole, common)
     robots = whole.groupby("scenario")["robots"].min()
     named = whole.drop_duplicates("scenario").set_index("scenario")["world"]
     counts = [len(policies_of(table)) for table in tables.values()]
@@ -179,10 +182,21 @@ def _caption(table: pd.DataFrame, in_distribution: bool, missing: bool) -> str:
     return "; ".join(parts) + "."
 
 
-def worst_first(table: pd.DataFrame) -> list[str]:
-    """Lists the scenarios by the greatest share of falls of any policy, then by the mean share."""
-    rates = table.groupby("scenario", sort=False)["fall_rate"].agg(["max", "mean"])
-    return rates.sort_values(["max", "mean"], ascending=False, kind="stable").index.tolist()
+def worst_first(table: pd.DataFrame, policies: Collection[str] = ()) -> list[str]:
+    """Lists the scenarios by the share of robots that fall, the greatest first.
+
+    Args:
+        table: Falls, a row a policy and scenario.
+        policies: Whose robots are counted; by default those of all.
+
+    Returns:
+        All scenarios of the table; those of one share stay in its order.
+    """
+    scenarios = table["scenario"].unique()
+    counted = table[table["policy"].isin(policies)] if policies else table
+    sums = counted.groupby("scenario")[["falls", "robots"]].sum().reindex(scenarios)
+    shares = sums["falls"] / sums["robots"]
+    return shares.sort_values(ascending=False, kind="stable").index.tolist()
 
 
 def policies_of(table: pd.DataFrame) -> list[str]:

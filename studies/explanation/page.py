@@ -17,7 +17,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.gait_figure import strip_data
-from glassgait.studies.common.pages import embedded, inline_image, page_template
+from glassgait.studies.common.pages import embedded, gait_title, inline_image, page_template
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.explanation.certificate import CertificatePanel
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
@@ -146,7 +146,7 @@ def render_page(
     }
     return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
-        policy=policy_title(policy_name),
+        title=f"{gait_title(gait.name, policy.robot)}, {policy_title(policy_name)}",
         joint=quadruped.JOINTS[joint].replace("_", " "),
         limited=policy.joint_law.limited,
         held_back=held_back(policy, rollout),

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.console import console
+from glassgait.studies.common.pages import gait_title
 from glassgait.studies.common.typeset import StateJoint, image_places, to_html, to_latex
 from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.distillation.students.registry import student_title
@@ -60,10 +60,8 @@ def typeset(policy: FormulaPolicy, stem: str, sentences: Sentences | None) -> di
         stem: What the names begin with.
         sentences: What its largest terms say, if that was tested.
     """
-    file, whose = policy.to_file(), ""
-    if policy.robot.name != DEFAULT_ROBOT:
-        whose = f" of the {policy.robot.name.capitalize()}"
-    title = f"{policy.gait.capitalize()}{whose}: {student_title(stem).lower()}"
+    file = policy.to_file()
+    title = f"{gait_title(policy.gait, policy.robot)}: {student_title(stem).lower()}"
     said: dict[StateJoint, str] = {}
     sentences_of = ""
     if sentences is not None:

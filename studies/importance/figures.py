@@ -1,6 +1,7 @@
 """Additive policies as interpret's models, so that its explanations and its dashboard read them."""
 
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.inspection import PartialDependenceDisplay
 
 from glassgait.models.arrays import Array
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
-from glassgait.studies.common.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
+from glassgait.models.task.observation import entries_of, entry_of
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.importance.faithfulness import MODE_TITLES, AblationMode
 from glassgait.studies.importance.measures import METHOD_TITLES
@@ -30,10 +32,10 @@ HISTOGRAM_BINS = 20
 def interpret_model(
     policy: AdditivePolicy, joint: int, observations: Array
 ) -> ExplainableBoostingRegressor:
-    """Rebuilds the fitted model of a joint.
+    """Rebuilds the fitted model of a joint: its target, by quantities in the robot's units.
 
     Its `explain_global` and `explain_local` return interpret's explanation objects, which
-    `interpret.show` takes.
+    `interpret.show` takes. Quantities have the names that pages of formulas call them by.
 
     Args:
         policy: The additive policy.
@@ -41,9 +43,14 @@ def interpret_model(
         observations: Observations (m, n); their density stands below each function and weighs the
             terms' importances.
     """
-    model: Any = ExplainableBoostingRegressor(feature_names=list(policy.observation_names))
-    n = len(policy.observation_names)
-    cuts, pair_cuts = _trimmed(policy.cuts), _trimmed(policy.pair_cuts)
+    robot, symbols = policy.robot, symbols_of(policy)
+    model: Any = ExplainableBoostingRegressor(feature_names=symbols)
+    units, n = RobotUnits.of(robot, policy.observation_names), len(symbols)
+    quantities = units.quantities(observations)
+    # A padded cut is infinite, and stays so.
+    cuts, pair_cuts = (
+        _trimmed(units.quantities(own.T).T) for own in (policy.cuts, policy.pair_cuts)
+    )
     singles = [(feature,) for feature in range(n)]
     mine = np.flatnonzero(policy.pair_joints == joint)
     pairs = [tuple(policy.pairs[index].tolist()) for index in mine]
@@ -60,22 +67,34 @@ def interpret_model(
             table[: len(pair_cuts[first]) + 1, : len(pair_cuts[second]) + 1]
             for (first, second), table in zip(pairs, paired, strict=True)
         ]
-        setattr(model, attribute, [_with_ends(value) for value in values])
+        setattr(model, attribute, [_with_ends(robot.action_scale * value) for value in values])
     model.bin_weights_ = [
-        _counts(observations[:, term], [(cuts, pair_cuts)[len(term) - 1][f] for f in term])
+        _counts(quantities[:, term], [(cuts, pair_cuts)[len(term) - 1][f] for f in term])
         for term in model.term_features_
     ]
-    histograms = [np.histogram(column, HISTOGRAM_BINS) for column in observations.T]
+    histograms = [np.histogram(column, HISTOGRAM_BINS) for column in quantities.T]
     model.histogram_weights_ = [_with_ends(counts) for counts, _ in histograms]
     model.histogram_edges_ = [edges for _, edges in histograms]
-    model.feature_bounds_ = np.stack([observations.min(axis=0), observations.max(axis=0)], axis=1)
-    model.feature_names_in_ = list(policy.observation_names)
+    model.feature_bounds_ = np.stack([quantities.min(axis=0), quantities.max(axis=0)], axis=1)
+    model.feature_names_in_ = symbols
     model.feature_types_in_ = ["continuous"] * n
     model.n_features_in_ = n
-    model.intercept_ = float(policy.intercepts[joint])
+    intercept = robot.default_stance[joint] + robot.action_scale * policy.intercepts[joint]
+    model.intercept_ = float(intercept)
     model.link_, model.link_param_ = "identity", np.nan
     model.has_fitted_ = True
     return model
+
+
+def symbols_of(policy: Policy) -> list[str]:
+    """Returns what pages of formulas call the quantities that a policy observes."""
+    return [entry.symbol for entry in entries_of(policy.observation_names)]
+
+
+def _with_unit(policy: Policy, index: int) -> str:
+    """Labels an axis with what a policy observes, its unit below."""
+    entry = entry_of(policy.observation_names[index])
+    return f"{entry.symbol}\n({entry.unit})" if entry.unit else entry.symbol
 
 
 def _trimmed(padded: Array) -> list[Array]:
@@ -105,7 +124,7 @@ _MODE_COLORS: dict[AblationMode, str] = {
 
 
 @styled
-def importance_map(importances: Array, names: tuple[str, ...], title: str) -> Figure:
+def importance_map(importances: Array, names: Sequence[str], title: str) -> Figure:
     """Draws importances (12, n) as a map, each joint's scaled to add up to 1 (paper, Figure 11)."""
     positive = np.maximum(importances, 0.0)
     totals = positive.sum(axis=1, keepdims=True)
@@ -212,7 +231,8 @@ def tree_figure(
 ) -> Figure:
     """Draws the first questions of one of a joint's trees (paper, Figure 6).
 
-    Each box says how many samples come there and what the tree adds to their actions, on average.
+    Each box says how many samples come there and what the tree adds to their targets (rad), on
+    average.
 
     Args:
         policy: The boosted trees.
@@ -222,7 +242,9 @@ def tree_figure(
         depth: Questions to draw on a branch, at most.
     """
     depth = min(depth, policy.depth)
-    added = policy.tree_values(observations, joint)[:, tree]
+    added = policy.robot.action_scale * policy.tree_values(observations, joint)[:, tree]
+    units = RobotUnits.of(policy.robot, policy.observation_names)
+    entries = entries_of(policy.observation_names)
     figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 0.4 + 0.65 * (depth + 1)))
     axes.set_axis_off()
     axes.set(xlim=(0, 1), ylim=(-depth - 0.4, 0.4))
@@ -233,12 +255,15 @@ def tree_figure(
             continue
         mine = members[node]
         mean = float(added[mine].mean()) if mine.any() else 0.0
-        label = f"{mine.sum():,} samples\nadds {mean:+.4f}"
+        label = f"{mine.sum():,} samples\nadds {mean:+.4f} rad".replace("-", "\N{MINUS SIGN}")
         face = "#fde3d3" if mean > 0 else "#d6e8f5"
         if _level(node) < depth and np.isfinite(policy.thresholds[joint, tree, node]):
             feature = int(policy.features[joint, tree, node])
             threshold = float(policy.thresholds[joint, tree, node])
-            label = f"{policy.observation_names[feature]}\n≤ {threshold:.3g}?\n{label}"
+            # In the robot's units, and still the question that is asked of the observation.
+            quantity = threshold / units.scale[feature] + units.offset[feature]
+            own = entries[feature]
+            label = f"{own.symbol}\n≤ {quantity:.3g} {own.unit}?\n{label}".replace(" ?", "?")
             face = "white"
             left = observations[:, feature] <= threshold
             members[2 * node + 1], members[2 * node + 2] = mine & left, mine & ~left
@@ -265,7 +290,7 @@ def dependence_figure(
     generator: np.random.Generator,
     n_curves: int = 50,
 ) -> Figure:
-    """Draws how an action depends on single observations, on average and for single samples
+    """Draws how a target depends on single observations, on average and for single samples
     (paper, Figure 7).
 
     Args:
@@ -277,11 +302,12 @@ def dependence_figure(
         n_curves: Number of those.
     """
     figure, panels = subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
+    quantities = RobotUnits.of(policy.robot, policy.observation_names).quantities(observations)
     PartialDependenceDisplay.from_estimator(
-        _JointRegressor(policy, joint).fit(observations),
-        observations,
+        _JointRegressor(policy, joint).fit(quantities),
+        quantities,
         columns,
-        feature_names=list(policy.observation_names),
+        feature_names=symbols_of(policy),
         kind="both",
         subsample=min(n_curves, len(observations)),
         random_state=int(generator.integers(2**31)),
@@ -291,9 +317,9 @@ def dependence_figure(
         pd_line_kw={"color": "#D55E00", "linewidth": 1.8, "linestyle": "-"},
     )
     for panel, column in zip(panels[0], columns, strict=True):
-        panel.set(xlabel=label_with_unit(policy.robot, policy.observation_names[column]), ylabel="")
+        panel.set(xlabel=_with_unit(policy, column), ylabel="")
         panel.get_legend().remove()
-    panels[0][0].set_ylabel(f"action of {_title(joint)}")
+    panels[0][0].set_ylabel(f"target of {_title(joint)} (rad)")
     lines = panels[0][0].get_lines()
     lines[0].set_label("one sample")
     lines[-1].set_label("mean")
@@ -314,8 +340,11 @@ class _JointRegressor(RegressorMixin, BaseEstimator):
         return self
 
     def predict(self, X: Array) -> Array:
-        """Returns the joint's actions (m,)."""
-        return self.policy(np.asarray(X))[:, self.joint]
+        """Returns the joint's targets (m,; rad) at quantities (m, n) in the robot's units."""
+        robot = self.policy.robot
+        observed = RobotUnits.of(robot, self.policy.observation_names).observed(np.asarray(X))
+        actions = self.policy(observed)[:, self.joint]
+        return robot.action_scale * actions + robot.default_stance[self.joint]
 
 
 def _level(node: int) -> int:
@@ -348,13 +377,13 @@ def term_figure(model: ExplainableBoostingRegressor, title: str, n_terms: int = 
     axes.barh(range(len(order)), importances[order], color="#0072B2")
     axes.set_yticks(range(len(order)), names, fontsize=6)
     axes.invert_yaxis()
-    axes.set(xlabel="mean |contribution| to the action", title=title)
+    axes.set(xlabel="mean |contribution| to the target (rad)", title=title)
     return figure
 
 
 @styled
 def shape_figure(
-    robot: Robot, model: ExplainableBoostingRegressor, terms: tuple[int, ...], title: str
+    policy: Policy, model: ExplainableBoostingRegressor, terms: tuple[int, ...], title: str
 ) -> Figure:
     """Draws functions of one observation with bands of two standard deviations between the bagged
     models, above where the observations lie (paper, Figure 8, top)."""
@@ -365,21 +394,22 @@ def shape_figure(
     )
     for (above, below), term in zip(panels.T, terms, strict=True):
         _draw_shape(above, below, explanation.data(term))
-        name = model.term_names_[term]
-        below.set_xlabel(label_with_unit(robot, name))
+        below.set_xlabel(_with_unit(policy, term))
         below.set_yticks([])
-    panels[0, 0].set_ylabel("adds to the action")
+    panels[0, 0].set_ylabel("adds to the target (rad)")
     panels[1, 0].set_ylabel("samples")
     figure.suptitle(title, fontsize=8)
     return figure
 
 
 @styled
-def pair_figure(robot: Robot, model: ExplainableBoostingRegressor, term: int, title: str) -> Figure:
+def pair_figure(
+    policy: Policy, model: ExplainableBoostingRegressor, term: int, title: str
+) -> Figure:
     """Draws a function of two observations as a map (paper, Figure 8, bottom)."""
     explanation: Any = model.explain_global()
     data = explanation.data(term)
-    first, second = (model.feature_names_in_[index] for index in model.term_features_[term])
+    first, second = model.term_features_[term]
     left, right = _edges(data["left_names"]), _edges(data["right_names"])
     scores = np.asarray(data["scores"])
     reach = max(float(np.abs(scores).max()), 1e-9)
@@ -389,11 +419,11 @@ def pair_figure(robot: Robot, model: ExplainableBoostingRegressor, term: int, ti
     )
     axes.grid(visible=False)
     axes.set(
-        xlabel=label_with_unit(robot, first),
-        ylabel=label_with_unit(robot, second),
+        xlabel=_with_unit(policy, first),
+        ylabel=_with_unit(policy, second),
         title=title,
     )
-    figure.colorbar(image, ax=axes).set_label("adds to the action")
+    figure.colorbar(image, ax=axes).set_label("adds to the target (rad)")
     return figure
 
 
@@ -487,7 +517,7 @@ def student_figures(
             singles = tuple(term for term in ranked if term < n)[:N_SHAPES]
             pairs = [term for term in ranked if term >= n][:N_PAIRS]
             figures["terms"] = term_figure(model, title)
-            figures["shapes"] = shape_figure(student.robot, model, singles, title)
+            figures["shapes"] = shape_figure(student, model, singles, title)
             for place, term in enumerate(pairs, start=1):
-                figures[f"pair_{place}"] = pair_figure(student.robot, model, term, title)
+                figures[f"pair_{place}"] = pair_figure(student, model, term, title)
     return {f"{kind}_{name}_{what}": figure for what, figure in figures.items()}

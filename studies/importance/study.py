@@ -22,7 +22,7 @@ from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.distillation.students.settings import StudentKind
-from glassgait.studies.importance.figures import importance_map
+from glassgait.studies.importance.figures import importance_map, symbols_of
 from glassgait.studies.importance.measures import (
     METHOD_TITLES,
     PAPER_TOP,
@@ -111,7 +111,7 @@ def measure_importances(
             mean, stem = values.mean(axis=0), f"{kind}_{method}"
             title = f"{gait.capitalize()}, {student_title(kind)}: {METHOD_TITLES[method]}"
             tables[stem] = _by_joint(mean, names)
-            figures[stem] = importance_map(mean, names, title)
+            figures[stem] = importance_map(mean, symbols_of(student), title)
             groups.append(_by_group(values, names, kind, method))
             if method in PAPER_TOP:
                 top = top_table(mean, names, gait, method)

@@ -35,10 +35,15 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.distillation.students.baselines import untrained_student
-from glassgait.studies.pictures.age import FOLDER, digest_of_text, digests, note
+from glassgait.studies.evaluation.worlds_figures import fall_overview
+from glassgait.studies.pictures.age import FOLDER, ROOT, digest_of_text, digests, note
 from glassgait.studies.pictures.blocks import blocks_svg
+from glassgait.studies.pictures.falls import fall_lines, falls_on
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 from glassgait.studies.view.stills import gait_strip
+
+FALLS_PAGE = ROOT / "models" / "README.md"
+"""The page whose table of falls the map shows."""
 
 ABLATION_DIRECTORY = EXPERT_DIRECTORY / "ablation"
 
@@ -54,6 +59,9 @@ ABLATIONS = {
     },
 }
 """Runs that differ in an ingredient, by picture and by the name of their line."""
+
+STRIPS = ("trot", "three_one", "half_bound")
+"""Gaits of which pages show stills: one that all know, and two that are the project's own."""
 
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
@@ -90,9 +98,16 @@ def pictures() -> dict[str, Picture]:
             lambda: {"diagram": digest_of_text(loop_dot(trot))},
         ),
         "learning_curves.png": Picture(_draw_learning_curves, _learning_curves),
+        "worlds.png": Picture(
+            lambda path: save_figure(
+                fall_overview(falls_on(FALLS_PAGE.read_text())), path.with_suffix(""), ("png",)
+            ),
+            lambda: {"table": digest_of_text("\n".join(fall_lines(FALLS_PAGE.read_text())))},
+        ),
     }
     for name in shipped_experts():
         whole[f"{name}.gif"] = Picture(_Filmed(name).draw_film, _Filmed(name).inputs)
+    for name in STRIPS:
         whole[f"{name}_gait.png"] = Picture(_Filmed(name).draw_strip, _Filmed(name).inputs)
     for name, lines in ABLATIONS.items():
         whole[name] = Picture(_Ablation(lines).draw, _Ablation(lines).inputs)

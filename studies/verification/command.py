@@ -81,7 +81,7 @@ class Prove(Settings):
         """Measures where it is asked for, proves, and writes the certificate."""
         if self.box and self.measure:
             raise InputError("--box: is not read where the box is measured; leave out one of both")
-        found = find_policies(find_gait(self.gait), self.source, self.robot)
+        found = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
         gait = found.gait
         name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)

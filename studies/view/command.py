@@ -54,9 +54,14 @@ class OwnCommand(Settings):
     yaw_rate: float | None = None
     dwell: Annotated[int, Ge(1)] | None = None
 
+    @property
+    def given(self) -> dict[str, float]:
+        """What is not left out, by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
     def over(self, scenario: Scenario) -> Scenario:
         """Returns a scenario with this command."""
-        given = {name: value for name, value in asdict(self).items() if value is not None}
+        given = self.given
         if scenario.names_a_command and not given:
             return scenario
         own = scenario.command

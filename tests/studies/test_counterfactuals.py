@@ -47,6 +47,13 @@ def test_page_asks_in_words_and_lists_what_would_differ(page):
     np.testing.assert_allclose(nearest["would be"] - nearest["was"], nearest["difference"])
 
 
+def test_page_says_by_how_much_the_target_changes_as_it_was_asked(page):
+    text = html.unescape(page.read_text())
+    assert "to fall by" not in text and "to rise by 0.004 rad" in text
+    assert "target that the policy asks for then changes by +0.00400 rad." in text
+    assert "The target changed by +0.00400 rad;" in text
+
+
 def test_the_replayed_robot_is_asked_for_what_was_answered(page):
     metrics = json.loads((page.parent / "metrics.json").read_text())
     nearest, outcome = metrics["nearest"], metrics["outcome"]

@@ -199,6 +199,12 @@ def test_demo_writes_a_page_with_tables_formulas_and_replays(road, refused, caps
 
 
 @pytest.mark.slow
+def test_everybody_can_read_the_report(road, faults_of):
+    folder, *_ = road
+    assert faults_of(folder / "report.html") == []
+
+
+@pytest.mark.slow
 def test_browser_shows_every_picture_and_a_replay_that_moves(road, browser):
     folder, *_ = road
     browser.get((folder / "report.html").as_uri())

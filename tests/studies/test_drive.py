@@ -9,8 +9,9 @@ import yaml
 
 from glassgait.models.errors import InputError
 from glassgait.models.export.contract import CONTRACT, Contract
+from glassgait.models.policies.library import STUDENT_DIRECTORY, policy_path
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.drive import command, packet_loss
+from glassgait.studies.deployment.drive import command, packet_loss, processes
 from glassgait.studies.deployment.drive.packet_loss import Loss
 from glassgait.studies.deployment.export.files import has_compiler
 
@@ -27,13 +28,17 @@ REFUSED = {
     "controller --wire unitree --remote --command.speed 0.5": "come from the remote",
     "controller --wire unitree --remote --request walk": "come from the remote",
     "controller --wire unitree --meshcat --command.speed 0.5": "commands come from Meshcat",
+    "controller --wire unitree --command.speed 9": "speed is 9.0; give -1 to 1",
+    "controller --wire unitree --command.dwell 99": "dwell is 99; give 6 to 11",
+    "controller --wire unitree --remote --command.dwell 99": "dwell is 99; give 6 to 11",
+    "simulator --meshcat --command.speed 0.5": "leave --meshcat or --command out",
     "controller --meshcat": "over LCM the robot's end sends the command",
     "controller --request walk": "over LCM the robot's end sends the command",
     "controller --day night": "unknown day 'night'",
     "controller --contract none/deploy.yaml": "none/deploy.yaml",
-    "controller --contract deploy.yaml --gait walk": "gait is the contract's",
     "controller --contract deploy.yaml --policy gbm": "policy is the contract's",
-    "controller --contract deploy.yaml --day day": "day is the contract's",
+    "controller --contract deploy.yaml --policy expert": "policy is the contract's",
+    "controller --contract deploy.yaml --source runs": "source is the contract's",
     "simulator --day night --channels T2_": "unknown day 'night'",
     "simulator --request walk": "a request is of a day",
     "simulator --wire unitree --day day": "the controller's end has the command and the day",
@@ -111,7 +116,69 @@ def redigested(plain):
 
 def test_the_robot_that_is_moved_must_be_the_contracts(exported, refused):
     given = ["drive", "controller", "--contract", str(exported / CONTRACT), "--robot", "go2"]
-    assert "'robot' is not that of the go2" in refused(given)
+    assert "'robot' is 'a1', not 'go2'" in refused(given)
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """Ends a command where it opens a wire, and says so."""
+
+    def end(_):
+        raise InputError("the wire is opened")
+
+    for name in ("open_lcm", "open_controllers_end"):
+        monkeypatch.setattr(command, name, end)
+
+
+@pytest.mark.parametrize("wire", ["lcm", "unitree"])
+def test_flags_that_contradict_the_contract_are_refused(
+    wire, exported, refused, opened, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    given = ["drive", "controller", "--contract", str(exported / CONTRACT), "--wire", wire]
+    for agreeing in ([], ["--gait", "trot"], ["--robot", "a1"]):
+        assert "the wire is opened" in refused([*given, *agreeing])
+    assert "gait 'walk' is not the contract's" in refused([*given, "--gait", "walk"])
+    assert "'robot' is 'a1', not 'go2'" in refused([*given, "--robot", "go2"])
+    others = policy_path(STUDENT_DIRECTORY / "go2" / "trot", "sparse_formula")
+    assert "go2" in refused([*given, "--gait", str(others)])
+    assert "day 'day' is not the contract's" in refused([*given, "--day", "day"])
+
+
+def test_a_gait_that_is_named_as_by_default_is_not_taken_for_none(
+    exported, refused, opened, tmp_path
+):
+    """The contract's trot is another one than that which ships."""
+    folder = shutil.copytree(exported, tmp_path / "own")
+    plain = yaml.safe_load((folder / CONTRACT).read_text())
+    plain["gaits"]["trot"] = "0" * 16
+    plain["digest"] = redigested(plain)
+    (folder / CONTRACT).write_text(yaml.safe_dump(plain, sort_keys=False))
+    given = ["drive", "controller", "--contract", str(folder / CONTRACT)]
+    assert "the wire is opened" in refused(given)
+    assert "gait 'trot' is not the contract's" in refused([*given, "--gait", "trot"])
+
+
+@pytest.fixture(scope="module")
+def several(tmp_path_factory):
+    """What `glassgait export` wrote of two gaits, with a day."""
+    if not has_compiler():
+        pytest.skip("needs a C compiler, cc")
+    folder = tmp_path_factory.mktemp("several") / "run"
+    arguments = "export --gait walk trot --policy sparse_formula --day day --n-steps 20 --output"
+    main([*arguments.split(), str(folder)])
+    return folder
+
+
+def test_of_several_gaits_one_is_named_or_the_operator_changes_them(several, refused, opened):
+    given = ["drive", "controller", "--contract", str(several / CONTRACT)]
+    for wire in ("lcm", "unitree"):
+        assert "several gaits; name the one" in refused([*given, "--wire", wire])
+        for gait in ("walk", "trot"):
+            assert "is opened" in refused([*given, "--wire", wire, "--gait", gait, "--day", "day"])
+        assert "is not the contract's" in refused([*given, "--wire", wire, "--gait", "pace"])
+    for chosen in (["--remote"], ["--look"]):
+        assert "the wire is opened" in refused([*given, "--wire", "unitree", *chosen])
 
 
 def test_a_source_that_was_edited_is_not_compiled(exported, refused, tmp_path):
@@ -157,3 +224,47 @@ def test_a_burst_takes_all_messages_of_its_time_once_an_interval(generator):
         (begin, end) = np.flatnonzero(np.diff(interval.astype(int)))
         assert end - begin == 25
         assert 124 <= begin <= 375
+
+
+class Clock:
+    """A clock whose time passes only by waiting, or by what holds a process up."""
+
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        monkeypatch.setattr(processes.time, "monotonic", lambda: self.now)
+
+    def wait(self, seconds):
+        self.now += seconds
+
+    def pace(self, slack):
+        return processes.Pace(self.wait, slack=slack)
+
+    def run(self, pace, n_parts, *, held_up=0.0):
+        """Returns when each of the parts of two milliseconds begins."""
+        begun = []
+        for part in range(n_parts):
+            if part == 5:
+                self.now += held_up
+            pace.wait_until(part // 10, part % 10 / 10)
+            begun.append(self.now - 100.0)
+        return np.array(begun)
+
+
+@pytest.mark.parametrize("held_up", [0.0, 0.05, 0.09])
+def test_a_process_that_was_held_up_catches_up_but_not_too_fast(held_up, monkeypatch):
+    clock = Clock(monkeypatch)
+    pace = clock.pace(slack=0.1)
+    begun = clock.run(pace, 200, held_up=held_up)
+    assert pace.slips == 0
+    np.testing.assert_allclose(begun[-1], 199 * 0.002)
+    assert np.diff(begun).min() > 0.002 / processes.FASTEST - 1e-9
+    assert np.diff(begun).max() >= held_up - 1e-9
+
+
+def test_the_clock_of_a_process_that_was_held_up_for_longer_is_put_back(monkeypatch):
+    clock = Clock(monkeypatch)
+    pace = clock.pace(slack=0.1)
+    begun = clock.run(pace, 200, held_up=0.2)
+    assert pace.slips == 1
+    np.testing.assert_allclose(pace.slipped, 0.198)
+    np.testing.assert_allclose(begun[-1], 199 * 0.002 + 0.198)

@@ -1,5 +1,6 @@
 """The page that explains a rollout: its numbers, its files, and what it refuses."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.page import explain_rollout
@@ -73,6 +75,14 @@ def test_factors_are_those_of_the_terms(kind, generator):
             mine = (states == product.state) | (product.state is None)
             expected = np.where(mine, weights * factors.prod(axis=-1), 0.0)
             np.testing.assert_allclose(value, expected, rtol=1e-9)
+
+
+def test_page_names_a_robot_that_is_not_the_default_one(trot, few, explained_page, tmp_path):
+    policy, rollout = copy(few[0]), few[1]
+    for robot, title in (("a1", "Trot"), ("go2", "Trot of the Go2")):
+        policy.robot = load_robot(robot)
+        page = explained_page(tmp_path, trot, policy, rollout).read_text()
+        assert page.count(f"Why it does so: {title}, few") == 2
 
 
 def test_names_of_a_gait_are_text_and_nothing_else(trot, explained_page, tmp_path, embedded):

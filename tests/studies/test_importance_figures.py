@@ -9,14 +9,16 @@ import pytest
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.robots.robot import load_robot
-from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.observation import ObservationLayout, entries_of
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.importance.figures import (
     dependence_figure,
     interpret_model,
+    shape_figure,
     student_figures,
     tree_figure,
 )
@@ -57,28 +59,42 @@ def test_interprets_dashboard_shows_the_model(additive, capsys):
     found = re.search(r"http://127\.0\.0\.1:\d+/\d+/", capsys.readouterr().out)
     assert found is not None
     with urlopen(f"{found.group()}_dash-layout", timeout=60) as answer:
-        assert "DoF Pos FL Thigh" in answer.read().decode()
+        assert "q.FL_thigh" in answer.read().decode()
 
 
 def test_interprets_own_model_comes_back(additive):
     policy, models, observations = additive
-    rebuilt = interpret_model(policy, 1, observations)
-    np.testing.assert_allclose(rebuilt.predict(observations), models[1].predict(observations))
-    np.testing.assert_allclose(rebuilt.term_importances(), models[1].term_importances())
+    rebuilt, units = interpret_model(policy, 1, observations), RobotUnits.of(A1, NAMES)
+    quantities, scale = units.quantities(observations), A1.action_scale
+    targets = A1.default_stance[1] + scale * models[1].predict(observations)
+    np.testing.assert_allclose(rebuilt.predict(quantities), targets)
+    np.testing.assert_allclose(rebuilt.term_importances(), scale * models[1].term_importances())
     ours, theirs = rebuilt.explain_global(), models[1].explain_global()
-    assert ours.data()["names"][:N] == list(NAMES)
+    assert ours.data()["names"][:N] == [entry.symbol for entry in entries_of(NAMES)]
     for term in (3, N):
         mine, other = ours.data(term), theirs.data(term)
-        np.testing.assert_array_equal(mine["scores"], other["scores"])
+        np.testing.assert_allclose(mine["scores"], scale * other["scores"])
         if term < N:
             assert max(mine["upper_bounds"] - mine["scores"]) > 0
-            np.testing.assert_array_equal(mine["upper_bounds"], other["upper_bounds"])
-    local = rebuilt.explain_local(observations[:1]).data(0)
+            np.testing.assert_allclose(mine["upper_bounds"], scale * other["upper_bounds"])
+    local = rebuilt.explain_local(quantities[:1]).data(0)
     parts = policy.explain(observations[0], 1)
-    action = sum(local["scores"]) + rebuilt.intercept_
-    assert action == pytest.approx(policy(observations[0])[1], abs=1e-9)
-    target = A1.default_stance[1] + A1.action_scale * action
+    target = sum(local["scores"]) + rebuilt.intercept_
+    assert target == pytest.approx(targets[0], abs=1e-9)
     assert parts.values.sum() == pytest.approx(target, abs=1e-9)
+
+
+def test_functions_are_drawn_in_the_robots_units(additive):
+    """A velocity is observed twentyfold smaller than it is; the page's axis is in rad/s."""
+    policy, _, observations = additive
+    velocity = NAMES.index("DoF Vel FL Hip")
+    drawn = shape_figure(policy, interpret_model(policy, 0, observations), (velocity,), "title")
+    above, below = drawn.axes
+    assert below.get_xlabel() == "dq.FL_hip\n(rad/s)"
+    assert above.get_ylabel() == "adds to the target (rad)"
+    low, high = below.dataLim.intervalx
+    seen = 20 * observations[:, velocity]
+    assert (low, high) == pytest.approx((seen.min(), seen.max()))
 
 
 def test_interprets_dashboard_draws_the_rebuilt_model(additive):
@@ -108,8 +124,10 @@ def test_trees_are_drawn_with_their_questions(generator):
     np.testing.assert_allclose(added + policy.intercepts[2], policy(observations)[:, 2])
     figure = tree_figure(policy, 2, observations)
     boxes = [text.get_text() for text in figure.axes[0].texts]
-    assert boxes[0].startswith(NAMES[7])
+    assert boxes[0].startswith("q.FR_calf\n≤ ")
+    assert " rad?\n" in boxes[0]
     assert "300 samples" in boxes[0]
     assert {"yes", "no"} < set(boxes)
     drawn = dependence_figure(policy, 2, observations, (7, 9), generator, n_curves=5)
-    assert NAMES[7] in drawn.axes[0].get_xlabel()
+    assert drawn.axes[0].get_xlabel() == "q.FR_calf\n(rad)"
+    assert drawn.axes[0].get_ylabel() == "target of FL calf (rad)"

@@ -8,9 +8,11 @@ import pytest
 
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.palette import contrast
+from glassgait.studies.evaluation.worlds_figures import fall_overview
 from glassgait.studies.pictures.age import FOLDER, KINDS, digests, read_record
 from glassgait.studies.pictures.blocks import BLOCKS, blocks_svg
-from glassgait.studies.pictures.draw import loop_dot, pictures
+from glassgait.studies.pictures.draw import FALLS_PAGE, loop_dot, pictures
+from glassgait.studies.pictures.falls import POLICIES, falls_on
 
 RECORD = read_record()
 PRESENT = sorted(path.name for path in FOLDER.iterdir() if path.suffix in KINDS)
@@ -59,6 +61,26 @@ def test_words_of_blocks_fit_and_can_be_read():
     assert "4. Formulas" in texts
     colors = {node.get("fill") for node in drawing.iter("{http://www.w3.org/2000/svg}text")}
     assert all(contrast(color, "#ffffff") >= 4.5 for color in colors)
+
+
+def test_the_map_of_falls_is_drawn_from_the_numbers_on_the_page():
+    page = "text\n\n| scenario | walk | half-bound |\n|---|---|---|\n" + (
+        "| slope | 2 / 8 / 1 / 7 / 9 | 22 / 26 / 0 / 5 |\n"
+        "| SAP (training) | 0 / 0 / 0 / 0 / – | 0 / 0 / 0 / 0 |\n\nmore"
+    )
+    walk, half_bound = falls_on(page).values()
+    assert walk["policy"].tolist() == [*POLICIES, *POLICIES[:4]]
+    assert walk["falls"].tolist() == [2, 8, 1, 7, 9, 0, 0, 0, 0]
+    assert half_bound["falls"].tolist() == [22, 26, 0, 5, 0, 0, 0, 0]
+    assert half_bound["scenario"].unique().tolist() == ["slope", "training"]
+    assert half_bound["fall_rate"][1] == 1.0
+
+
+def test_rows_of_the_map_are_in_the_order_of_the_table_on_the_page():
+    tables = falls_on(FALLS_PAGE.read_text())
+    (first, *_) = fall_overview(tables).axes
+    drawn = [" ".join(label.get_text().split()) for label in first.get_yticklabels()]
+    assert drawn == next(iter(tables.values()))["world"].unique().tolist()
 
 
 def test_the_loop_is_described_alike_however_many_systems_there_were():

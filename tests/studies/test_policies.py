@@ -12,6 +12,7 @@ from glassgait.models.policies.library import (
     load_expert,
     load_student,
 )
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of
@@ -149,6 +150,15 @@ def test_a_neural_file_acts_by_itself(tmp_path, other_expert):
 def test_a_policy_that_is_not_there_is_refused(name):
     with pytest.raises(InputError, match=r"--policy.*gbm"):
         find_policies(TROT).policy(name)
+
+
+def test_the_remedy_for_a_missing_student_is_of_its_robot():
+    with pytest.raises(InputError, match=r"distill --gait pace --robot go2 --students linear'"):
+        find_policies(load_gait("pace"), robot="go2").policy("linear")
+    with pytest.raises(InputError, match=r"distill --gait pace --students linear'"):
+        find_policies(load_gait("pace")).policy("linear")
+    with pytest.raises(InputError, match=r"distill --gait pace --robot go2 --students linear'"):
+        load_student("pace", "linear", load_robot("go2"))
 
 
 def test_of_policies_of_one_name_the_second_is_called_by_its_path(tmp_path, other_expert):

@@ -150,12 +150,13 @@ def test_unknown_gaits_are_refused(refused):
 
 
 @pytest.mark.slow
-def test_command_writes_one_page_and_resumes(tmp_path, refused):
+def test_command_writes_one_page_and_resumes(tmp_path, refused, faults_of):
     tiny = tmp_path.with_suffix(".yaml")
     tiny.write_text(yaml.safe_dump({"study": "report", "quick": to_plain(TINY)}))
     arguments = ["reproduce", str(tiny), "--quick", "--gait", "trot", "--output", str(tmp_path)]
     main(arguments)
     page = (tmp_path / "report.html").read_text()
+    assert faults_of(tmp_path / "report.html") == []
     assert page.count("data:image/png;base64") == 12
     assert "data:image/svg+xml" in page
     text = (tmp_path / "report.md").read_text()

@@ -148,7 +148,7 @@ def test_buttons_stay_where_they_are_when_pressed_and_the_requested_gait_is_mark
     meshcat = open_meshcat()
     meshcat.AddButton("stop and save", "Escape")
     gaits = [load_gait(name) for name in ("trot", "bound", "pace")]
-    simulator = Simulator(gait_buttons(gaits, meshcat))
+    simulator = Simulator(gait_buttons([gait.name for gait in gaits], meshcat))
     browser.set_window_size(480, 400)
     browser.get(meshcat.web_url())
 

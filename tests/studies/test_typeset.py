@@ -1,5 +1,7 @@
 """Typeset controllers: pages and LaTeX of formula files, those that ship first of all."""
 
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,6 +13,7 @@ from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
 from glassgait.studies.common.typeset import to_latex
 from glassgait.studies.explanation.interventions.sentences import (
+    SUFFIX,
     Sentence,
     Sentences,
     find_sentences,
@@ -18,6 +21,12 @@ from glassgait.studies.explanation.interventions.sentences import (
 from glassgait.studies.explanation.typeset import beside, typeset
 
 PAGES = sorted(STUDENT_DIRECTORY.rglob("sparse_formula.formulas"))
+README = STUDENT_DIRECTORY.parent / "README.md"
+
+
+def page_id(path: Path) -> str:
+    """Names a page by its robot, where that is not the default one, and gait."""
+    return "-".join(path.parent.relative_to(STUDENT_DIRECTORY).parts)
 
 
 def typeset_page(path: Path) -> dict[str, str]:
@@ -26,14 +35,14 @@ def typeset_page(path: Path) -> dict[str, str]:
     return typeset(policy, path.stem, said)
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("path", PAGES, ids=page_id)
 def test_every_page_that_ships_has_its_typeset_form(path):
     remedy = "run 'glassgait explain typeset --output' beside it"
     for name, text in typeset_page(path).items():
         assert path.with_name(name).read_text() == text, f"{name} is of another file; {remedy}"
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("path", PAGES, ids=page_id)
 def test_sentences_that_ship_are_of_the_policy_that_ships(path):
     policy = load_policy(path)
     said = find_sentences(policy.digest(), [beside(path)])
@@ -41,8 +50,21 @@ def test_sentences_that_ship_are_of_the_policy_that_ships(path):
     assert {own.joint for own in said.sentences} <= set(quadruped.JOINTS)
 
 
+@pytest.mark.parametrize("path", PAGES, ids=page_id)
+def test_every_page_that_ships_has_a_row_that_links_its_typeset_form(path):
+    table = README.read_text().split("\n### Typeset\n")[1].split("\n### ")[0]
+    (row,) = [line for line in table.splitlines() if f"({linked(path, '.html')})" in line]
+    for end in (".html", ".tex", SUFFIX):
+        assert f"({linked(path, end)})" in row
+        assert path.with_name(f"{path.stem}{end}").is_file()
+
+
+def linked(path: Path, end: str) -> str:
+    return path.with_name(f"{path.stem}{end}").relative_to(README.parent).as_posix()
+
+
 def test_pages_ship():
-    assert [path.parent.name for path in PAGES] == ["bound", "trot", "pace", "trot", "walk"]
+    assert [*map(page_id, PAGES)] == ["bound", "go2-pace", "go2-trot", "pace", "trot", "walk"]
 
 
 def test_a_page_holds_all_joints_and_says_which_are_mirror_images():
@@ -58,6 +80,24 @@ def test_a_page_holds_all_joints_and_says_which_are_mirror_images():
     latex = page["sparse_formula.tex"]
     assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") > 24
     assert latex.count("{") == latex.count("}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "path",
+    [*PAGES, STUDENT_DIRECTORY / "half_bound" / "statewise_symbolic.formulas"],
+    ids=lambda path: f"{path.parent.name}-{path.stem}",
+)
+def test_latex_makes_pages_that_no_line_leaves(path, tmp_path):
+    pdflatex = shutil.which("pdflatex")
+    if pdflatex is None:
+        pytest.skip("needs pdflatex (Debian: texlive-latex-base)")
+    (tmp_path / "own.tex").write_text(to_latex(load_policy(path).to_file()))
+    command = [pdflatex, "-interaction=nonstopmode", "-halt-on-error", "own.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-1500:]
+    assert (tmp_path / "own.pdf").exists()
+    assert "Overfull" not in (tmp_path / "own.log").read_text(errors="replace")
 
 
 def test_mathml_is_well_formed():

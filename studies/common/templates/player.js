@@ -125,3 +125,19 @@ class Strip {
     this.cursor.setAttribute("x2", this.x(step));
   }
 }
+
+// One player for replays and strips of rollouts that begin together; one that ends early stays.
+function playTogether(box, { frames, strips: svgs, rollouts, moment, step = 0 }) {
+  const strips = svgs.map((svg, k) => new Strip(svg, rollouts[k], to => player.go(to)));
+  const { period } = rollouts[0];
+  const player = new Player(box, {
+    last: Math.max(...strips.map(strip => strip.last)), period, frames,
+    shown: now => {
+      for (const strip of strips) strip.show(Math.min(now, strip.last));
+      moment.textContent = `${(now * period).toFixed(2)} s`;
+    },
+  });
+  player.go(step);
+  document.addEventListener("keydown", event => { if (event.target === document.body) player.press(event); });
+  return player;
+}

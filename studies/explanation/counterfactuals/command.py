@@ -221,6 +221,7 @@ class ExplainCounterfactual(OnePolicy):
                 replayed=self.replayed,
                 lasting=self.lasting,
                 outcome=outcome,
+                futures=futures,
                 replay=(folder / "replay.html").read_text(),
                 figure=folder / "futures.png",
             )

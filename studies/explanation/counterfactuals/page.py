@@ -13,9 +13,16 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
-from glassgait.studies.common.pages import embedded, inline_image, page_template
+from glassgait.studies.common.gait_figure import strip_data
+from glassgait.studies.common.pages import embedded, gait_title, inline_image, page_template
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.explanation.counterfactuals.futures import AFTER, BEFORE, WAS, WOULD_BE
+from glassgait.studies.explanation.counterfactuals.futures import (
+    AFTER,
+    BEFORE,
+    WAS,
+    WOULD_BE,
+    Futures,
+)
 
 _WORDS = {
     "hip": ("turn further to the left", "turn further to the right"),
@@ -108,9 +115,14 @@ def outcome_in_words(outcome: Mapping[str, Any], by: float) -> str:
         (False, True): "only the robot as it was fell",
         (True, True): "both robots fell",
     }
-    return f"The target changed by {outcome['target']:+.3f} rad; {moved}; " + (
+    return f"The target changed by {_change(outcome['target'])}; {moved}; " + (
         f"{falls[outcome['fell'], outcome['fell_before']]} within the part that is shown."
     )
+
+
+def _change(value: float) -> str:
+    """Writes by how much a target changes, however small a change was asked for."""
+    return f"{value:+#.3g} rad"
 
 
 def _side(value: float, more: str, less: str) -> str:
@@ -139,6 +151,7 @@ def render_page(
     replayed: str,
     lasting: int,
     outcome: Mapping[str, Any],
+    futures: Futures,
     replay: str,
     figure: Path,
 ) -> str:
@@ -151,23 +164,27 @@ def render_page(
         replayed: Name of the answer that the policy was given.
         lasting: For how many control steps it was.
         outcome: What came of it, as `Futures.outcome` returns.
+        futures: What was, and what came of it.
         replay: Meshcat's page of both robots.
         figure: Picture of both futures.
     """
     order = (replayed, *(name for name in answers if name != replayed))
+    opened = min(BEFORE, step)
     return page_template(TEMPLATES, "counterfactual.html").render(
-        gait=gait,
-        policy=policy_title(policy_name),
+        title=f"{gait_title(gait.name, question.policy.robot)}, {policy_title(policy_name)}",
         question=question_in_words(question, step),
         by=question.by,
         step=step,
         moment=step * CONTROL_PERIOD,
-        before=BEFORE * CONTROL_PERIOD,
+        opened=opened,
+        before=opened * CONTROL_PERIOD,
         after=AFTER * CONTROL_PERIOD,
         answers=[_shown(_HEADINGS[name], question, answers[name]) for name in order],
         lasting=lasting,
         outcome=outcome_in_words(outcome, question.by),
         colors=(WAS, WOULD_BE),
+        futures=("as it was", "given the other observation"),
+        strips=embedded([strip_data(part, gait) for part in futures.shown()]),
         replay=embedded(replay),
         figure=inline_image(figure),
     )
@@ -180,6 +197,6 @@ def _shown(heading: str, question: Question, answer: Answer | None) -> dict[str,
     summary = (
         f"{count} observation{'s' if count > 1 else ''} would have had to differ, by a distance "
         f"of {answer.distance:.2f} standard deviations in all; {certainty_in_words(answer)}. The "
-        f"policy then asks for {answer.change_of_target:+.4f} rad."
+        f"target that the policy asks for then changes by {_change(answer.change_of_target)}."
     )
     return {"heading": heading, "table": answer_table(question, answer), "summary": summary}

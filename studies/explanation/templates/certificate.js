@@ -146,6 +146,10 @@ function showWitness() {
   const [inputs, targets] = [inputTable(own), targetTable(own)].map(parts => {
     const part = element("div");
     part.append(...parts);
+    // On a narrow page it is scrolled, by keys too.
+    part.tabIndex = 0;
+    part.setAttribute("role", "group");
+    part.setAttribute("aria-label", "Table of the witness");
     return part;
   });
   beside.append(inputs, targets);
@@ -163,11 +167,11 @@ function open(claim, button) {
   document.getElementById("witness")?.remove();
   for (const other of document.querySelectorAll("button.witness")) other.setAttribute("aria-expanded", false);
   opened = opened === claim ? null : claim;
+  const own = certificate.witnesses[claim], line = element("tr");
+  own.usual ??= own.inputs.map(usual);
   showNearest();
   showPinned();
   if (opened === null) return;
-  const own = certificate.witnesses[claim], line = element("tr");
-  own.usual ??= own.inputs.map(usual);
   line.id = "witness";
   line.append(element("td"));
   line.firstElementChild.colSpan = 3;

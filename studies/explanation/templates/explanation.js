@@ -30,7 +30,8 @@ const minus = text => text.replace("-", "−");
 const signed = x => (x < 0 ? "−" : "+") + Math.abs(x).toFixed(3);
 const short = x => minus(String(Number(x.toPrecision(4))));
 
-const nameOf = term => term.of.map(k => data.quantities[k]).join(" · ") || "intercept";
+// A product of quantities, or a function of one or two.
+const nameOf = term => term.of.map(k => data.quantities[k]).join(term.weights.length ? " · " : " & ") || "intercept";
 const weightOf = term => term.weights[term.weights.length > 1 ? data.state[view.step] : 0];
 // What a reader multiplies to check a term: its weight and the values at this step.
 function productOf(term) {
@@ -43,9 +44,9 @@ function head(table, ...titles) {
   table.replaceChildren();
   const line = table.createTHead().insertRow();
   for (const [title, kind] of titles) {
-    const cell = document.createElement("th");
+    const cell = document.createElement(title ? "th" : "td");
     cell.textContent = title; cell.className = kind || "";
-    cell.scope = "col";
+    if (title) cell.scope = "col";
     line.append(cell);
   }
   return table.createTBody();

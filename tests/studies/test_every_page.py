@@ -1,0 +1,110 @@
+"""Every page that a command writes can be read: on a telephone, by keys, and by those who hear it.
+
+The reports of `demo` and `reproduce` are looked at where they are made, in their own tests.
+"""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import glassgait.studies
+from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.studies.cli import main
+
+STUDIES = Path(glassgait.studies.__file__).parent
+
+TROT = ["--gait", "trot", "--policy"]
+
+COMMANDS = {
+    "explained formulas": ["explain", "page", *TROT, "sparse_formula", "--n-steps", "40"],
+    "explained additive model": ["explain", "page", *TROT, "ebm", "--n-steps", "40"],
+    "explained linear laws": ["explain", "page", *TROT, "statewise_linear", "--n-steps", "40"],
+    "counterfactual": ["explain", "counterfactual", *TROT, "statewise_linear", "--step", "20"],
+    "typeset": ["explain", "typeset", *TROT, "sparse_formula"],
+    "replay": ["view", *TROT, "sparse_formula", "--n-steps", "20"],
+}
+"""What writes each kind of page, in short."""
+
+PAGES = {
+    "typeset": "sparse_formula.html",
+    "replay": "sparse_formula_alone.html",
+    "replay of two": "replay.html",
+}
+"""Names of pages; of others it is index.html."""
+
+ELSEWHERE = {
+    "evaluation/pair.py": "a replay of two, as of counterfactuals",
+    "reproduction/certificates.py": "a link to a page that explains",
+    "reproduction/demo.py": "test_demo.py",
+    "reproduction/page.py": "test_demo.py and test_report.py",
+    "reproduction/report.py": "test_report.py",
+}
+"""Files that name a page which is looked at elsewhere, or none of their own."""
+
+HERE = {
+    "cli.py",
+    "common/pages.py",
+    "common/typeset.py",
+    "explanation/command.py",
+    "explanation/counterfactuals/command.py",
+    "explanation/counterfactuals/page.py",
+    "explanation/page.py",
+    "explanation/typeset.py",
+    "view/command.py",
+}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Returns a function that writes a kind of page, once, and returns its path."""
+    folders: dict[str, Path] = {}
+
+    def write(kind: str) -> Path:
+        maker = "counterfactual" if kind == "replay of two" else kind
+        if maker not in folders:
+            folders[maker] = tmp_path_factory.mktemp("page")
+            main([*COMMANDS[maker], "--output", str(folders[maker])])
+        return folders[maker] / PAGES.get(kind, "index.html")
+
+    return write
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [*COMMANDS, "replay of two"])
+def test_a_page_can_be_read(kind, written, faults_of):
+    assert faults_of(written(kind)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", sorted(STUDENT_DIRECTORY.rglob("*.html")), ids=lambda path: path.parent.name
+)
+def test_a_page_that_ships_can_be_read(page, faults_of):
+    assert faults_of(page) == []
+
+
+def test_no_command_writes_a_page_that_is_not_looked_at():
+    named = {
+        path.relative_to(STUDIES).as_posix()
+        for path in STUDIES.rglob("*.py")
+        if re.search(r"\.html\b", path.read_text()) and "studio" not in path.parts
+    }
+    assert named == HERE | {*ELSEWHERE}
+
+
+@pytest.mark.slow
+def test_both_futures_are_played_together(written, browser):
+    browser.get(written("counterfactual").as_uri())
+    moment = browser.find_element("id", "moment")
+    assert moment.text == "0.30 s"
+    browser.find_element("css selector", "[data-do=on]").click()
+    assert moment.text == "0.32 s"
+    browser.execute_script(
+        "const own = document.getElementById('time');"
+        "own.value = 80; own.dispatchEvent(new Event('input'));"
+    )
+    assert moment.text == "1.60 s"
+    strips = browser.find_elements("css selector", "svg.strip line[stroke='#c00000']")
+    assert len({own.get_attribute("x1") for own in strips}) == 1
+    assert len(strips) == 2
