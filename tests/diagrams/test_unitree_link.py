@@ -213,11 +213,19 @@ def test_what_is_pressed_before_the_robot_follows_is_not_remembered(trot, page):
         return Asked(FORWARD)
 
     ends = Ends(trot, page, operator=operator)
+
+    def pressed():
+        return {stage for stage, buttons in heard if Button.START in buttons}
+
     ends.robot.remote = write_remote(Remote(Button.START, 0.0, 0.0, 0.0, 0.0))
     ends.run(60)
-    pressed = {stage for stage, buttons in heard if Button.START in buttons}
     assert {stage for stage, _ in heard} == {Stage.RISING, Stage.FOLLOWING}
-    assert pressed == {Stage.FOLLOWING}
+    assert not pressed()
+    ends.robot.remote = write_remote(Remote.untouched())
+    ends.run(5)
+    ends.robot.remote = write_remote(Remote(Button.START, 0.0, 0.0, 0.0, 0.0))
+    ends.run(5)
+    assert pressed() == {Stage.FOLLOWING}
 
 
 def test_two_buttons_of_the_remote_damp(ends):
