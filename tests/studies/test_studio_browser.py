@@ -280,6 +280,7 @@ def verify_marks_a_lost_claim(page):
     until(lambda: "✗ lost" in text(page, "#claims"), 480.0)
     click(page, "#tab-verify .halt")
     click(page, "#undo")
+    until(lambda: text(page, "#changed") == "")
 
 
 def evaluate_counts_falls_of_both(page):
