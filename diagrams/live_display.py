@@ -5,6 +5,7 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, MeshcatVisualizer, 
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
+from glassgait.diagrams.physics import moved_by
 from glassgait.diagrams.posed_robots import AddPosedRobots, paint
 from glassgait.diagrams.shadows import Shadows
 from glassgait.diagrams.visualization import draw_ground
@@ -102,7 +103,7 @@ class LiveDisplay:
         """
         # Ground that repeats is laid around its middle period alone.
         away = self._ground.periods(state)
-        state, beside = (_moved(own, -away) for own in (state, state if ghost is None else ghost))
+        state, beside = (moved_by(own, -away) for own in (state, state if ghost is None else ghost))
         given = {"state": state, "rm_state": rm_state, "foot_contact": foot_contact}
         for name, value in given.items():
             self._inputs[name].FixValue(self._context, value)
@@ -139,9 +140,3 @@ class LiveDisplay:
             along @ RotationMatrix.MakeXRotation(np.pi), base + (length + 0.06) * direction
         )
         self._meshcat.SetTransform(f"{ARROW_PATH}/tip", tip)
-
-
-def _moved(state: Array, offset: Array) -> Array:
-    moved = state.copy()
-    moved[quadruped.POSITION] += offset
-    return moved

@@ -53,11 +53,11 @@ class Held(NamedTuple):
 
 
 def moved_by(states: Array, away: Array) -> Array:
-    """Returns plant states x (n, 37) with trunks moved (n, 3; m)."""
+    """Returns plant states x (..., 37) with trunks moved (..., 3; m)."""
     if not away.any():
         return states
     states = states.copy()
-    states[:, quadruped.POSITION] += away
+    states[..., quadruped.POSITION] += away
     return states
 
 

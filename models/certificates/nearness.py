@@ -15,7 +15,12 @@ from glassgait.models.certificates.question import Targets
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.assurance import Region
-from glassgait.models.task.observation import entries_of, indices_of, machine_state_entries
+from glassgait.models.task.observation import (
+    entries_of,
+    indices_of,
+    machine_state_entries,
+    symbols_of,
+)
 
 TOLERANCE = 1e-9
 """Widths by which an observation may pass a box's end: both are computed in double precision."""
@@ -82,7 +87,7 @@ def nearness(
 def box_of(claim: Claim, boxes: Mapping[str, ObservationBox]) -> ObservationBox:
     """Returns the box that a claim is about."""
     box = boxes[claim.box]
-    symbols = [entry.symbol for entry in entries_of(box.names)]
+    symbols = symbols_of(box.names)
     return box.taking([box.names[symbols.index(own)] for own in claim.stuck], boxes["physical"])
 
 

@@ -25,6 +25,7 @@ from glassgait.models.task.observation import (
     entries_of,
     indices_of,
     machine_state_entries,
+    symbols_of,
 )
 from glassgait.models.task.termination import TerminationLimits
 
@@ -96,7 +97,7 @@ class ObservationBox:
         Raises:
             InputError: if a name is unknown, or a range is missing, empty or not finite.
         """
-        symbols = [entry.symbol for entry in entries_of(names)]
+        symbols = symbols_of(names)
         for symbol in symbols:
             if symbol not in ranges:
                 raise InputError(f"the box lacks {symbol!r}; give its least and greatest value")
@@ -208,7 +209,7 @@ def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
             raise InputError(
                 f"{path}: key {shown(symbol)} is {shown(ends)}; it must be [least, greatest]"
             )
-    known = {entry.symbol for entry in entries_of(names)}
+    known = set(symbols_of(names))
     if unknown := [symbol for symbol in ranges if symbol not in known]:
         raise InputError(f"{path}: no quantity is called {shown(unknown[0])}; remove it")
     try:
@@ -324,8 +325,7 @@ def rounded_outward(box: ObservationBox) -> ObservationBox:
     units, factor = RobotUnits.of(box.robot, box.names), 10.0**DECIMALS
     low = np.floor(units.quantities(box.lower) * factor) / factor
     high = np.ceil(units.quantities(box.upper) * factor) / factor
-    symbols = [entry.symbol for entry in entries_of(box.names)]
-    ends = zip(symbols, low.tolist(), high.tolist(), strict=True)
+    ends = zip(symbols_of(box.names), low.tolist(), high.tolist(), strict=True)
     return ObservationBox.of_quantities(box.robot, box.names, {name: (a, b) for name, a, b in ends})
 
 

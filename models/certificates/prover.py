@@ -35,7 +35,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import entries_of
+from glassgait.models.task.observation import symbols_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.models.task.termination import PHYSICAL_FALL
 
@@ -141,7 +141,7 @@ class Prover:
         self.provable = policy.capabilities.targets is not None
         self._targets = targets_of(policy) if self.provable else None
         self.stiffness, _ = policy.joint_law.gains_of(policy.robot)
-        self.symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
+        self.symbols = symbols_of(policy.observation_names)
 
     @property
     def targets(self) -> Targets:

@@ -20,7 +20,7 @@ from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.text import Notation, written_lines
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import entries_of
+from glassgait.models.task.observation import entries_of, symbols_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 RESERVED = frozenset(
@@ -207,7 +207,7 @@ def _helpers(
 
 def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
     """Names all variables as C can: as the formulas do, but for names that C has other uses for."""
-    observed = [entry.symbol for entry in entries_of(vocabulary.names)]
+    observed = symbols_of(vocabulary.names)
     taken = {symbol.partition(".")[0] for symbol in observed}
     defined = [definition.symbol for definition in vocabulary.definitions]
     plain = {symbol for symbol in defined if "." not in symbol}

@@ -16,7 +16,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression, canonical, constant, variable
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import ObservationEntry, entries_of
+from glassgait.models.task.observation import ObservationEntry, entries_of, symbols_of
 
 LATE = 4.0
 """Control steps in a state of the machine that are neither early nor late."""
@@ -111,8 +111,7 @@ class Vocabulary:
         Raises:
             InputError: if an observation's name is unknown.
         """
-        observed = (entry.symbol for entry in entries_of(self.names))
-        return (*observed, *(definition.symbol for definition in self.definitions))
+        return (*symbols_of(self.names), *(definition.symbol for definition in self.definitions))
 
     @cached_property
     def _defined(self) -> dict[int, Expression]:

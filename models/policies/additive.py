@@ -17,7 +17,7 @@ from glassgait.models.policies.policy import (
     contributions_of_action,
 )
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import entries_of
+from glassgait.models.task.observation import symbols_of
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
@@ -191,7 +191,7 @@ class AdditivePolicy(Policy):
 
     def term_names(self, joint: int) -> tuple[str, ...]:
         """Names a joint's functions as pages do: those of one quantity, then those of two."""
-        names = tuple(entry.symbol for entry in entries_of(self.observation_names))
+        names = symbols_of(self.observation_names)
         pairs = self.pairs[self.pair_joints == joint]
         return (*names, *(f"{names[first]} & {names[second]}" for first, second in pairs))
 

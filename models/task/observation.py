@@ -286,6 +286,15 @@ def entries_of(names: Sequence[str]) -> tuple[ObservationEntry, ...]:
     return tuple(entry_of(name) for name in names)
 
 
+def symbols_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Returns what formulas and pages call the entries of the names that a policy stores.
+
+    Raises:
+        InputError: if no entry is called so.
+    """
+    return tuple(entry.symbol for entry in entries_of(names))
+
+
 def indices_of(group: Group, names: Sequence[str]) -> tuple[int, ...]:
     """Returns where the entries of a group stand among the names of an observation.
 

@@ -445,9 +445,12 @@ def _refuse_other_gait(gait: Gait, folder: Path) -> None:
 
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Lists the files of students that a folder holds, by kind and in the order of tables."""
-    paths = [path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES]
-    paths = [path for path in paths if path.name != CHECKPOINT_NAME]
-    stems = sorted(path.stem for path in paths if path.stem not in (gait, EXPERT))
+    found = [path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES]
+    stems = sorted(
+        path.stem
+        for path in found
+        if path.stem not in (gait, EXPERT) and path.name != CHECKPOINT_NAME
+    )
     ranked = sorted(stems, key=rank)
     return {kind: policy_path(folder, kind) for kind in ranked}
 

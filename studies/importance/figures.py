@@ -20,7 +20,7 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import entries_of, entry_of
+from glassgait.models.task.observation import entries_of, entry_of, symbols_of
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.importance.faithfulness import MODE_TITLES, AblationMode
@@ -43,7 +43,7 @@ def interpret_model(
         observations: Observations (m, n); their density stands below each function and weighs the
             terms' importances.
     """
-    robot, symbols = policy.robot, symbols_of(policy)
+    robot, symbols = policy.robot, list(symbols_of(policy.observation_names))
     model: Any = ExplainableBoostingRegressor(feature_names=symbols)
     units, n = RobotUnits.of(robot, policy.observation_names), len(symbols)
     quantities = units.quantities(observations)
@@ -84,11 +84,6 @@ def interpret_model(
     model.link_, model.link_param_ = "identity", np.nan
     model.has_fitted_ = True
     return model
-
-
-def symbols_of(policy: Policy) -> list[str]:
-    """Returns what pages of formulas call the quantities that a policy observes."""
-    return [entry.symbol for entry in entries_of(policy.observation_names)]
 
 
 def _with_unit(policy: Policy, index: int) -> str:
@@ -307,7 +302,7 @@ def dependence_figure(
         _JointRegressor(policy, joint).fit(quantities),
         quantities,
         columns,
-        feature_names=symbols_of(policy),
+        feature_names=list(symbols_of(policy.observation_names)),
         kind="both",
         subsample=min(n_curves, len(observations)),
         random_state=int(generator.integers(2**31)),
@@ -343,8 +338,7 @@ class _JointRegressor(RegressorMixin, BaseEstimator):
         """Returns the joint's targets (m,; rad) at quantities (m, n) in the robot's units."""
         robot = self.policy.robot
         observed = RobotUnits.of(robot, self.policy.observation_names).observed(np.asarray(X))
-        actions = self.policy(observed)[:, self.joint]
-        return robot.action_scale * actions + robot.default_stance[self.joint]
+        return robot.joint_targets(self.policy(observed))[:, self.joint]
 
 
 def _level(node: int) -> int:

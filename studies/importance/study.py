@@ -13,6 +13,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import symbols_of
 from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.scores import interval
@@ -22,7 +23,7 @@ from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.distillation.students.settings import StudentKind
-from glassgait.studies.importance.figures import importance_map, symbols_of
+from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.measures import (
     METHOD_TITLES,
     PAPER_TOP,
@@ -111,7 +112,7 @@ def measure_importances(
             mean, stem = values.mean(axis=0), f"{kind}_{method}"
             title = f"{gait.capitalize()}, {student_title(kind)}: {METHOD_TITLES[method]}"
             tables[stem] = _by_joint(mean, names)
-            figures[stem] = importance_map(mean, symbols_of(student), title)
+            figures[stem] = importance_map(mean, symbols_of(names), title)
             groups.append(_by_group(values, names, kind, method))
             if method in PAPER_TOP:
                 top = top_table(mean, names, gait, method)
