@@ -66,6 +66,41 @@ class BatchStep(NamedTuple):
     truncated: BoolArray
 
 
+class _Moved(NamedTuple):
+    """Where one control step took robots; those that are lost stay as they were.
+
+    Attributes:
+        plant: Plant states (n, 37).
+        touching: Whether each foot touches (n, 4).
+        action: Actions that joints followed (n, 12).
+        failures: Flags in the order of `FAILURES` (n, 7).
+    """
+
+    plant: Array
+    touching: BoolArray
+    action: Array
+    failures: BoolArray
+
+    @property
+    def lost(self) -> BoolArray:
+        """Which robots came into no finite state, or were asked for none (n,)."""
+        return self.failures[:, NOT_FINITE]
+
+
+class _Contacts(NamedTuple):
+    """Contacts as far as sensors are believed.
+
+    Attributes:
+        trust: Which sensors are believed.
+        sensed: Which feet seem to press on the ground (n, 4).
+        lasting: Which feet touch, or did at the step before (n, 4).
+    """
+
+    trust: ContactTrust
+    sensed: BoolArray
+    lasting: BoolArray
+
+
 class BatchSimulator:
     """Plays the locomotion task with many robots.
 
@@ -241,66 +276,32 @@ class BatchSimulator:
             action: What controllers ask for.
             silent: Which controllers ask for nothing (n,): those joints keep their targets.
         """
-        s, task, robot = self._state, self.task, self.task.robot
-        if self.day is not None:
-            self.mode_step = self._in_modes(self.day, action)
-            self.modes, action = self.mode_step.state, self.mode_step.action
-        asked, action = action, self.limited(action)
-        if silent is not None and silent.any():
-            action = np.where(silent[:, None], s.action, action)
-        moved = self._moved(s, action)
-        plant = moved.states
-        shown = failures(
-            robot,
-            plant,
-            action=action,
-            previous_action=s.action,
-            limits=task.limits,
-            ground=self._ground,
-        )
-        # A lost robot keeps its last sound state, so that nothing below meets a NaN. So does one
-        # whose limits kept its targets, because not all that was asked is finite.
-        shown[:, NOT_FINITE] |= ~np.isfinite(asked).all(axis=1)
-        lost = shown[:, NOT_FINITE]
-        plant = np.where(lost[:, None], s.plant, plant)
-        action = np.where(lost[:, None], s.action, action)
-
+        s, task = self._state, self.task
+        moved = self._moved(s, *self._asked(s, action, silent))
         steps = s.steps + 1
         joint_noise = self._joint_errors(s.bias)
         push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
-        touching = np.where(lost[:, None], s.touching, moved.touching)
-        feet = sense_feet(robot, plant, s.touching, touching, self._ground)
-        wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
-        reading = read_contacts(feet.touching, wrong, s.stuck)
-        trust, contact = s.trust.after(reading), s.trust.lasting(reading)
-        sensed = reading
-        if trust.doubted.any():
-            height = self._expected_height(s, plant, joint_noise, feet)
-            sensed, contact = trust.believed(reading, height), trust.believed(contact, height)
-        machine = self._step_machine(self._restarted(s), feet, contact, command)
-        reward = self._rewarded(s, plant, action, command, feet)
-        plain = np.where(lost, 0.0, reward.plain)
-        after = TaskState(
-            plant=plant,
+        feet = sense_feet(task.robot, moved.plant, s.touching, moved.touching, self._ground)
+        contacts = self._read_contacts(s, moved.plant, joint_noise, feet)
+        machine = self._step_machine(self._restarted(s), feet, contacts.lasting, command)
+        reward = self._rewarded(s, moved.plant, moved.action, command, feet)
+        plain = np.where(moved.lost, 0.0, reward.plain)
+        after = replace(
+            s,
+            plant=moved.plant,
             command=command,
             machine=machine.machine,
             touching=feet.touching,
             air_time=reward.air_time,
             fall_speed=reward.fall_speed,
             tracked=reward.tracked,
-            action=action,
+            action=moved.action,
             action_before=s.action,
             joint_noise=joint_noise,
-            bias=s.bias,
-            imu=s.imu,
-            stuck=s.stuck,
-            trust=trust,
-            sensed=sensed,
-            latency=s.latency,
-            estimate=s.estimate,
-            odometry=s.odometry,
+            trust=contacts.trust,
+            sensed=contacts.sensed,
             steps=steps,
         )
         # A push comes between two steps: the next observation shows it.
@@ -313,10 +314,63 @@ class BatchSimulator:
             terms=reward.terms,
             fired=machine.fired,
             served_dwell=machine.served_dwell,
-            failures=shown,
-            terminated=shown.any(axis=1),
+            failures=moved.failures,
+            terminated=moved.failures.any(axis=1),
             truncated=steps >= task.episode_steps,
         )
+
+    def _asked(
+        self, s: TaskState, action: Array, silent: BoolArray | None
+    ) -> tuple[Array, BoolArray]:
+        """Advances the day, and limits actions.
+
+        Returns:
+            The actions that joints are to follow (n, 12), and which were asked for as finite (n,).
+        """
+        if self.day is not None:
+            self.mode_step = self._in_modes(self.day, action)
+            self.modes, action = self.mode_step.state, self.mode_step.action
+        is_finite = np.isfinite(action).all(axis=1)
+        action = self.limited(action)
+        if silent is not None and silent.any():
+            action = np.where(silent[:, None], s.action, action)
+        return action, is_finite
+
+    def _moved(self, s: TaskState, action: Array, is_finite: BoolArray) -> _Moved:
+        """Moves robots by actions (n, 12) that were finite or not (n,), and looks for failures."""
+        robot, task = self.task.robot, self.task
+        stepped = self._followed(s, action)
+        shown = failures(
+            robot,
+            stepped.states,
+            action=action,
+            previous_action=s.action,
+            limits=task.limits,
+            ground=self._ground,
+        )
+        # A lost robot keeps its last sound state, so that nothing below meets a NaN. So does one
+        # whose limits kept its targets, because not all that was asked is finite.
+        shown[:, NOT_FINITE] |= ~is_finite
+        lost = shown[:, NOT_FINITE]
+        kept = lost[:, None]
+        return _Moved(
+            plant=np.where(kept, s.plant, stepped.states),
+            touching=np.where(kept, s.touching, stepped.touching),
+            action=np.where(kept, s.action, action),
+            failures=shown,
+        )
+
+    def _read_contacts(
+        self, s: TaskState, plant: Array, joint_noise: Array, feet: FootSense
+    ) -> _Contacts:
+        """Reads the feet's contact sensors, and believes those that are to be trusted."""
+        wrong = self.task.randomization.wrong_contacts(self.n_robots, self.generator)
+        reading = read_contacts(feet.touching, wrong, s.stuck)
+        trust, lasting = s.trust.after(reading), s.trust.lasting(reading)
+        if not trust.doubted.any():
+            return _Contacts(trust, reading, lasting)
+        height = self._expected_height(s, plant, joint_noise, feet)
+        return _Contacts(trust, trust.believed(reading, height), trust.believed(lasting, height))
 
     def _rewarded(
         self, s: TaskState, plant: Array, action: Array, command: Command, feet: FootSense
@@ -338,7 +392,7 @@ class BatchSimulator:
             joint_law=self.task.joint_law,
         )
 
-    def _moved(self, s: TaskState, action: Array) -> PhysicsStep:
+    def _followed(self, s: TaskState, action: Array) -> PhysicsStep:
         """Lets the joints follow actions (n, 12) as late as they come, for a control period."""
         very_late = s.latency > CONTROL_PERIOD
         coming = np.where(very_late[:, None], s.action, action)

@@ -3,33 +3,26 @@
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import (
-    Diagram,
-    DiagramBuilder,
-    InputPort,
-    OutputPort,
-    TriggerType,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from glassgait.diagrams.commands import AddCommand
 from glassgait.diagrams.gait_machine import AddModeRequest
-from glassgait.diagrams.ground import laid
+from glassgait.diagrams.judges import AddFallMonitor
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.sensors import AddSensorErrors, AddSensors, Sensors
-from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
+from glassgait.diagrams.sensed_robot import AddSensedRobot, SensedRobot
+from glassgait.diagrams.sensors import Sensors
+from glassgait.diagrams.station import actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.errors import InputError
 from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import command_t, sensors_t
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_sender import CommandSender
-from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.sensors_sender import SensorsSender
 
@@ -91,51 +84,25 @@ def MakeLinkedRobot(  # noqa: N802
     builder = DiagramBuilder()
     # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
-    errors = AddSensorErrors(builder, scenario, imu=True)
-    plant, scene_graph, instance = AddStation(
-        builder, robot, scenario.station, reach=laid(scenario.station.terrain)
-    )
-    state = AddWorldState(builder, plant, scenario.station)
-
-    guard = LinkWatchdog(
-        robot,
-        watchdog,
-        session=session,
-        time_step=scenario.station.time_step,
-        day=day,
-    )
-    builder.AddNamedSystem(WATCHDOG, guard)
-    builder.ExportInput(guard.get_message_input_port(), "answer")
-    builder.Connect(state, guard.get_state_input_port())
-    desired_state = plant.get_desired_state_input_port(instance)
-    _add_desired_state(builder, guard, actuated_joints(plant), desired_state)
+    sensed_robot = AddSensedRobot(builder, robot, scenario, imu=True)
+    time_step = scenario.station.time_step
+    guard = LinkWatchdog(robot, watchdog, session=session, time_step=time_step, day=day)
+    _add_watchdog(builder, guard, sensed_robot)
     commander = builder.AddNamedSystem("command_sender", CommandSender(session))
     builder.Connect(command, commander.get_command_input_port())
     builder.Connect(commanded_dwell, commander.get_commanded_dwell_input_port())
     if day is not None:
-        requested = commander.get_requested_mode_input_port()
-        mode = guard.get_mode_output_port()
+        requested, mode = commander.get_requested_mode_input_port(), guard.get_mode_output_port()
         AddModeRequest(builder, day, requested, mode, scenario.command, meshcat)
-    sensors = AddSensors(builder, robot, scenario, state, errors, imu=True)
-    sender = _add_sensors_sender(builder, sensors, guard, session)
+    sender = _add_sensors_sender(builder, sensed_robot.sensors, guard, session)
     _add_publishers(builder, commander, sender, lcm, channels)
     if meshcat is not None:
         # The machine's state is known to the controller alone.
         unknown = builder.AddSystem(ConstantVectorSource(np.zeros(gait.n_states)))
-        AddLocomotionDisplay(
-            builder,
-            scene_graph,
-            robot,
-            gait,
-            terrain=scenario.station.terrain,
-            state=plant.get_state_output_port(),
-            rm_state=unknown.get_output_port(),
-            foot_contact=sensors.feet.get_foot_contact_output_port(),
-            meshcat=meshcat,
-        )
+        AddLocomotionDisplay(builder, sensed_robot, gait, unknown.get_output_port(), meshcat)
     exported = {
-        "state": state,
-        "failures": AddFallMonitor(builder, robot, scenario, state),
+        "state": sensed_robot.state,
+        "failures": AddFallMonitor(builder, sensed_robot, scenario),
         "targets": guard.get_targets_output_port(),
         "phase": guard.get_phase_output_port(),
         "command": command,
@@ -147,17 +114,18 @@ def MakeLinkedRobot(  # noqa: N802
     return diagram
 
 
-def _add_desired_state(
-    builder: DiagramBuilder, guard: LinkWatchdog, joints: list[str], desired_state: InputPort
-) -> None:
+def _add_watchdog(builder: DiagramBuilder, guard: LinkWatchdog, sensed_robot: SensedRobot) -> None:
     """Lets the plant's joints, in an order of its own, come to rest at the watchdog's targets."""
-    order = [quadruped.JOINTS.index(name) for name in joints]
+    builder.AddNamedSystem(WATCHDOG, guard)
+    builder.ExportInput(guard.get_message_input_port(), "answer")
+    builder.Connect(sensed_robot.state, guard.get_state_input_port())
+    order = [quadruped.JOINTS.index(name) for name in actuated_joints(sensed_robot.plant)]
     at_rest = np.concatenate(
         [np.eye(quadruped.N_JOINTS)[order], np.zeros(2 * (quadruped.N_JOINTS,))]
     )
     gain = builder.AddNamedSystem("desired_state", MatrixGain(at_rest))
     builder.Connect(guard.get_targets_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), desired_state)
+    builder.Connect(gain.get_output_port(), sensed_robot.desired_state)
 
 
 def _add_sensors_sender(
@@ -212,19 +180,3 @@ def refuse_unfit(scenario: Scenario) -> None:
             raise InputError(
                 f"{scenario.refused_as()}: {name} is not made for two processes; give {remedy}"
             )
-
-
-def AddFallMonitor(  # noqa: N802
-    builder: DiagramBuilder, robot: Robot, scenario: Scenario, state: OutputPort
-) -> OutputPort:
-    """Adds what watches for failures but `abrupt_action`, and returns them (7)."""
-    monitor = builder.AddNamedSystem(
-        "fall_monitor", FallMonitor(robot, scenario.limits, scenario.station.ground)
-    )
-    builder.Connect(state, monitor.get_state_input_port())
-    no_action = builder.AddNamedSystem(
-        "no_action", ConstantVectorSource(np.zeros(quadruped.N_JOINTS))
-    )
-    builder.Connect(no_action.get_output_port(), monitor.get_action_input_port())
-    builder.Connect(no_action.get_output_port(), monitor.get_previous_action_input_port())
-    return monitor.get_failures_output_port()

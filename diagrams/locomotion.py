@@ -1,31 +1,28 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from glassgait.diagrams.commands import AddCommand, AddGivenCommand
 from glassgait.diagrams.controller import AddController, ControllerPorts, Sensed, Senses
 from glassgait.diagrams.gait_machine import AddGaitMachine, AddModeRequest
-from glassgait.diagrams.ground import laid
+from glassgait.diagrams.judges import AddJudges
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.sensors import AddSensorErrors, AddSensors, Sensors
-from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
+from glassgait.diagrams.sensed_robot import AddSensedRobot, SensedRobot
+from glassgait.diagrams.station import actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import Robot
 from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.ground import Ground
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
-from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
-from glassgait.systems.reward import RewardSystem
 from glassgait.systems.reward_machine import RewardMachineSystem
 
 
@@ -113,26 +110,20 @@ def MakeLocomotion(  # noqa: N802
     scenario = scenario or Scenario()
     if day is not None and policy is None:
         raise InputError("locomotion: a day lets a policy act in one of its modes; give a policy")
-    robot, law = scenario.robot_of(policy), scenario.joint_law(policy)
+    if policy is not None:
+        senses = Senses.of(policy, true_body_state=scenario.true_body_state)
+    senses = senses or Senses()
+    robot, joint_law = scenario.robot_of(policy), scenario.joint_law(policy)
     first = gait.gait if isinstance(gait, GaitSwitch) else gait
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise
     # and without, and the same noise whatever the robot's pose is drawn from.
     drawn = AddCommand(builder, first, scenario.command, meshcat)
     commanded = AddGivenCommand(builder, first, drawn)
-    if policy is not None:
-        senses = Senses.of(policy, true_body_state=scenario.true_body_state)
-    senses = senses or Senses()
-    need_imu = senses.need_imu or day is not None
-    errors = AddSensorErrors(builder, scenario, imu=need_imu)
-    # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
-    # there.
-    plant, scene_graph, instance = AddStation(
-        builder, robot, scenario.station_of(policy), reach=laid(scenario.station.terrain)
+    sensed_robot = AddSensedRobot(
+        builder, robot, scenario, imu=senses.need_imu or day is not None, joint_law=joint_law
     )
-    state = AddWorldState(builder, plant, scenario.station)
-    sensors = AddSensors(builder, robot, scenario, state, errors, imu=need_imu)
-    sensed = _sensed(sensors, commanded, state, scenario)
+    sensed = _sensed(sensed_robot, commanded)
     machine = AddGaitMachine(builder, gait, scenario.command, meshcat)
     controller = AddController(
         builder,
@@ -142,76 +133,66 @@ def MakeLocomotion(  # noqa: N802
         machine=machine,
         policy=policy,
         senses=senses,
-        limited=law.limited,
+        limited=joint_law.limited,
         intervention=intervention,
         day=day,
     )
-    hold = controller.hold
+    hold, modes = controller.hold, controller.modes
     if policy is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
-    desired_state = plant.get_desired_state_input_port(instance)
-    joints = actuated_joints(plant)
-    _add_joint_targets(builder, robot, scenario, hold, joints, desired_state, law.limited)
-    judged = _add_judges(
-        builder, robot, scenario, state, commanded[0], sensors.feet, machine, hold, law
+    _add_joint_targets(builder, sensed_robot, scenario, hold, limited=joint_law.limited)
+    judged = AddJudges(
+        builder,
+        sensed_robot,
+        scenario,
+        command=sensed.command,
+        machine=machine,
+        hold=hold,
+        joint_law=joint_law,
     )
     if meshcat is not None:
-        AddLocomotionDisplay(
-            builder,
-            scene_graph,
-            robot,
-            first,
-            terrain=scenario.station.terrain,
-            state=plant.get_state_output_port(),
-            rm_state=machine.get_rm_state_output_port(),
-            foot_contact=sensors.feet.get_foot_contact_output_port(),
-            meshcat=meshcat,
-        )
-    if day is not None and controller.modes is not None:
-        requested = controller.modes.get_requested_mode_input_port()
-        mode = controller.modes.get_mode_output_port()
+        rm_state = machine.get_rm_state_output_port()
+        AddLocomotionDisplay(builder, sensed_robot, first, rm_state, meshcat)
+    if day is not None and modes is not None:
+        requested, mode = modes.get_requested_mode_input_port(), modes.get_mode_output_port()
         AddModeRequest(builder, day, requested, mode, scenario.command, meshcat)
-    _export_outputs(builder, sensed, sensors.feet, machine, controller, judged)
+    _export_outputs(builder, sensed, sensed_robot.sensors.feet, machine, controller, judged)
     diagram = builder.Build()
     diagram.set_name("Locomotion")
     return diagram
 
 
-def _sensed(
-    sensors: Sensors,
-    commanded: tuple[OutputPort, OutputPort],
-    state: OutputPort,
-    scenario: Scenario,
-) -> Sensed:
+def _sensed(sensed_robot: SensedRobot, commanded: tuple[OutputPort, OutputPort]) -> Sensed:
     """Returns what the controller and the reward machine read."""
     command, commanded_dwell = commanded
+    sensors = sensed_robot.sensors
     return Sensed(
         joints=sensors.joints,
         command=command,
         commanded_dwell=commanded_dwell,
         touching=sensors.touching,
         imu=sensors.imu,
-        state=state,
+        state=sensed_robot.state,
         foot_height=sensors.feet.get_foot_height_output_port(),
-        ground=scenario.station.ground,
+        ground=Ground([sensed_robot.terrain]),
     )
 
 
 def _add_joint_targets(
     builder: DiagramBuilder,
-    robot: Robot,
+    sensed_robot: SensedRobot,
     scenario: Scenario,
     hold: ActionHold,
-    joints: list[str],
-    desired_state: InputPort,
+    *,
     limited: bool,
 ) -> None:
     """Lets the plant's joints follow the action that is held, as late as it comes."""
-    targets = JointTargets(robot, joints, limited=limited)
+    joints = actuated_joints(sensed_robot.plant)
+    targets = JointTargets(sensed_robot.robot, joints, limited=limited)
     builder.AddNamedSystem("joint_targets", targets)
     action = _acting_action(builder, scenario, hold)
     builder.Connect(action, targets.get_action_input_port())
-    builder.Connect(targets.get_desired_state_output_port(), desired_state)
+    builder.Connect(targets.get_desired_state_output_port(), sensed_robot.desired_state)
 
 
 def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold) -> OutputPort:
@@ -223,39 +204,6 @@ def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold
     builder.AddNamedSystem("action_delay", delay)
     builder.Connect(held, delay.get_held_action_input_port())
     return delay.get_delayed_action_output_port()
-
-
-def _add_judges(
-    builder: DiagramBuilder,
-    robot: Robot,
-    scenario: Scenario,
-    state: OutputPort,
-    command: OutputPort,
-    foot_sensor: FootSensor,
-    machine: RewardMachineSystem,
-    hold: ActionHold,
-    law: JointLaw,
-) -> dict[str, OutputPort]:
-    reward = RewardSystem(robot, scenario.weights, joint_law=law)
-    builder.AddNamedSystem("reward", reward)
-    monitor = builder.AddNamedSystem(
-        "fall_monitor", FallMonitor(robot, scenario.limits, scenario.station.ground)
-    )
-    connect = builder.Connect
-    for system in (reward, monitor):
-        connect(state, system.get_state_input_port())
-        connect(hold.get_held_action_output_port(), system.get_action_input_port())
-        connect(hold.get_previous_action_output_port(), system.get_previous_action_input_port())
-    connect(command, reward.get_command_input_port())
-    connect(foot_sensor.get_foot_contact_output_port(), reward.get_foot_contact_input_port())
-    connect(foot_sensor.get_foot_height_output_port(), reward.get_foot_height_input_port())
-    connect(machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port())
-    return {
-        "reward": reward.get_reward_output_port(),
-        "plain_reward": reward.get_plain_reward_output_port(),
-        "reward_terms": reward.get_reward_terms_output_port(),
-        "failures": monitor.get_failures_output_port(),
-    }
 
 
 def _export_outputs(

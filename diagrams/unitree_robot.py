@@ -7,11 +7,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from glassgait.diagrams.ground import laid
-from glassgait.diagrams.linked_robot import AddFallMonitor, refuse_unfit
+from glassgait.diagrams.judges import AddFallMonitor
+from glassgait.diagrams.linked_robot import refuse_unfit
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
-from glassgait.diagrams.station import AddStation, AddWorldState
+from glassgait.diagrams.sensed_robot import AddSensedRobot
 from glassgait.diagrams.visualization import AddRobotDisplay
 from glassgait.models.arrays import Array
 from glassgait.models.link.low_state import PERIOD, foot_force_of
@@ -54,25 +53,24 @@ def MakeUnitreeRobot(scenario: Scenario, meshcat: Meshcat | None = None) -> Diag
     robot = scenario.robot_of()
     foot_force_of(robot)
     builder = DiagramBuilder()
-    errors = AddSensorErrors(builder, scenario, imu=True)
-    plant, scene_graph, instance = AddStation(
-        builder, robot, scenario.station, reach=laid(scenario.station.terrain), sampled=True
+    sensed_robot = AddSensedRobot(
+        builder, robot, scenario, imu=True, imu_period=PERIOD, sampled=True
     )
-    state = AddWorldState(builder, plant, scenario.station)
-    sensors = AddSensors(builder, robot, scenario, state, errors, imu=True, imu_period=PERIOD)
-    forces = builder.AddNamedSystem("foot_force_sensor", FootForceSensor(_feet(plant, scene_graph)))
+    plant, instance = sensed_robot.plant, sensed_robot.instance
+    feet = _feet(plant, sensed_robot.scene_graph)
+    forces = builder.AddNamedSystem("foot_force_sensor", FootForceSensor(feet))
     builder.Connect(
         plant.get_contact_results_output_port(), forces.get_contact_results_input_port()
     )
-    AddFallMonitor(builder, robot, scenario, state)
+    AddFallMonitor(builder, sensed_robot, scenario)
     if meshcat is not None:
-        AddRobotDisplay(builder, scene_graph, terrain=scenario.station.terrain, meshcat=meshcat)
-    builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
+        AddRobotDisplay(builder, sensed_robot, meshcat)
+    builder.ExportInput(sensed_robot.desired_state, "desired_state")
     builder.ExportInput(plant.get_actuation_input_port(instance), "actuation")
     exported = {
-        "state": state,
-        "joints": sensors.joints,
-        "imu": sensors.imu,
+        "state": sensed_robot.state,
+        "joints": sensed_robot.sensors.joints,
+        "imu": sensed_robot.sensors.imu,
         "foot_force": forces.get_foot_force_output_port(),
         "torque": plant.get_net_actuation_output_port(instance),
     }

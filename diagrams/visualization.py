@@ -12,13 +12,12 @@ from pydrake.geometry import (
     MeshcatVisualizer,
     MeshcatVisualizerParams,
     Rgba,
-    SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from glassgait.diagrams.ground import laid
-from glassgait.models.robots.robot import Robot
+from glassgait.diagrams.sensed_robot import SensedRobot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 from glassgait.systems.gait_display import (
@@ -45,45 +44,37 @@ def open_meshcat(port: int | None = None) -> Meshcat:
 
 def AddLocomotionDisplay(  # noqa: N802
     builder: DiagramBuilder,
-    scene_graph: SceneGraph,
-    robot: Robot,
+    sensed_robot: SensedRobot,
     gait: Gait,
-    *,
-    terrain: Terrain,
-    state: OutputPort,
     rm_state: OutputPort,
-    foot_contact: OutputPort,
     meshcat: Meshcat,
 ) -> None:
     """Shows robot, ground, contacts and machine state in Meshcat.
 
     Args:
         builder: Where the displays are added.
-        scene_graph: The station's scene graph.
-        robot: The robot.
+        sensed_robot: The robot.
         gait: The gait.
-        terrain: The ground.
-        state: The plant's state (37), on the ground that is laid.
         rm_state: The machine's state (n_states, one-hot).
-        foot_contact: Which feet touch (4).
         meshcat: Where it shows.
     """
-    AddRobotDisplay(builder, scene_graph, terrain=terrain, meshcat=meshcat)
-    display = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
-    builder.Connect(state, display.get_state_input_port())
+    AddRobotDisplay(builder, sensed_robot, meshcat)
+    display = builder.AddNamedSystem("gait_display", GaitDisplay(sensed_robot.robot, gait, meshcat))
+    # The plant's own state, on the ground that is laid.
+    builder.Connect(sensed_robot.plant.get_state_output_port(), display.get_state_input_port())
     builder.Connect(rm_state, display.get_rm_state_input_port())
+    foot_contact = sensed_robot.sensors.feet.get_foot_contact_output_port()
     builder.Connect(foot_contact, display.get_foot_contact_input_port())
 
 
 def AddRobotDisplay(  # noqa: N802
-    builder: DiagramBuilder, scene_graph: SceneGraph, *, terrain: Terrain, meshcat: Meshcat
+    builder: DiagramBuilder, sensed_robot: SensedRobot, meshcat: Meshcat
 ) -> None:
     """Shows robot and ground in Meshcat."""
-    draw_ground(meshcat, terrain)
+    draw_ground(meshcat, sensed_robot.terrain)
     meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
-    MeshcatVisualizer.AddToBuilder(
-        builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
-    )
+    params = MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
+    MeshcatVisualizer.AddToBuilder(builder, sensed_robot.scene_graph, meshcat, params)
 
 
 def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
