@@ -17,8 +17,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import read_text
 from glassgait.models.robots.description import merged
 from glassgait.models.robots.found_robot import FoundLeg, FoundRobot
-from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
-from glassgait.models.robots.robot import AXES, LARGEST_DESCRIPTION, Inertial
+from glassgait.models.robots.inertial import Inertial
+from glassgait.models.robots.quadruped import AXES, LEG_JOINTS, LEGS
+from glassgait.models.robots.urdf_comparison import LARGEST_DESCRIPTION
 
 FORMATS = (".urdf", ".xml", ".mjcf")
 """Extensions of descriptions that are read."""

@@ -34,7 +34,7 @@ from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch

@@ -18,7 +18,7 @@ import yaml
 from glassgait.models.certificates.claims import load_claims
 from glassgait.models.policies.library import load_policy
 from glassgait.models.robots.description import urdf
-from glassgait.models.robots.robot import load_robot, read_robot
+from glassgait.models.robots.library import load_robot, read_robot
 from glassgait.models.task.gait import load_gait, parse_gait
 from glassgait.studies.cli import COMMANDS, command_class, main
 from glassgait.studies.common.policies import OneGait, find_policies

@@ -27,7 +27,8 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization

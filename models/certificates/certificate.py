@@ -23,7 +23,8 @@ from glassgait.models.files import RECORD_BYTES, digest, read_text
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_of
+from glassgait.models.robots.library import robot_of
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout

@@ -23,7 +23,8 @@ from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import Robot, robot_of
+from glassgait.models.robots.library import robot_of
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Count, Positive, Range, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.day import REQUESTS, Day

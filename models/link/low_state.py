@@ -17,8 +17,9 @@ from glassgait.models.link.motors import foot_numbers, motor_numbers
 from glassgait.models.link.packing import MICROSECONDS
 from glassgait.models.link.unitree_messages import LOW_STATE, Record, seal
 from glassgait.models.robots import kinematics
+from glassgait.models.robots.foot_force import FootForce
 from glassgait.models.robots.quadruped import N_LEGS
-from glassgait.models.robots.robot import FootForce, Robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 
 PERIOD = 0.002

@@ -20,7 +20,8 @@ from glassgait.models.policies.symbolic import (
     SymbolicPolicy,
 )
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder, robot_of
+from glassgait.models.robots.library import load_robot, robot_folder, robot_of
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.gait import Gait, check_gait_name, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry

@@ -21,7 +21,8 @@ from glassgait.models.policies.arrays import ArraySpec, narrowest, refuse_other_
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.gait import Gait, gait_names, shipped_gait
 from glassgait.models.task.observation import (
     Group,

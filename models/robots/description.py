@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots.quadruped import JOINTS, LEGS
-from glassgait.models.robots.robot import AXES, Inertial, Robot
+from glassgait.models.robots.inertial import Inertial
+from glassgait.models.robots.quadruped import AXES, JOINTS, LEGS
+from glassgait.models.robots.robot import Robot
 
 WRITTEN = "Written by models/robots/description.py from robot.yaml."
 """What a URDF says that was written here."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots.robot import Inertial
+from glassgait.models.robots.inertial import Inertial
 
 
 class FoundLeg(NamedTuple):

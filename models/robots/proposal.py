@@ -15,8 +15,9 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.robots.description import mirrored
 from glassgait.models.robots.found_robot import FoundLeg, FoundRobot
+from glassgait.models.robots.inertial import Inertial
+from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
-from glassgait.models.robots.robot import Inertial, load_robot
 
 MOMENTS = tuple(key for key in Inertial.__dataclass_fields__ if key.startswith("i"))
 """Keys of an inertia's moments."""

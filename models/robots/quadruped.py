@@ -12,6 +12,9 @@ LEGS = ("FL", "FR", "RL", "RR")
 LEG_JOINTS = ("hip", "thigh", "calf")
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in LEG_JOINTS)
 
+AXES = {"hip": (1.0, 0.0, 0.0), "thigh": (0.0, 1.0, 0.0), "calf": (0.0, 1.0, 0.0)}
+"""Axis of each kind of joint."""
+
 N_LEGS = len(LEGS)
 N_JOINTS = len(JOINTS)
 N_POSITIONS = 7 + N_JOINTS

@@ -28,7 +28,8 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder
+from glassgait.models.robots.library import load_robot, robot_folder
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, gait_names
 from glassgait.models.task.observation import ObservationLayout

@@ -15,7 +15,8 @@ from filelock import FileLock, Timeout
 
 from glassgait.models.errors import InputError, brief, shown
 from glassgait.models.files import digest, read_yaml, remove_litter, write_atomically
-from glassgait.models.robots.robot import DEFAULT_ROBOT, robot_folder
+from glassgait.models.robots.library import robot_folder
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 CONFIG_NAME = "config.yaml"

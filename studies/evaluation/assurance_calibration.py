@@ -24,7 +24,7 @@ from glassgait.models.policies.controller import (
     Controller,
 )
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.robot import robot_folder
+from glassgait.models.robots.library import robot_folder
 from glassgait.models.task.assurance import (
     EnsembleDisagreement,
     Hysteresis,

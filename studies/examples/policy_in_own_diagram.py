@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.systems.action_hold import ActionHold

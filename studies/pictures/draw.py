@@ -30,7 +30,7 @@ from glassgait.models.policies.library import (
     shipped_expert,
     shipped_experts,
 )
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure

@@ -14,7 +14,8 @@ import tyro
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.robots.robot import Robot, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import DISTINCT, FEW
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say

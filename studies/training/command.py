@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar

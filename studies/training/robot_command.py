@@ -21,6 +21,7 @@ from glassgait.models.files import read_text, write_atomically
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.description import WRITTEN, urdf
 from glassgait.models.robots.found_robot import FoundRobot
+from glassgait.models.robots.library import ROBOT_FILE, load_robot, read_robot, robot_names
 from glassgait.models.robots.proposal import (
     MOMENTS,
     Entry,
@@ -29,17 +30,8 @@ from glassgait.models.robots.proposal import (
     robot_text,
 )
 from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
-from glassgait.models.robots.robot import (
-    DEFAULT_ROBOT,
-    LARGEST_DESCRIPTION,
-    NAME,
-    ROBOT_FILE,
-    Robot,
-    RobotName,
-    load_robot,
-    read_robot,
-    robot_names,
-)
+from glassgait.models.robots.robot import DEFAULT_ROBOT, NAME, Robot, RobotName
+from glassgait.models.robots.urdf_comparison import LARGEST_DESCRIPTION
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait

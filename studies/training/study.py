@@ -8,7 +8,8 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import read_policy_file
-from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation

@@ -8,7 +8,8 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Settings
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of

@@ -8,7 +8,7 @@ from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 
 A1 = load_robot()
 

@@ -20,7 +20,7 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.day import REQUESTS, load_day, lying_state
 from glassgait.models.task.gait import load_gait

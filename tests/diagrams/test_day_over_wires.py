@@ -29,7 +29,7 @@ from glassgait.models.link.watchdog import Phase, Watchdog
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.day import REQUESTS, load_day, lying_state
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.request import RequestGate

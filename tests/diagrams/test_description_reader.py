@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from glassgait.diagrams.description_reader import read_description
 from glassgait.models.errors import InputError
 from glassgait.models.robots.description import urdf
+from glassgait.models.robots.library import load_robot, read_robot, robot_names
 from glassgait.models.robots.proposal import propose, robot_text
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
-from glassgait.models.robots.robot import load_robot, read_robot, robot_names
 
 A1 = load_robot()
 

@@ -13,7 +13,7 @@ from glassgait.diagrams.domain_randomization import (
 )
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.terrain import PLANE, grid_of
 
 A1 = load_robot()

@@ -17,7 +17,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.terrain import Terrain, grid_of

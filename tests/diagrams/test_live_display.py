@@ -7,7 +7,7 @@ from glassgait.diagrams.live_display import LiveDisplay
 from glassgait.diagrams.shadows import Shadows
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import PLANE, Terrain
 

@@ -27,7 +27,7 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait

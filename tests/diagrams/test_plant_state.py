@@ -15,7 +15,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import MakeStation
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 
 A1 = load_robot()
 

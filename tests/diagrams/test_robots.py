@@ -17,7 +17,8 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot, robot_names
+from glassgait.models.robots.library import load_robot, robot_names
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait

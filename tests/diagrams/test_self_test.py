@@ -17,8 +17,8 @@ from glassgait.models.link.self_test import (
     rest_findings,
     self_test_targets,
 )
+from glassgait.models.robots.library import load_robot, robot_names
 from glassgait.models.robots.quadruped import JOINTS, LEGS, N_JOINTS
-from glassgait.models.robots.robot import load_robot, robot_names
 from glassgait.models.task.imu import IMU_NOISE
 
 DRAKE, MUJOCO = STATIONS

@@ -21,7 +21,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.imu import IMU_NOISE, ImuErrors

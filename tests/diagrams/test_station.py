@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddStation, MakeStation, StationConfig, set_friction
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 
 A1 = load_robot()
 
@@ -125,7 +125,7 @@ def test_drakes_logger_is_left_alone_and_has_nothing_to_warn_of():
     program = """
 import logging
 from glassgait.diagrams.station import MakeStation
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 assert not logging.getLogger("drake").filters
 MakeStation(load_robot()).CreateDefaultContext()
 """

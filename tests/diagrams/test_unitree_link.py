@@ -24,7 +24,7 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.description import urdf
-from glassgait.models.robots.robot import load_robot, read_robot
+from glassgait.models.robots.library import load_robot, read_robot
 from glassgait.models.task.command import Command
 
 A1 = load_robot()

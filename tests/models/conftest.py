@@ -28,7 +28,7 @@ from glassgait.models.policies.symbolic import (
     SymbolicPolicy,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry

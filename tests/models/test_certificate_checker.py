@@ -28,7 +28,7 @@ from glassgait.models.policies.library import (
     shipped_students,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot, robot_folder, robot_names
+from glassgait.models.robots.library import load_robot, robot_folder, robot_names
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 

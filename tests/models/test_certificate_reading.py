@@ -19,7 +19,7 @@ from glassgait.models.certificates.prover import Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.policies.library import STUDENT_DIRECTORY
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 
 A1 = load_robot()

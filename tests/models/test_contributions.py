@@ -9,7 +9,7 @@ from glassgait.models.formulas.text import parse_expression, parse_formula, vari
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
 
 A1 = load_robot()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.day import DAY_DIRECTORY, REQUESTS, load_day
 from glassgait.models.task.drawing import to_graphviz, to_mermaid
 from glassgait.models.task.mode_machine import ModeMachine, ModeReadings, eased

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.robots.description import merged, mirrored, urdf
-from glassgait.models.robots.robot import load_robot, robot_names
+from glassgait.models.robots.library import load_robot, robot_names
 
 A1 = load_robot()
 

@@ -40,7 +40,7 @@ from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.contact import UNCHANGED_STEPS
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.gait_switch import GaitSwitch

@@ -25,7 +25,7 @@ from glassgait.models.policies.symbolic import (
 )
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 

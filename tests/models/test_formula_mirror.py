@@ -12,7 +12,7 @@ from glassgait.models.formulas.quantities import Definition, Vocabulary, known_d
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
 

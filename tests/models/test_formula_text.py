@@ -27,7 +27,7 @@ from glassgait.models.formulas.text import (
     written_number,
 )
 from glassgait.models.policies.symbolic import SymbolicPolicy
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
 
 A1 = load_robot()

@@ -9,7 +9,7 @@ from glassgait.models.robots.heading_frame import (
     from_heading_frame,
     to_heading_frame,
 )
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 
 A1 = load_robot()
 

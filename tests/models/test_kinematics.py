@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 
 A1 = load_robot()
 

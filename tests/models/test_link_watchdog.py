@@ -20,7 +20,7 @@ from glassgait.models.link.watchdog import (
     step_watch,
 )
 from glassgait.models.robots import kinematics
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 
 A1 = load_robot()

@@ -18,7 +18,8 @@ from glassgait.models.link.low_state import (
     touching_of,
 )
 from glassgait.models.link.unitree_messages import LOW_STATE, is_sound
-from glassgait.models.robots.robot import FootForce, load_robot
+from glassgait.models.robots.foot_force import FootForce
+from glassgait.models.robots.library import load_robot
 
 GO2 = load_robot("go2")
 

@@ -7,7 +7,7 @@ from glassgait.models.link.dds import Heard
 from glassgait.models.link.message_filter import CommandFilter, StateFilter
 from glassgait.models.link.motors import MotorCommand, damping, pack_low_cmd
 from glassgait.models.link.unitree_messages import LOW_STATE, seal
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 
 GO2 = load_robot("go2")
 

@@ -13,8 +13,8 @@ from glassgait.models.link.motors import (
     unpack_low_cmd,
 )
 from glassgait.models.link.unitree_messages import is_sound
+from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.quadruped import JOINTS, LEGS
-from glassgait.models.robots.robot import load_robot
 
 VENDOR_LEGS = ("FR", "FL", "RR", "RL")
 VENDOR = [f"{leg}_{joint}" for leg in VENDOR_LEGS for joint in ("hip", "thigh", "calf")]

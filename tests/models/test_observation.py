@@ -5,7 +5,7 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import (
     ObservationLayout,
     body_state,

@@ -14,7 +14,7 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import shipped_students
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import OVERDUE, ObservationLayout
 

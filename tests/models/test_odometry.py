@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY, measure_imu
 from glassgait.models.task.observation import BASE_VELOCITY_SCALE, ObservationLayout

@@ -18,7 +18,7 @@ from glassgait.models.policies.library import load_expert, load_policy, load_stu
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.odometry import Odometry

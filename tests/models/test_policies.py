@@ -11,7 +11,7 @@ from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy, elu
 from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 

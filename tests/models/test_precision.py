@@ -13,7 +13,7 @@ from glassgait.models.policies.arrays import lower_neighbours, narrowest, single
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names

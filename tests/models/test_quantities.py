@@ -17,7 +17,7 @@ from glassgait.models.formulas.quantities import (
 )
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot, robot_names
+from glassgait.models.robots.library import load_robot, robot_names
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 

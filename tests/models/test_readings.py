@@ -24,7 +24,7 @@ from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.library import load_student, shipped_students
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation

@@ -6,7 +6,7 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 
 A1 = load_robot()

@@ -10,7 +10,8 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import ROBOT_DIRECTORY, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import ROBOT_DIRECTORY
 
 A1 = load_robot()
 

@@ -7,7 +7,7 @@ import pytest
 
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.reward import step_reward

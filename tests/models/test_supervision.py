@@ -16,7 +16,7 @@ from glassgait.models.link.supervision import (
     step_course,
 )
 from glassgait.models.link.watchdog import CROUCH
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 
 GO2 = load_robot("go2")
 SETTINGS = Supervision()

@@ -11,7 +11,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception

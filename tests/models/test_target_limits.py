@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
 
 ROBOTS = {name: load_robot(name) for name in ("a1", "go2")}

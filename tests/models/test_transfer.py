@@ -17,7 +17,8 @@ from glassgait.models.policies.library import (
     policy_path,
 )
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.robot import Robot, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
 
 A1, GO2 = load_robot(), load_robot("go2")

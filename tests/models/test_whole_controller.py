@@ -28,7 +28,7 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import gait as gaits
 from glassgait.models.task.gait import gait_lines, gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout

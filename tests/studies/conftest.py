@@ -21,7 +21,7 @@ from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.common.sweep import WorkersConfig

@@ -8,7 +8,7 @@ import pytest
 from glassgait.models.certificates.certificate import certificate_text, content_digest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert, load_policy
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.policies.library import load_student
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.assurance import Hysteresis
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.evaluation.assurance_calibration import (

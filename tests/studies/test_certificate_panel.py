@@ -11,7 +11,7 @@ from glassgait.models.certificates.certificate import read_certificate, shipped_
 from glassgait.models.certificates.observation_box import operating_box
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import entries_of, machine_state_entries
 from glassgait.studies.cli import main

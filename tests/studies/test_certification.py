@@ -24,7 +24,7 @@ from glassgait.models.formulas.limits import limits_lines
 from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import gait_lines, gait_path, load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of

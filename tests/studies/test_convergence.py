@@ -5,7 +5,7 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.reproduction.convergence import (
     CENIC,

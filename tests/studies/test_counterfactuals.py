@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.counterfactuals.futures import BEFORE
 

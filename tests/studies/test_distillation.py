@@ -12,7 +12,7 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import load_policy, policy_path
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.selection import simplest_of_the_best
 from glassgait.studies.distillation.config import DistillationConfig

@@ -16,7 +16,7 @@ from glassgait.models.export.contract import CONTRACT
 from glassgait.models.link.dds import COMMANDS, STATES, DdsEndpoint, DdsSettings, open_robots_end
 from glassgait.models.link.motors import MotorCommand, pack_low_cmd
 from glassgait.models.link.unitree_messages import LOW_CMD, LOW_STATE
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.studies.cli import main
 from glassgait.studies.deployment.drive import look as looking
 from glassgait.studies.deployment.drive.processes import RobotProcess

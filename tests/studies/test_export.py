@@ -23,7 +23,7 @@ from glassgait.models.policies.library import (
     load_expert,
     load_student,
 )
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main

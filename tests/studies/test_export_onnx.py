@@ -10,7 +10,7 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main

@@ -27,7 +27,7 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.command import Command, on_the_spot
 from glassgait.models.task.contact import UNREAD
 from glassgait.models.task.gait import load_gait

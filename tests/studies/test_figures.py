@@ -19,7 +19,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.policy import Contributions
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.gait_figure import gait_figure

@@ -12,7 +12,7 @@ from sklearn.ensemble import GradientBoostingRegressor
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout, entries_of
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.importance.figures import (

@@ -12,7 +12,7 @@ from glassgait.models.policies.library import (
     load_expert,
     load_student,
 )
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of

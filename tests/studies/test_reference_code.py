@@ -7,7 +7,7 @@ import pytest
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import observation
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.randomization import Randomization

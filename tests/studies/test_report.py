@@ -13,7 +13,7 @@ from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     shipped_experts,
 )
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import to_plain

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from glassgait.models.robots.description import WRITTEN
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.studies.cli import main
 
 A1 = load_robot()

@@ -9,7 +9,7 @@ from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout, indices_of
 from glassgait.studies.distillation.students.baselines import OSCILLATOR
 from glassgait.studies.distillation.students.dataset import Dataset, r2_scores

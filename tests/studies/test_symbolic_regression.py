@@ -17,7 +17,7 @@ from glassgait.models.formulas.expression import Expression, canonical
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_formula, write_formula
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
 from glassgait.studies.distillation.students.symbolic import FormulaFit, gates, rounded, settled

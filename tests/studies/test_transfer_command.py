@@ -6,7 +6,7 @@ import pandas as pd
 import yaml
 
 from glassgait.models.policies.library import load_expert, load_policy
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.studies.cli import main
 
 FEW = ["--n-robots", "2", "--n-steps", "50", "--n-seeds", "1"]

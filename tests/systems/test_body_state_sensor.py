@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import body_state
 from glassgait.systems.body_state_sensor import BodyStateSensor
 

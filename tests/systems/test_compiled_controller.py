@@ -5,7 +5,7 @@ import pytest
 
 from glassgait.models.export.binding import ACTION, BAD_INPUT, Sensors
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.imu import GRAVITY

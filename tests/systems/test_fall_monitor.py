@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.termination import FAILURES, TerminationLimits
 from glassgait.systems.fall_monitor import FallMonitor
 

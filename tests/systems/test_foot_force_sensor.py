@@ -8,7 +8,7 @@ from pydrake.multibody.plant import ContactResults
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.unitree_robot import MakeUnitreeRobot, at_its_rate
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.systems.foot_force_sensor import FootForceSensor
 
 A1 = load_robot()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.systems.foot_sensor import FootSensor
 
 A1 = load_robot()

@@ -12,7 +12,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import MakeStation
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.function import FunctionSystem

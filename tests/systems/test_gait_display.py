@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.systems.gait_display import DISPLAY_PERIOD, GaitDisplay
 
 A1 = load_robot()

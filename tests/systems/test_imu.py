@@ -10,7 +10,7 @@ from pydrake.systems.sensors import Accelerometer, Gyroscope
 
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY, IMU_NOISE, ImuReading, measure_imu
 from glassgait.models.task.terrain import Terrain

@@ -5,7 +5,7 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.systems.joint_targets import JointTargets
 
 A1 = load_robot()

@@ -14,7 +14,7 @@ from glassgait.models.link.watchdog import (
     step_watch,
 )
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.day import load_day
 from glassgait.models.task.request import NO_MODE
 from glassgait.systems.link_watchdog import LinkWatchdog, pack_watch, unpack_watch

@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.day import REQUESTS, load_day
 from glassgait.systems.mode_machine import ModeMachineSystem

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.odometry import Odometry

@@ -20,7 +20,7 @@ from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.day import load_day

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout, proprioception
 from glassgait.systems.proprioception import Proprioception
 

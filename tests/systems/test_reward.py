@@ -3,7 +3,7 @@
 import numpy as np
 
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.reward import RewardWeights, step_reward
 from glassgait.systems.reward import RewardSystem
 

@@ -23,7 +23,7 @@ from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import (
     ITERATIONS_SCALE,

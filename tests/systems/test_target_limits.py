@@ -7,7 +7,7 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.systems.target_limits import TargetLimitsSystem
 
 A1 = load_robot()

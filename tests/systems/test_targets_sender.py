@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 
 from glassgait.models.link.messages import sensors_t
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.library import load_robot
 from glassgait.models.task.request import NO_MODE
 from glassgait.systems.targets_sender import TargetsSender
 

@@ -40,7 +40,8 @@ from glassgait.models.link.supervision import Supervision
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import find_gait
-from glassgait.models.robots.robot import Robot, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.command import Command, check_command

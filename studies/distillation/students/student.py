@@ -13,7 +13,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.library import POLICY_CLASSES
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.common.parallel.loop import run_parallel

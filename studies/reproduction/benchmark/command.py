@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Literal
 import pandas as pd
 
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Count
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say

@@ -23,7 +23,8 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot, load_robot
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say

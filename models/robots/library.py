@@ -1,0 +1,107 @@
+"""Robots of files: `<name>/robot.yaml` and a description in URDF, checked against each other.
+
+Adding a robot takes the two files and no code.
+"""
+
+import copyreg
+from functools import cache
+from pathlib import Path
+
+from glassgait.models.errors import InputError, shown
+from glassgait.models.files import read_yaml
+from glassgait.models.robots.robot import DEFAULT_ROBOT, ROBOT_DIRECTORY, Robot
+from glassgait.models.robots.urdf_comparison import compare_urdf
+
+ROBOT_FILE = "robot.yaml"
+
+
+def robot_names() -> tuple[str, ...]:
+    """Lists the robots that ship with the project, the default one first."""
+    names = (path.parent.name for path in ROBOT_DIRECTORY.glob(f"*/{ROBOT_FILE}"))
+    return tuple(sorted(names, key=lambda name: (name != DEFAULT_ROBOT, name)))
+
+
+def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
+    """Loads a robot by its name, or from a `robot.yaml` of one's own, once a process and edit.
+
+    Args:
+        robot: Name of a robot that ships, or path of a file that ends in .yaml.
+
+    Raises:
+        InputError: if there is no such robot, its file breaks a rule, or its description is of
+            another robot; the message names the file, the key and the remedy.
+    """
+    path = Path(robot)
+    if path.is_dir() and str(robot) not in robot_names():
+        raise InputError(f"{path}: is a folder; give a robot's file in it, as {path / ROBOT_FILE}")
+    if path.suffix not in (".yaml", ".yml"):
+        if str(robot) not in robot_names():
+            raise InputError(
+                f"unknown robot {shown(str(robot))}; the robots are {', '.join(robot_names())}, or "
+                "give the path of a robot's file ending in .yaml"
+            )
+        path = ROBOT_DIRECTORY / str(robot) / ROBOT_FILE
+    path = path.resolve()
+    return _load(path, path.stat().st_mtime_ns if path.exists() else 0)
+
+
+def robot_of(path: Path, name: object, robot: Robot | None = None) -> Robot:
+    """Returns the robot that a file is of.
+
+    Args:
+        path: The file.
+        name: What its key "robot" holds; None where it has none, and is of the default robot.
+        robot: The robot that it has to be of; by default any that ships.
+
+    Raises:
+        InputError: if it is of another robot, or of one that does not ship.
+    """
+    name = DEFAULT_ROBOT if name is None else name
+    if robot is None:
+        if name not in robot_names():
+            raise InputError(
+                f"{path}: key 'robot' is {shown(name)}, and no such robot ships; give its "
+                "robot.yaml by --robot"
+            )
+        return load_robot(str(name))
+    if name != robot.name:
+        raise InputError(
+            f"{path}: is of robot {shown(name)} (key 'robot'), not {robot.name!r}; give a file of "
+            f"the {robot.name}, or --robot {name}"
+        )
+    return robot
+
+
+def robot_folder(directory: Path, robot: str = DEFAULT_ROBOT) -> Path:
+    """Returns the part of a directory of files or runs that is of a robot, by its name."""
+    return directory if robot == DEFAULT_ROBOT else directory / robot
+
+
+@cache
+def _load(path: Path, _edited: int) -> Robot:
+    robot = read_robot(path)
+    compare_urdf(robot)
+    return robot
+
+
+def read_robot(path: Path) -> Robot:
+    """Reads a robot's file, whatever its description.
+
+    Raises:
+        InputError: if the file breaks a rule; the message names the file, the key and the remedy.
+    """
+    found = read_yaml(path)
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: is not a mapping; write it as that of a robot that ships")
+    if "path" in found:
+        raise InputError(f"{path}: unknown key 'path'; remove it")
+    robot = Robot.from_plain(found | {"path": str(path)}, str(path))
+    if robot.name in robot_names() and not robot.is_shipped:
+        raise InputError(
+            f"{path}: key 'name' is {robot.name!r}, a robot that ships; give it another name"
+        )
+    return robot
+
+
+# A copy of a robot, and what another process gets, is the one that the file stands for.
+copyreg.pickle(Robot, lambda robot: (load_robot, (robot.path,)))
