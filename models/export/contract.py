@@ -9,7 +9,7 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import yaml
 from annotated_types import MaxLen, MinLen
@@ -35,6 +35,10 @@ from glassgait.models.task.odometry import Odometry
 
 CONTRACT = "deploy.yaml"
 """Name of the file."""
+
+Version = Literal[4]
+(VERSION,) = get_args(Version)
+"""Version of the contract's keys."""
 
 HEADER = """\
 # What {name} needs of the robot that it moves. It was written with it, and is to be compared with
@@ -160,7 +164,7 @@ class Contract(Settings):
 
     title: ClassVar[str] = "contract"
 
-    version: Literal[4]
+    version: Version
     file: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]{1,100}$")]
     file_digest: Text
     header_digest: Text
@@ -334,7 +338,7 @@ def contract_of(
     own = gait.gait if isinstance(gait, GaitSwitch) else gait
     requests = {**(GAIT_REQUEST if len(gaits) > 1 else {}), **(DAY_REQUEST if day else {})}
     made = Contract(
-        version=4,
+        version=VERSION,
         file=file.name,
         file_digest=digest(file),
         header_digest=_header_digest(file),
@@ -398,7 +402,8 @@ def read_contract(path: Path, robot: Robot | None = None) -> tuple[Contract, Pat
         if key not in found:
             raise InputError(f"{path}: lacks the key {key!r}; export the controller again")
     if type(found["version"]) is not int:
-        raise InputError(f"{path}: key 'version' is {shown(found['version'])}; it must be 4")
+        given = shown(found["version"])
+        raise InputError(f"{path}: key 'version' is {given}; it must be {VERSION}")
     contract = Contract.from_plain(found, str(path))
     if robot is None:
         robot = robot_of(path, contract.robot)

@@ -33,7 +33,7 @@ from glassgait.models.files import record_or_made, write_atomically
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed, Settings
+from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.symmetry import mirrored_states
@@ -43,7 +43,14 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.exit_codes import report_errors, take_signals
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
-from glassgait.studies.common.policies import ALL, EXPERT, Policies, find_policies, is_file
+from glassgait.studies.common.policies import (
+    ALL,
+    EXPERT,
+    Policies,
+    PolicySource,
+    find_policies,
+    is_file,
+)
 from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig, refuse_to_report
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import (
@@ -119,7 +126,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Experiment(Settings):
+class Experiment(PolicySource):
     """Measures policies in scenarios.
 
     Attributes:
@@ -134,10 +141,6 @@ class Experiment(Settings):
         seed: First seed of all that is drawn.
         n_seeds: Number of seeds: seed, seed + 1, …
         workers: Where cases run.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine, whose policies are taken; by default
-            those that ship, and of a gait that does not ship those of runs/distill/<gait> and
-            runs/train/<gait>.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/<title>/<gait> by default, followed by the policies
             that are named.
@@ -186,8 +189,6 @@ class Experiment(Settings):
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Seeds = 1
     workers: Workers = field(default_factory=WorkersConfig)
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -302,7 +303,7 @@ class Experiment(Settings):
         if names == self.gait:
             found = self.policies[self.gaits[0].name]
         else:
-            found = find_policies(find_gait(names[0]), self.source, self.robot, quiet=True)
+            found = self.policies_of(names[0], quiet=True)
         return found.output(self.title).parent / called
 
     @property
@@ -313,7 +314,7 @@ class Experiment(Settings):
     @cached_property
     def gaits(self) -> list[Gait]:
         """The gaits."""
-        return [find_gait(name) for name in gaits_named(self.gait)]
+        return [find_gait(name, self.robot) for name in gaits_named(self.gait)]
 
     @cached_property
     def scenarios(self) -> dict[str, Scenario]:
@@ -380,7 +381,7 @@ class Experiment(Settings):
             )
         kept = []
         for name in names:
-            policies = find_policies(find_gait(name), robot=self.robot, quiet=True)
+            policies = self.policies_of(name, quiet=True)
             lacks = [own for own in self.policy if own not in (ALL, EXPERT, *policies.files)]
             if len(lacks) < len(self.policy):
                 kept.append(name)

@@ -368,27 +368,45 @@ def find_policies_of(
 
 
 @dataclass(frozen=True)
-class OneGait(Settings):
+class PolicySource(Settings):
+    """Settings of a command that takes policies.
+
+    Attributes:
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
+        source: Folder of a run of train, distill or refine to take policies from; by default those
+            that ship and, of a gait that does not ship, those of runs/distill/<gait> and
+            runs/train/<gait>.
+    """
+
+    robot: str | None = None
+    source: Path | None = None
+
+    def policies_of(self, gait: str, *, quiet: bool = False) -> Policies:
+        """Finds the policies of a gait, by its name or file, and prints where they are from.
+
+        Raises:
+            InputError: as `find_gait` and `find_policies`.
+        """
+        return find_policies(find_gait(gait, self.robot), self.source, self.robot, quiet=quiet)
+
+
+@dataclass(frozen=True)
+class OneGait(PolicySource):
     """Settings of a command that takes policies of one gait.
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
     """
 
     gait: str = "trot"
-    robot: str | None = None
-    source: Path | None = None
 
     def policies(self) -> Policies:
         """Finds the policies, and prints where they are from.
 
         Raises:
-            InputError: as `find_policies`.
+            InputError: as `policies_of`.
         """
-        return find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
+        return self.policies_of(self.gait)
 
 
 def _in_run(gait: Gait, folder: Path, robot: Robot | None, *, asked: bool = True) -> Policies:

@@ -10,13 +10,11 @@ from annotated_types import Ge, Le
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import find_gait
-from glassgait.models.settings import Seed, Settings
+from glassgait.models.settings import Seed
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.run_folder import refuse_run
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students.library import OnePolicy
 
 MISSING = "the studio needs NiceGUI; install it with pip install 'glassgait[studio]'"
 
@@ -24,32 +22,24 @@ Port = Annotated[int, Ge(0), Le(65535)]
 
 
 @dataclass(frozen=True)
-class OpenStudio(Settings):
+class OpenStudio(OnePolicy):
     """Change a formula in the browser and watch the robot answer.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
-            shortest by default. Formulas alone can be edited; other policies walk.
+        policy: `expert`, a kind of student, or path of a policy file; by default the student whose
+            actions are sums of the fewest terms. Formulas alone can be edited; other policies walk.
         scenario: Name of a scenario that ships, or path of a scenario file, in which the robot
             begins; of a discrete plant in Drake.
         seed: Seed of the sensors' noise and of pushes.
         port: Port of the page on this machine; 0 is any that is free.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         output: Folder of what is saved; runs/studio/<gait> by default.
     """
 
     title: ClassVar[str] = "studio"
 
-    gait: str = "trot"
-    policy: str | None = None
     scenario: str = TRAINING
     seed: Seed = 0
     port: Port = 8080
-    robot: str | None = None
-    source: Path | None = None
     output: Path | None = None
 
     def run(self) -> None:
@@ -64,8 +54,7 @@ class OpenStudio(Settings):
         # Imported here: it would import what proves and what rolls out before a mistake is found.
         from glassgait.studies.studio.studio import Studio  # noqa: PLC0415
 
-        found = find_policies(find_gait(self.gait), self.source, self.robot)
-        name = self.policy or default_student(found)
+        found, name = self.find()
         controller = found.controller(name)
         scenario = self._scenario(found.gait)
         folder = self.output or found.output(self.title)

@@ -20,19 +20,18 @@ from glassgait.models.certificates.observation_box import ObservationBox, load_b
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
-from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import FEW, Settings
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar
-from glassgait.studies.common.policies import Policies, find_policies
+from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import (
     CERTIFICATE_NAME,
-    default_student,
+    OnePolicy,
 )
 from glassgait.studies.verification.measurement import measure_box
 
@@ -40,31 +39,25 @@ BOX_NAME = "box.yaml"
 
 
 @dataclass(frozen=True)
-class Prove(Settings):
+class Prove(OnePolicy):
     """Prove what a policy can never do, or find the observation where it does.
 
     Of a network only what its limits keep and that it is its own mirror image is proved.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
-            shortest by default.
+        policy: `expert`, a kind of student, or path of a policy file; by default the student whose
+            actions are sums of the fewest terms.
         claims: YAML file of claims of your own, besides those that ship.
         box: File of the operating box; the gait's shipped one by default.
         measure: Measure the operating box anew, in all scenarios, before anything is proved.
         rollouts: How robots are rolled out to measure it.
         workers: Where they are.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/verify/prove/<gait>/<policy> by default.
     """
 
     title: ClassVar[str] = "verify prove"
 
-    gait: str = "trot"
-    policy: str | None = None
     claims: Path | None = None
     box: Path | None = None
     measure: bool = False
@@ -72,8 +65,6 @@ class Prove(Settings):
         default_factory=lambda: RolloutConfig(n_robots=4, n_steps=100, n_seeds=1)
     )
     workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -81,9 +72,8 @@ class Prove(Settings):
         """Measures where it is asked for, proves, and writes the certificate."""
         if self.box and self.measure:
             raise InputError("--box: is not read where the box is measured; leave out one of both")
-        found = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
+        found, name = self.find()
         gait = found.gait
-        name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)
         claims = self._claims(gait, policy)
         folder = self.output or found.output(self.title) / Path(name).stem

@@ -28,7 +28,7 @@ from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure, session_figure
 from glassgait.studies.common.play import Steps, play
-from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
+from glassgait.studies.common.policies import EXPERT, Policies, PolicySource, find_policies_of
 from glassgait.studies.common.run_folder import default_folder, refuse_run, to_plain
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.view.live import play_live
@@ -70,7 +70,7 @@ class OwnCommand(Settings):
 
 
 @dataclass(frozen=True)
-class View(Settings):
+class View(PolicySource):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
     Attributes:
@@ -91,9 +91,6 @@ class View(Settings):
         n_steps: Control steps of the rollout, 500 by default; a fall ends it before. Not with
             --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         output: Folder of the replay; runs/view/<gait> by default.
     """
 
@@ -109,8 +106,6 @@ class View(Settings):
     command: OwnCommand = field(default_factory=OwnCommand)
     n_steps: Steps | None = None
     seed: Seed = 0
-    robot: str | None = None
-    source: Path | None = None
     output: Path | None = None
 
     def __post_init__(self) -> None:
@@ -126,7 +121,7 @@ class View(Settings):
 
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
-        gaits = [find_gait(name) for name in gaits_named(self.gait)]
+        gaits = [find_gait(name, self.robot) for name in gaits_named(self.gait)]
         found = find_policies_of(gaits, self.source, [self.policy], self.robot)
         policies = list(found.values())
         gait, policy = self._several(policies) if len(gaits) > 1 else self._one(*policies)
@@ -136,7 +131,7 @@ class View(Settings):
         else:
             scenario = self.command.over(scenario)
         day = None if self.day is None else load_day(self.day)
-        stem = self._stem(policy, several=len(gaits) > 1)
+        stem = self._stem(gaits, policy)
         refuse_run(stem.parent)
         rollout, ending = self._play(gait, policy, scenario, stem, day)
         record = {**to_plain(self), "scenario": scenario.to_plain()}
@@ -168,16 +163,16 @@ class View(Settings):
         """Returns the ratio as the paper writes it, so that 0.25 and 1/4 are one."""
         return None if self.ratio is None else ratio_title(policy.period)
 
-    def _stem(self, policy: AlternatingController, *, several: bool) -> Path:
+    def _stem(self, gaits: Sequence[Gait], policy: AlternatingController) -> Path:
         """Returns the path of what is written, without its ending."""
         ratio = (self._ratio(policy) or "alone").replace("/", "-")
         world = scenario_name(self.scenario)
         parts = [Path(self.policy).stem, ratio]
         parts += [world] if world != TRAINING else []
-        parts += ["changing"] if several else []
+        parts += ["changing"] if len(gaits) > 1 else []
         parts += [] if self.day is None else [Path(self.day).stem]
-        folder = default_folder(self.title, policy.robot.name)
-        return (self.output or folder / find_gait(self.gait[0]).name) / "_".join(parts)
+        folder = default_folder(self.title, policy.robot.name) / gaits[0].name
+        return (self.output or folder) / "_".join(parts)
 
     def _play(
         self,

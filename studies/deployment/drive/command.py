@@ -51,7 +51,7 @@ from glassgait.models.task.request import RequestGate
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.play import Steps, first_interrupt, pusher
-from glassgait.studies.common.policies import EXPERT, OneGait, find_policies
+from glassgait.studies.common.policies import EXPERT, OneGait, PolicySource
 from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table
@@ -75,7 +75,7 @@ PATIENCE = 2.0
 
 
 @dataclass(frozen=True)
-class DriveController(Settings):
+class DriveController(PolicySource):
     """Answer what a robot in another process senses, until Ctrl-C.
 
     Attributes:
@@ -85,8 +85,6 @@ class DriveController(Settings):
         policy: `expert`, which is the default, a kind of student, or the path of a policy file.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies, or of
             the contract.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         day: The robot's day, in some of whose modes the policy acts: `day`, which ships, or path of
             a day's file; by default the policy always acts. Beside a contract, the file of its day,
             where that does not ship.
@@ -111,8 +109,6 @@ class DriveController(Settings):
 
     gait: str | None = None
     policy: str | None = None
-    robot: str | None = None
-    source: Path | None = None
     day: str | None = None
     contract: Path | None = None
     wire: Wire = "lcm"
@@ -159,14 +155,15 @@ class DriveController(Settings):
         """Answers, and reports what was counted."""
         with ExitStack() as stack:
             if self.contract is None:
-                acting, shown = self._policy()
+                (acting, shown), first = self._policy(), 0
             else:
                 folder = Path(stack.enter_context(TemporaryDirectory()))
-                acting, shown = self._compiled(self.contract, folder), str(self.contract)
+                acting, first = self._compiled(self.contract, folder)
+                shown = str(self.contract)
             if self.look:
                 self._look(acting.robot)
                 return
-            controller, heard = self._end(acting)
+            controller, heard = self._end(acting, first)
             say(f"listening on {heard}; Ctrl-C ends")
             with first_interrupt() as interrupted:
                 record = control(controller, interrupted)
@@ -174,18 +171,21 @@ class DriveController(Settings):
 
     def _policy(self) -> tuple[PolicyActing, str]:
         """Finds the policy that acts, and what it is called."""
-        gait = find_gait(OneGait.gait if self.gait is None else self.gait, self.robot)
-        found = find_policies(gait, self.source, self.robot)
+        found = self.policies_of(OneGait.gait if self.gait is None else self.gait)
         name = self.policy or EXPERT
         policy = found.controller(name)
         day = None if self.day is None else load_day(self.day)
-        return PolicyActing(policy.robot, gait, policy, day), f"{gait.name}, {name}"
+        return PolicyActing(policy.robot, found.gait, policy, day), f"{found.gait.name}, {name}"
 
-    def _compiled(self, contract: Path, folder: Path) -> CompiledActing:
-        """Loads the controller of a contract; its compiled file goes into a folder."""
+    def _compiled(self, contract: Path, folder: Path) -> tuple[CompiledActing, int]:
+        """Loads the controller of a contract; its compiled file goes into a folder.
+
+        Returns:
+            The controller, and the number of its gait that runs at first.
+        """
         asked = None if self.robot is None else load_robot(self.robot)
         found, compiled, robot = load_contract(contract, folder, asked)
-        self._refuse_other_than(found)
+        first = self._first_gait(found)
         say(f"{contract}: is the {robot.full_name}'s, {found.policy} of {', '.join(found.gaits)}")
         day = day_of(found.day) if self.day is None else load_day(self.day)
         if compiled.has_day and day is None and (self.remote or self.meshcat):
@@ -193,11 +193,15 @@ class DriveController(Settings):
                 "its day does not ship, so every request is taken once the robot follows; name its "
                 "file with --day"
             )
-        return CompiledActing(robot, compiled, found, day)
+        return CompiledActing(robot, compiled, found, day), first
 
-    def _refuse_other_than(self, found: Contract) -> None:
-        """Refuses a gait or a day that is not the contract's, and several gaits of which none is
-        chosen, where one is to run."""
+    def _first_gait(self, found: Contract) -> int:
+        """Returns the number of a contract's gait that runs at first.
+
+        Raises:
+            InputError: if the gait or the day is not the contract's, or none of several gaits is
+                chosen where one is to run.
+        """
         given = None if self.gait is None else find_gait(self.gait, self.robot or found.robot)
         if given is not None and found.gaits.get(given.name) != given.digest():
             raise InputError(
@@ -209,20 +213,26 @@ class DriveController(Settings):
                 f"{self.title}: day {shown(self.day)} is not the contract's; leave --day out, or "
                 "--contract"
             )
-        chosen = given is not None or self.remote or self.meshcat
-        if len(found.gaits) > 1 and not (chosen or self.look):
+        needs_one = not (self.remote or self.meshcat or self.look)
+        if len(found.gaits) > 1 and given is None and needs_one:
             raise InputError(
                 f"{self.title}: the contract has several gaits; name the one that is to run, with "
                 f"--gait {' or '.join(found.gaits)}, or change them over Unitree's wire, with "
                 "--remote or --meshcat"
             )
+        return 0 if given is None else list(found.gaits).index(given.name)
 
-    def _end(self, acting: Acting) -> tuple[AnsweringEnd, str]:
-        """Returns the controller's end, and where it listens."""
+    def _end(self, acting: Acting, gait: int) -> tuple[AnsweringEnd, str]:
+        """Returns the controller's end, and where it listens.
+
+        Args:
+            acting: What answers.
+            gait: Number of its gait that runs at first.
+        """
         if self.wire == "lcm":
-            lcm, gait = open_lcm(self.link), self._gait_of(acting)
-            return ControllerEnd(acting, lcm, self.link.names, gait=gait), self.link.names.sensors
-        operator = self._operator(acting)
+            end = ControllerEnd(acting, open_lcm(self.link), self.link.names, gait=gait)
+            return end, self.link.names.sensors
+        operator = self._operator(acting, gait)
         end = UnitreeControllerEnd(
             acting,
             open_controllers_end(self.dds),
@@ -231,10 +241,6 @@ class DriveController(Settings):
         )
         return end, f"{STATES} of domain {self.dds.domain} at {self.dds.interface}"
 
-    def _gait_of(self, acting: Acting) -> int:
-        """Returns the number of the gait that runs at first."""
-        return 0 if self.gait is None else acting.gaits.index(find_gait(self.gait).name)
-
     def _look(self, robot: Robot) -> None:
         endpoint = open_controllers_end(self.dds)
         with first_interrupt() as interrupted:
@@ -242,8 +248,8 @@ class DriveController(Settings):
         record = counts.rows("states", timed=True) | {"messages of another kind": counts.foreign}
         print_table(f"{robot.full_name}: what was heard", _table(record))
 
-    def _operator(self, acting: Acting) -> Operator:
-        """Returns what asks the robot.
+    def _operator(self, acting: Acting, gait: int) -> Operator:
+        """Returns what asks the robot, whose gait of a number runs at first.
 
         Raises:
             InputError: if a mode is requested of a controller without a day, or the command is
@@ -253,7 +259,6 @@ class DriveController(Settings):
         if self.request is not None and not acting.has_day:
             raise InputError(f"{self.title}: a request is of a day; add --day day, or leave it out")
         gate = RequestGate(acting.day) if acting.has_day else None
-        gait = self._gait_of(acting)
         if self.meshcat:
             meshcat = open_meshcat()
             say(f"open {meshcat.web_url()}, and steer under 'Open Controls'")

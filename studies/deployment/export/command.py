@@ -12,11 +12,11 @@ from glassgait.models.export.language import Real
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.settings import Count, Natural, Seed
 from glassgait.models.task.day import load_day
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
-from glassgait.studies.common.policies import Policies, find_policies_of
+from glassgait.studies.common.policies import Policies, PolicySource, find_policies_of
 from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, gaits_named
@@ -26,7 +26,7 @@ from glassgait.studies.distillation.students.library import default_student
 
 
 @dataclass(frozen=True)
-class Export(Settings):
+class Export(PolicySource):
     """Write a controller as one C file, or its policy as ONNX, and check it against Python.
 
     Attributes:
@@ -47,9 +47,6 @@ class Export(Settings):
         n_robots: Robots that Python and the export let walk for 20 s, in Drake and in MuJoCo, of
             several gaits with another one every 3 s; none by default.
         seed: Seed of all randomness.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/export/<gait>/<policy> by default, of several gaits
             runs/export/<gait>_<gait>/<policy>.
@@ -66,8 +63,6 @@ class Export(Settings):
     n_steps: Count = 10_000
     n_robots: Natural = 0
     seed: Seed = REPORTED_SEEDS[0]
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -92,7 +87,7 @@ class Export(Settings):
 
     def run(self) -> None:
         """Writes the files, and tables of what was measured."""
-        gaits = [find_gait(name) for name in gaits_named(self.gait)]
+        gaits = [find_gait(name, self.robot) for name in gaits_named(self.gait)]
         found = list(find_policies_of(gaits, self.source, [self.policy or ""], self.robot).values())
         asked = self.policy or default_student(found[0])
         deployment, inputs = self._deployment(found, asked)
