@@ -5,7 +5,6 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, MeshcatVisualizer, 
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 
-from glassgait.diagrams.physics import moved_by
 from glassgait.diagrams.posed_robots import AddPosedRobots, paint
 from glassgait.diagrams.shadows import Shadows
 from glassgait.diagrams.visualization import draw_ground
@@ -103,7 +102,8 @@ class LiveDisplay:
         """
         # Ground that repeats is laid around its middle period alone.
         away = self._ground.periods(state)
-        state, beside = (moved_by(own, -away) for own in (state, state if ghost is None else ghost))
+        beside = kinematics.moved_by(state if ghost is None else ghost, -away)
+        state = kinematics.moved_by(state, -away)
         given = {"state": state, "rm_state": rm_state, "foot_contact": foot_contact}
         for name, value in given.items():
             self._inputs[name].FixValue(self._context, value)

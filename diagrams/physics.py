@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
-from glassgait.models.robots import quadruped
+from glassgait.models.robots import kinematics
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
@@ -50,15 +50,6 @@ class Held(NamedTuple):
         """Returns the latencies (n,) in steps of a plant that takes `n_steps` in a period."""
         steps = np.rint(self.latency / CONTROL_PERIOD * n_steps).astype(np.int64)
         return np.clip(steps, 0, n_steps)
-
-
-def moved_by(states: Array, away: Array) -> Array:
-    """Returns plant states x (..., 37) with trunks moved (..., 3; m)."""
-    if not away.any():
-        return states
-    states = states.copy()
-    states[..., quadruped.POSITION] += away
-    return states
 
 
 class Physics(ABC):
@@ -136,8 +127,8 @@ class EnginePhysics(Physics):
         ground = self.ground(len(states))
         away = ground.periods(states)
         members = [group[sound[group]] for group in self.members(len(states))]
-        after, touching = self._advance(moved_by(states, -away), held, members)
-        after = moved_by(after, away)
+        after, touching = self._advance(kinematics.moved_by(states, -away), held, members)
+        after = kinematics.moved_by(after, away)
         if touching is None:
             touching = ground.touching(self.robot, after)
         return PhysicsStep(after, touching)

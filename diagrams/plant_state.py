@@ -43,16 +43,14 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
         InputError: if the context is of another diagram.
     """
     plant, plant_context = _find_plant(diagram, context)
-    monitor = find_locomotion(diagram).GetSubsystemByName(FALL_MONITOR)
-    assert isinstance(monitor, FallMonitor)
+    monitor = _find_monitor(diagram)
     if state is None:
         state = monitor.ground.stand(monitor.robot, kinematics.standing_state(monitor.robot))
     world = _find_world_state(diagram, context)
     if world is not None:
         away = monitor.ground.periods(state)
         world[0].set_away(world[1], away)
-        state = np.array(state)
-        state[quadruped.POSITION] -= away
+        state = kinematics.moved_by(state, -away)
     plant.SetPositionsAndVelocities(plant_context, state)
 
 
@@ -74,13 +72,11 @@ def recenter(diagram: Diagram, context: Context) -> None:
         return
     system, own = world
     plant, plant_context = _find_plant(diagram, context)
-    monitor = find_locomotion(diagram).GetSubsystemByName(FALL_MONITOR)
-    assert isinstance(monitor, FallMonitor)
+    monitor = _find_monitor(diagram)
     state = plant.GetPositionsAndVelocities(plant_context)
     away = monitor.ground.periods(state)
     if np.isfinite(away).all() and away.any():
-        state[quadruped.POSITION] -= away
-        plant.SetPositionsAndVelocities(plant_context, state)
+        plant.SetPositionsAndVelocities(plant_context, kinematics.moved_by(state, -away))
         system.set_away(own, system.away(own) + away)
 
 
@@ -106,6 +102,13 @@ def _find_plant(diagram: Diagram, context: Context) -> tuple[MultibodyPlant, Con
     plant = find_locomotion(diagram).GetSubsystemByName("plant")
     assert isinstance(plant, MultibodyPlant)
     return plant, _own_context(diagram, context, plant)
+
+
+def _find_monitor(diagram: Diagram) -> FallMonitor:
+    """Finds what knows the robot and its ground."""
+    monitor = find_locomotion(diagram).GetSubsystemByName(FALL_MONITOR)
+    assert isinstance(monitor, FallMonitor)
+    return monitor
 
 
 def _find_world_state(diagram: Diagram, context: Context) -> tuple[WorldState, Context] | None:

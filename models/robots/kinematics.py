@@ -349,6 +349,15 @@ def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     return state
 
 
+def moved_by(states: Array, away: Array) -> Array:
+    """Returns plant states x (..., 37) with trunks moved (..., 3; m)."""
+    if not away.any():
+        return states
+    states = states.copy()
+    states[..., quadruped.POSITION] += away
+    return states
+
+
 def _unit_components(quaternion: Array) -> tuple[Array, Array, Array, Array]:
     # A discrete plant adds rates to its quaternion and never shortens it: within a minute of
     # walking it is a tenth too long.

@@ -1,24 +1,24 @@
 """`glassgait evaluate basin`: which pushes a policy survives, predicted, and counted afterwards."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from annotated_types import Ge, Le
+from annotated_types import Ge
 
-from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.models.arrays import Array
 from glassgait.models.settings import Count
 from glassgait.models.stride_map import jacobians
 from glassgait.models.task.command import Command
 from glassgait.studies.common.cases import Case
-from glassgait.studies.common.experiment import Experiment, Report
+from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.evaluation.basin_figure import basin_figure
+from glassgait.studies.evaluation.push_experiment import Phases, PushExperiment, PushSpeed
 from glassgait.studies.evaluation.push_sets import (
     PUSHED,
     SMALLEST,
@@ -30,7 +30,6 @@ from glassgait.studies.evaluation.push_sets import (
     PushSet,
     calibrated,
 )
-from glassgait.studies.evaluation.pushes import PushSpeed, Steps
 from glassgait.studies.evaluation.pushing import PushList, push_each
 from glassgait.studies.evaluation.stride_analysis import find_orbits
 from glassgait.studies.evaluation.strides import StrideMap
@@ -41,35 +40,26 @@ N_STRIDES, STEP_SIZE = 60, 3e-3
 
 
 @dataclass(frozen=True)
-class Basin(Experiment):
+class Basin(PushExperiment):
     """Predict which pushes a policy survives, and count on others how often that is true.
 
     Pushes are drawn evenly by direction, speed and phase of the stride. Those of one phase meet the
     same robot, of which intervals know nothing.
 
     Attributes:
-        command: What the robots are commanded.
         greatest_speed: The most that a push adds to the trunk's velocity (m/s).
         n_fit: Pushes that sets are fitted to.
         n_calibration: Other pushes, by which is decided how large a set may be.
         n_test: Other pushes still, on which is counted how many of a set's are survived.
-        n_phases: Instants of the stride in which robots are pushed.
-        n_steps: Control steps from the push until a robot must still walk.
     """
 
     title: ClassVar[str] = "evaluate basin"
-    one: ClassVar[tuple[str, ...]] = ("scenario",)
-    discrete: ClassVar[bool] = True
-    n_robots: ClassVar[int] = 1
-    n_seeds: ClassVar[int] = 1
 
-    command: FixedCommand = field(default_factory=FixedCommand)
     greatest_speed: PushSpeed = 3.0
     n_fit: Annotated[Count, Ge(50)] = 1000
     n_calibration: Annotated[Count, Ge(SMALLEST)] = 1000
     n_test: Annotated[Count, Ge(50)] = 1000
-    n_phases: Annotated[Count, Le(1000)] = 64
-    n_steps: Steps = 250
+    n_phases: Phases = 64
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Pushes the robots of one policy: a row of all pushes, and of its stride map."""
@@ -129,7 +119,7 @@ class Basin(Experiment):
         pushed = push_each(
             case.gait,
             case.alone,
-            replace(case.scenario, command=self.command),
+            self.commanded(case),
             pushes,
             self.n_phases,
             n_steps=self.n_steps,
