@@ -14,7 +14,7 @@ from glassgait.models.settings import Settings
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
 from glassgait.studies.common.run_folder import default_folder, open_run, refuse_run
-from glassgait.studies.common.sweep import Gaits, folder_of
+from glassgait.studies.common.sweep import Gaits, folder_of, gaits_named
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Transfer(Settings):
 
     Attributes:
         robot: Name of the robot that is to act, or path of its robot.yaml.
-        gait: Names of gaits, or paths of gait files.
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         of: Name of the robot whose policies are taken, or path of its robot.yaml.
         source: Folder of a run of train, distill or refine to take them from, in place of those
             that ship.
@@ -42,17 +42,22 @@ class Transfer(Settings):
     def run(self) -> None:
         """Writes the policies of each gait."""
         robot = load_robot(self.robot)
-        gaits = [find_gait(gait) for gait in self.gait]
+        gaits = [find_gait(name, self.of) for name in gaits_named(self.gait)]
         found = find_policies_of(gaits, self.source, robot=self.of)
         if load_robot(self.of).name == robot.name:
             raise InputError(
                 f"--robot {self.robot}: is the robot whose policies are taken; name the one that "
                 "is to act"
             )
+        root, alone = default_folder(self.title, robot.name), len(found) == 1
+        folders = {
+            name: folder_of([name], root=root, output=self.output, alone=alone) for name in found
+        }
+        # Refused before any is written.
+        for folder in folders.values():
+            refuse_run(folder)
         for name, policies in found.items():
-            root, alone = default_folder(self.title, robot.name), len(found) == 1
-            folder = folder_of([name], root=root, output=self.output, alone=alone)
-            self._write(name, policies, folder)
+            self._write(name, policies, folders[name])
 
     def _write(self, gait: str, policies: Policies, folder: Path) -> None:
         robot = load_robot(self.robot)
@@ -70,7 +75,6 @@ class Transfer(Settings):
             if not students:
                 raise
             say(f"the expert is left out: {error}")
-        refuse_run(folder)
         with open_run(
             folder,
             study=self.title,

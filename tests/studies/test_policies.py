@@ -185,3 +185,12 @@ def test_what_compares_with_an_expert_says_that_there_is_none(own_gait, study, t
     own = ["--gait", "whole.formulas", "--policy", "whole.formulas"]
     assert "holds no policies of the prance" in refused(["evaluate", study, *own])
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    "command", [["view"], ["export"], ["studio"], ["verify", "prove"], ["evaluate", "worlds"]]
+)
+def test_a_gait_of_another_robots_formulas_is_refused(command, tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    theirs = STUDENT_DIRECTORY / "go2" / "trot" / "sparse_formula.formulas"
+    assert "go2" in refused([*command, "--gait", str(theirs), "--robot", "a1"])

@@ -37,6 +37,16 @@ def test_refuses_the_robot_whose_policies_are_taken_and_a_folder_that_holds_a_ru
     assert "mine" in refused(["transfer", "--robot", own_robot, "--output", "mine"])
 
 
+def test_refuses_a_folder_that_holds_a_run_before_anything_is_written(
+    tmp_path, monkeypatch, own_robot, refused
+):
+    monkeypatch.chdir(tmp_path)
+    main(["transfer", "--robot", own_robot, "--gait", "pace", "--output", "mine/pace"])
+    several = ["transfer", "--robot", own_robot, "--gait", "trot", "pace", "--output", "mine"]
+    assert "mine/pace" in refused(several)
+    assert not Path("mine/trot").exists()
+
+
 def test_formulas_go_where_the_expert_cannot(tmp_path, monkeypatch, own_robot, capsys):
     monkeypatch.chdir(tmp_path)
     path = Path(own_robot)
