@@ -15,6 +15,9 @@ from glassgait.models.formulas.text import TextError, written_number
 
 _TOKEN = re.compile(r"[0-9.]+(?:[eE][+-]?[0-9]+)?|[A-Za-z_][A-Za-z0-9_.]*|\S")
 
+_QUANTITIES = re.compile(r"(?:^|(?<=[;.] ))(\w+(?:, \w+)*)(?=: )")
+"""Names in a legend: words alone, from the beginning of a clause to a colon."""
+
 
 @dataclass(frozen=True)
 class Number:
@@ -46,6 +49,14 @@ class Program:
     legend: tuple[str, ...]
     statements: tuple[tuple[str, str], ...]
     numbers: Mapping[str, Number] = field(default_factory=dict)
+
+    def quantities(self) -> Iterator[tuple[str, str]]:
+        """Splits the legend where it names a quantity: each name, and the words after it."""
+        _, *parts = _QUANTITIES.split(" ".join(self.legend))
+        for names, words in zip(parts[::2], parts[1::2], strict=True):
+            *others, last = names.split(", ")
+            yield from ((name, ", ") for name in others)
+            yield last, words
 
     def lines(self, values: Mapping[str, float] = MappingProxyType({})) -> list[str]:
         """Writes the program, with what its quantities are and with its numbers."""

@@ -14,6 +14,7 @@ from glassgait.models.policies.policy import (
     Policy,
     contributions_of_action,
 )
+from glassgait.models.task.observation import symbols_of
 
 
 def _factors(policy: "LinearPolicy", joint: int) -> tuple[FactoredTerm, ...]:
@@ -69,7 +70,7 @@ class LinearPolicy(Policy):
         parts = weights[state] * observation
         constant = np.broadcast_to(intercepts[state], observation.shape[:-1])[..., None]
         values = np.concatenate([constant, parts], axis=-1)
-        terms = INTERCEPT, *self.observation_names
+        terms = INTERCEPT, *symbols_of(self.observation_names)
         return contributions_of_action(self.robot, terms, values, joint)
 
 

@@ -152,6 +152,11 @@ class TypesetController:
         }
         return LIMITS, self._program(LIMITS, numbers)
 
+    def legend(self, program: Program) -> list[tuple[str, str]]:
+        """Typesets a program's quantities: the symbol of each, and the words after it."""
+        setter = Typesetter(self.markup, _PROGRAM_SYMBOLS)
+        return [(setter.name(name), words) for name, words in program.quantities()]
+
     def _program(self, program: Program, numbers: Mapping[str, str]) -> list[Statement]:
         setter = Typesetter(self.markup, {**_PROGRAM_SYMBOLS, "g.z": "g_z", **numbers})
         return [

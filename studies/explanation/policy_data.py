@@ -12,7 +12,7 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import entries_of
+from glassgait.models.task.observation import entries_of, symbols_of
 
 
 @dataclass(frozen=True)
@@ -36,19 +36,20 @@ def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
     Args:
         observations: What it observed (n_steps, n).
     """
-    entries = entries_of(policy.observation_names)
-    if isinstance(policy, AdditivePolicy):
-        # Its terms are functions that are named at values, in whichever unit these are.
-        units = tuple(entry.unit for entry in entries)
-        robot_units = RobotUnits.of(policy.robot, policy.observation_names)
-        symbols = tuple(entry.symbol for entry in entries)
-        return Variables(symbols, units, robot_units.quantities(observations))
-    if not isinstance(policy, FormulaPolicy):
-        units = tuple(entry.scaled_unit(policy.robot) for entry in entries)
-        return Variables(policy.observation_names, units, observations)
-    notes = (definition.note for definition in policy.vocabulary.definitions)
-    units = (*(entry.unit for entry in entries), *notes)
-    return Variables(policy.vocabulary.symbols, units, policy.quantities(observations))
+    names = policy.observation_names
+    entries, symbols = entries_of(names), symbols_of(names)
+    units = tuple(entry.unit for entry in entries)
+    match policy:
+        case FormulaPolicy(vocabulary=vocabulary):
+            notes = (definition.note for definition in vocabulary.definitions)
+            quantities = policy.quantities(observations)
+            return Variables(vocabulary.symbols, (*units, *notes), quantities)
+        case AdditivePolicy():
+            # Its terms are functions that are named at values, in whichever unit these are.
+            quantities = RobotUnits.of(policy.robot, names).quantities(observations)
+            return Variables(symbols, units, quantities)
+    scaled = tuple(entry.scaled_unit(policy.robot) for entry in entries)
+    return Variables(symbols, scaled, observations)
 
 
 def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:

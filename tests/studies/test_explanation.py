@@ -43,6 +43,12 @@ def test_shown_terms_and_the_rest_are_the_target(page, embedded):
         assert (np.diff(joint["index"], axis=1) > 0).all()
 
 
+def test_a_linear_law_is_named_as_formulas_are(page, embedded):
+    shown = embedded(page, "data")["quantities"]
+    assert {"cmd.v", "dq.FL_hip", "h.RR"} <= set(shown)
+    assert "Command X" not in shown
+
+
 def test_page_needs_nothing_from_elsewhere(page, embedded):
     text = page.read_text()
     head = text[: text.index('id="replay-page"')]

@@ -1,5 +1,6 @@
 """Typeset controllers: pages and LaTeX of formula files, those that ship first of all."""
 
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -9,6 +10,9 @@ from xml.etree import ElementTree
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.contacts import CONTACTS
+from glassgait.models.formulas.limits import LIMITS
+from glassgait.models.formulas.odometry import ODOMETRY
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
 from glassgait.studies.common.typeset import to_latex
@@ -138,3 +142,20 @@ def test_a_sentence_that_failed_is_not_said():
     )
     assert "to the right turns the front right hip inward" in own.words(mirrored=True)
     assert "inward" not in replace(own, holds=False).words()
+
+
+@pytest.mark.parametrize("program", [CONTACTS, ODOMETRY, LIMITS], ids=lambda own: own.title)
+def test_a_legend_explains_what_the_program_reads_by_the_symbols_it_is_set_in(program):
+    quantities = dict(program.quantities())
+    read = set(re.findall(r"\w+", " ".join(statement for statement, _ in program.statements)))
+    assert set(quantities) <= read
+    assert "".join(name + words for name, words in program.quantities()) == " ".join(program.legend)
+
+
+def test_a_legend_shows_velocities_as_the_formulas_do():
+    page = typeset_page(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
+    assert r"$\dot p$: how fast its joints move it" in page["sparse_formula.tex"]
+    assert (
+        "p\N{COMBINING DOT ABOVE}</mi></math>: how fast its joints move it"
+        in page["sparse_formula.html"]
+    )
