@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from typing import NoReturn
@@ -109,11 +109,17 @@ def take_signals() -> None:
 @contextmanager
 def ended_at_once() -> Iterator[None]:
     """Has signals end the process at once, where an exception would be lost inside of an import."""
-    before = {
-        number: signal.signal(number, _end_at_once)
-        for number in SIGNALS
-        if signal.getsignal(number) is not signal.SIG_IGN
-    }
+    taken = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    with handlers_kept(taken):
+        for number in taken:
+            signal.signal(number, _end_at_once)
+        yield
+
+
+@contextmanager
+def handlers_kept(numbers: Iterable[signal.Signals]) -> Iterator[None]:
+    """Sets the handlers of signals back in the end."""
+    before = {number: signal.getsignal(number) for number in numbers}
     try:
         yield
     finally:

@@ -60,9 +60,6 @@ class SweepConfig(WorkersConfig):
     """How many seeds, and where their jobs run.
 
     Attributes:
-        backend: Where jobs run: in processes of this machine (`loky`), or on a Ray or a Dask
-            cluster, which does a job again whose node is lost.
-        n_workers: Jobs that run at once; -1 for as many as there are cores.
         n_seeds: Number of seeds of each gait: seed, seed + 1, …
     """
 

@@ -5,7 +5,6 @@ and its results come as a list alone.
 """
 
 import os
-import signal
 import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError, brief, shown
+from glassgait.studies.common.exit_codes import handlers_kept
 from glassgait.studies.common.parallel.cluster import ENDING, WORKER_LOST, run_in_worker
 
 PATIENCE = 10.0
@@ -126,9 +126,5 @@ def _handlers_kept() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in ENDING}
-    try:
+    with handlers_kept(ENDING):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
