@@ -117,6 +117,17 @@ class ControllerPorts:
     acting: dict[str, OutputPort]
     modes: ModeMachineSystem | None = None
 
+    @property
+    def of_day(self) -> dict[str, OutputPort]:
+        """What is to be seen of a day: `mode` (1), `acts` (1) and `damped` (1); empty without."""
+        if self.modes is None:
+            return {}
+        return {
+            "mode": self.modes.get_mode_output_port(),
+            "acts": self.modes.get_acts_output_port(),
+            "damped": self.modes.get_damped_output_port(),
+        }
+
 
 def AddController(  # noqa: N802
     builder: DiagramBuilder,

@@ -18,7 +18,6 @@ def AddJudges(  # noqa: N802
     builder: DiagramBuilder,
     sensed_robot: SensedRobot,
     scenario: Scenario,
-    *,
     command: OutputPort,
     machine: RewardMachineSystem,
     hold: ActionHold,

@@ -141,15 +141,7 @@ def MakeLocomotion(  # noqa: N802
     if policy is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
     _add_joint_targets(builder, sensed_robot, scenario, hold, limited=joint_law.limited)
-    judged = AddJudges(
-        builder,
-        sensed_robot,
-        scenario,
-        command=sensed.command,
-        machine=machine,
-        hold=hold,
-        joint_law=joint_law,
-    )
+    judged = AddJudges(builder, sensed_robot, scenario, sensed.command, machine, hold, joint_law)
     if meshcat is not None:
         rm_state = machine.get_rm_state_output_port()
         AddLocomotionDisplay(builder, sensed_robot, first, rm_state, meshcat)
@@ -214,19 +206,9 @@ def _export_outputs(
     controller: ControllerPorts,
     judged: dict[str, OutputPort],
 ) -> None:
-    modes = controller.modes
-    of_day = (
-        {}
-        if modes is None
-        else {
-            "mode": modes.get_mode_output_port(),
-            "acts": modes.get_acts_output_port(),
-            "damped": modes.get_damped_output_port(),
-        }
-    )
     exported = {
         **controller.acting,
-        **of_day,
+        **controller.of_day,
         "observations": controller.observation,
         **judged,
         "rm_state": machine.get_rm_state_output_port(),
