@@ -83,7 +83,7 @@ class _Moved(NamedTuple):
 
     @property
     def lost(self) -> BoolArray:
-        """Which robots came into no finite state, or were asked for none (n,)."""
+        """Which robots had no finite state, or no finite action to follow (n,)."""
         return self.failures[:, NOT_FINITE]
 
 
@@ -338,21 +338,19 @@ class BatchSimulator:
 
     def _moved(self, s: TaskState, action: Array, is_finite: BoolArray) -> _Moved:
         """Moves robots by actions (n, 12) that were finite or not (n,), and looks for failures."""
-        robot, task = self.task.robot, self.task
         stepped = self._followed(s, action)
         shown = failures(
-            robot,
+            self.task.robot,
             stepped.states,
             action=action,
             previous_action=s.action,
-            limits=task.limits,
+            limits=self.task.limits,
             ground=self._ground,
         )
         # A lost robot keeps its last sound state, so that nothing below meets a NaN. So does one
         # whose limits kept its targets, because not all that was asked is finite.
         shown[:, NOT_FINITE] |= ~is_finite
-        lost = shown[:, NOT_FINITE]
-        kept = lost[:, None]
+        kept = shown[:, NOT_FINITE, None]
         return _Moved(
             plant=np.where(kept, s.plant, stepped.states),
             touching=np.where(kept, s.touching, stepped.touching),

@@ -95,7 +95,7 @@ class Transitions(Experiment):
         found = {gait.name: Target(gait, self.controllers[gait.name]) for gait in self.gaits}
         way = {}
         if self.via is not None:
-            gait = find_gait(self.via)
+            gait = find_gait(self.via, self.robot)
             controllers = self.controllers.get(gait.name) or find_policies(
                 gait, robot=self.robot
             ).controllers(self.policy)
