@@ -42,6 +42,7 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
+from glassgait.studies.deployment.export import files
 from glassgait.studies.deployment.export.files import has_compiler, load_controller
 from glassgait.systems.meshcat_request import request_button
 
@@ -260,6 +261,27 @@ def compiled_pages(
     if not has_compiler():
         pytest.skip("needs a C compiler, cc")
     return load_controller(written_pages, tmp_path_factory.mktemp("pages"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once() -> Iterator[None]:
+    """What the C compiler makes of a controller it makes once: a page takes it a second."""
+    made: dict[tuple[bytes, bytes, tuple[str, ...]], bytes] = {}
+    compile_c = files.compile_c
+
+    def compile_or_copy(source: Path, output: Path, flags: Sequence[str] = files.FLAGS) -> None:
+        header = source.with_suffix(".h")
+        beside = header.read_bytes() if header.exists() else b""
+        key = source.read_bytes(), beside, tuple(flags)
+        if key in made:
+            output.write_bytes(made[key])
+        else:
+            compile_c(source, output, flags)
+            made[key] = output.read_bytes()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(files, "compile_c", compile_or_copy)
+        yield
 
 
 @pytest.fixture

@@ -133,8 +133,15 @@ def test_diagram_and_batch_agree_over_a_whole_day(make):
     ]
 
 
-@pytest.mark.parametrize("station", [StationConfig(), MUJOCO], ids=["drake", "mujoco"])
-@pytest.mark.parametrize("name", ["a1", "go2"])
+@pytest.mark.parametrize(
+    ("name", "station"),
+    [
+        pytest.param("a1", StationConfig(), id="a1-drake"),
+        pytest.param("a1", MUJOCO, id="a1-mujoco", marks=pytest.mark.slow),
+        pytest.param("go2", StationConfig(), id="go2-drake", marks=pytest.mark.slow),
+        pytest.param("go2", MUJOCO, id="go2-mujoco"),
+    ],
+)
 def test_each_robot_rises_from_its_belly_stands_still_and_lies_down(name, station):
     controller = standing_policy(load_robot(name))
     simulator = batch(controller, replace(CALM, station=station, true_body_state=True), n_robots=2)

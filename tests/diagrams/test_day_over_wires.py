@@ -41,7 +41,7 @@ from glassgait.studies.deployment.export.files import (
 )
 
 A1, DAY, TROT = load_robot(), load_day(), load_gait("trot")
-PARTS = ((40, "sit"), (220, "stand"), (100, "walk"), (60, "stand"), (200, "sit"))
+PARTS = ((40, "sit"), (180, "stand"), (60, "walk"), (40, "stand"), (140, "sit"))
 """Control steps, and what is requested in them."""
 ORDER = ["rest", "fold", "rise", "stand", "walk", "stand", "sit", "rest"]
 CALM = Scenario(sensor_noise=0.0, command=FixedCommand(speed=0.4, dwell=8))
@@ -153,9 +153,9 @@ def order(names):
 
 def test_a_compiled_controller_moves_the_robot_over_lcm_as_one_diagram_does(trot, page, compiled):
     ends = Lcm(trot, compiled["always"], PolicyActing(A1, trot, page))
-    states, _, phases = ends.run(100)
+    states, _, phases = ends.run(60)
     assert set(phases) == {Phase.FOLLOWING}
-    one = record(make_simulator(MakeLocomotion(trot, CALM, policy=page), seed=3), 100)
+    one = record(make_simulator(MakeLocomotion(trot, CALM, policy=page), seed=3), 60)
     np.testing.assert_allclose(states, one["state"][:-1], rtol=0, atol=1e-6)
     assert kinematics.foot_heights(A1, states).max() > 0.02
 
@@ -183,7 +183,7 @@ def test_a_robot_lives_through_its_day_over_lcm_as_in_one_diagram(trot, page, co
     # Damped joints brake at each step of the plant, and in one diagram are sent to where they are
     # at each control step: so robots lie a little otherwise before they rise.
     assert np.concatenate(heights)[30:].max() < 0.005
-    assert ahead[0] > 0.5
+    assert ahead[0] > 0.25
     assert abs(ahead[0] - ahead[1]) < 0.05
     assert ends.robot.output("state")[6] < LYING
 
@@ -331,13 +331,13 @@ AT_ONCE = Supervision(self_test=False)
 
 
 def test_a_compiled_controller_answers_over_unitrees_wire_as_python_does(trot, page, compiled):
-    supervision = Supervision(rising=1.0, self_test=False)
+    supervision = Supervision(rising=0.5, self_test=False)
     ends = Unitree(compiled["always"], PolicyActing(A1, trot, page), supervision)
     ends.press(Button(0), forward=0.6)
-    stages, _, _ = ends.run(150)
+    stages, _, _ = ends.run(80)
     assert order(stages) == [Stage.RISING, Stage.FOLLOWING]
-    assert ends.shadow.n_answers == 151 - 1
-    assert ends.robot.output("state")[4] > 0.2
+    assert ends.shadow.n_answers == 80
+    assert ends.robot.output("state")[4] > 0.1
 
 
 def test_a_robot_lives_through_its_day_by_its_remote_over_unitrees_wire(trot, page, compiled):
@@ -361,7 +361,7 @@ def test_a_robot_lives_through_its_day_by_its_remote_over_unitrees_wire(trot, pa
     assert order(modes) == ORDER
     assert heights[0] < LYING and heights[-1] < LYING
     assert min(heights[1:4]) > 0.2
-    assert ends.robot.output("state")[4] > 0.4
+    assert ends.robot.output("state")[4] > 0.2
 
 
 @pytest.fixture(scope="module")
@@ -392,7 +392,7 @@ def test_shoulder_buttons_change_the_gait_over_unitrees_wire(both):
     ends.shadow.take = lambda *_: None
     found = []
     # What is held from before the robot follows on does not count until it is pressed again.
-    pressed = ((Button.R1, 60), (Button(0), 2), (Button.R1, 2), (Button(0), 100))
+    pressed = ((Button.R1, 35), (Button(0), 2), (Button.R1, 2), (Button(0), 60))
     for buttons, n_steps in pressed:
         ends.press(buttons, forward=0.3)
         for _ in range(n_steps):
@@ -412,7 +412,7 @@ def test_over_lcm_the_gait_that_was_named_runs(both, gait):
     first = load_gait(both.gaits[0])
     robot = RobotEnd(first, CALM, lcm, channels, watchdog=Watchdog(), session=5)
     controller = ControllerEnd(both, lcm, channels, gait=gait)
-    for _ in range(100):
+    for _ in range(40):
         robot.send()
         for part in range(robot.n_parts):
             if part == 0:
@@ -423,7 +423,7 @@ def test_over_lcm_the_gait_that_was_named_runs(both, gait):
     assert robot.phase is Phase.FOLLOWING
 
 
-@pytest.mark.parametrize("of", ["page", "compiled"])
+@pytest.mark.parametrize("of", [pytest.param("page", marks=pytest.mark.slow), "compiled"])
 def test_start_while_the_robot_rises_is_dropped_and_does_not_act_later(
     of, trot, page, compiled, caplog
 ):
@@ -445,7 +445,7 @@ def test_two_buttons_damp_a_day_for_good(trot, page):
     acting = PolicyActing(A1, trot, page, DAY)
     ends = Unitree(acting, acting, AT_ONCE)
     ends.request("stand")
-    ends.run(150)
+    ends.run(40)
     ends.press(Button.L2 | Button.B)
     ends.run(1)
     ends.robot.remote = UNTOUCHED
@@ -458,9 +458,9 @@ def test_two_buttons_damp_a_day_for_good(trot, page):
 
 def test_a_day_begins_lying_after_the_self_test(trot, page, caplog):
     acting = PolicyActing(A1, trot, page, DAY)
-    ends = Unitree(acting, acting, Supervision(rising=1.0))
+    ends = Unitree(acting, acting, Supervision(rising=0.5))
     ends.request("walk")
-    stages, modes, sent = ends.run(260)
+    stages, modes, sent = ends.run(190)
     assert "dropped: the robot follows no controller" in caplog.text
     assert len(caplog.records) == 1
     expected = [Stage.RISING, Stage.TESTING, Stage.LOWERING, Stage.FOLLOWING]

@@ -27,7 +27,7 @@ A1 = load_robot()
 
 COMMAND = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
 CALM = Scenario(command=COMMAND, sensor_noise=0.0)
-REQUEST, N_STEPS = 60, 120
+REQUEST, N_STEPS = 30, 80
 TOLERANCE = 1e-9
 
 

@@ -33,7 +33,7 @@ A1 = load_robot()
 
 
 CHANNELS = Channels("TEST_")
-N_STEPS = 120
+N_STEPS = 60
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_counts_and_survives_losses(trot, page):
     assert not ends.robot.fallen
 
 
-@pytest.mark.parametrize("n_steps", [90, 94])
+@pytest.mark.parametrize("n_steps", [90, pytest.param(94, marks=pytest.mark.slow)])
 def test_a_robot_without_a_controller_is_lowered_and_rises_with_the_next(trot, page, n_steps):
     ends = Ends(trot, page, Scenario(command=FixedCommand()))
     ends.run(n_steps)

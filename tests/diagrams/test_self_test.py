@@ -25,6 +25,7 @@ DRAKE, MUJOCO = STATIONS
 DEGREES = 180.0 / np.pi
 
 robots = pytest.mark.parametrize("name", robot_names())
+OTHERS = sorted({*robot_names()} - {"a1"})
 
 
 @cache
@@ -77,7 +78,9 @@ def test_moves_keep_within_the_joints_ranges_and_begin_and_end_at_rest(name):
 
 
 @robots
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
+)
 def test_a_sound_robot_passes_in_either_engine_loaded_weak_and_slippery(name, seed):
     generator = np.random.default_rng(seed)
     station = replace(
@@ -136,7 +139,9 @@ def test_every_exchange_of_two_joints_targets_is_noticed_with_that_of_their_sens
     assert missed == []
 
 
-@robots
+@pytest.mark.parametrize(
+    "name", ["a1", *(pytest.param(own, marks=pytest.mark.slow) for own in OTHERS)]
+)
 def test_every_sign_and_unit_of_joints_is_noticed(name, generator):
     robot, clean = load_robot(name), measured(name)
     factors = {

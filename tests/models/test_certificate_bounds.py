@@ -59,7 +59,7 @@ def greatest(text: str) -> tuple[float, float]:
 def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
     machine, policy = load_gait(gait), load_student(gait, kind)
     whole, targets = box(machine), targets_of(policy)
-    observations = whole.random(10_000, np.random.default_rng(7))
+    observations = whole.random(3_000, np.random.default_rng(7))
     assert np.array_equal(whole.clipped(observations), observations)
     reached = A1.joint_targets(policy(observations))
     states = policy.observation_names.index("RM State 0")

@@ -134,7 +134,7 @@ def test_a_lean_ends_damped_in_both_and_is_remembered(both, moments):
     assert damped[260:].all()
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e9])
+@pytest.mark.parametrize("wrong", [np.nan, pytest.param(np.inf, marks=pytest.mark.slow), 1e9])
 def test_readings_that_fail_hold_the_targets_and_then_end_damped(both, moments, wrong):
     lost = [own._replace(sensors=without_joint(own.sensors, wrong)) for own in moments[260:280]]
     modes, _, status = modes_of_both(both, [*moments[:260], *lost, *moments[280:449]])

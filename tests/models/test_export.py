@@ -145,11 +145,13 @@ def test_c_does_what_python_does(
 @pytest.mark.parametrize(
     "ranges",
     [
-        "q: calf -2 to -1.2, thigh 0.5 to 0.9, hip -0.1 to 0.2",
+        pytest.param(
+            "q: calf -2 to -1.2, thigh 0.5 to 0.9, hip -0.1 to 0.2", marks=pytest.mark.slow
+        ),
         "q: hip -0.1 to 0.2",
-        "h: 0 to 0.01",
+        pytest.param("h: 0 to 0.01", marks=pytest.mark.slow),
         "cmd: v -0.2 to 0.2\ng: y -0.1 to 0.1\nv: x -0.1 to 0.3",
-        "",
+        pytest.param("", marks=pytest.mark.slow),
     ],
 )
 def test_c_reads_within_whichever_ranges_there_are(trot, ranges, agree):
@@ -192,7 +194,16 @@ def test_targets_stay_within_the_joints_ranges_where_the_policy_is_run_so(
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", [*gait_names(), "odd"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            pytest.param(name, marks=() if name == "half_bound" else pytest.mark.slow)
+            for name in gait_names()
+        ),
+        "odd",
+    ],
+)
 def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
     gait = parse_gait(ODD, name="odd */ gait") if name == "odd" else load_gait(name)
     found = agree(gait, make_policy(gait), small_expert(gait), n_steps=1000)

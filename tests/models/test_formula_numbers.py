@@ -71,7 +71,7 @@ def test_other_counts_of_numbers_are_refused(trot):
         numbered.replaced(numbered.start[1:])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=settings.default.max_examples // 10)
 @given(st.data())
 def test_an_adjusted_policy_acts_as_its_file_does(trot, data):
     adjustable = AdjustablePolicy(trot)

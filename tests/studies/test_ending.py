@@ -162,8 +162,15 @@ def test_a_reader_that_wants_no_more_is_left_in_silence(command):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("command", [["gait", "trot"], ["--help"]])
+@pytest.mark.parametrize(
+    ("command", "unbuffered"),
+    [
+        (["gait", "trot"], ""),
+        (["--help"], "1"),
+        pytest.param(["gait", "trot"], "1", marks=pytest.mark.slow),
+        pytest.param(["--help"], "", marks=pytest.mark.slow),
+    ],
+)
 def test_a_full_disk_is_reported(command, unbuffered):
     with Path("/dev/full").open("w") as full:
         process = subprocess.run(
@@ -179,10 +186,18 @@ def test_a_full_disk_is_reported(command, unbuffered):
     assert line.startswith("glassgait: No space left on device; make room there")
 
 
+ASKED = {"gait trot": 0, "--help": 0, "gait gallop": BAD_INPUT}
+CLOSED = (">&-", "2>&-", ">&- 2>&-")
+
+
 @pytest.mark.parametrize(
-    ("arguments", "code"), [("gait trot", 0), ("--help", 0), ("gait gallop", BAD_INPUT)]
+    ("arguments", "code", "closed"),
+    [
+        pytest.param(*asked, closed, marks=() if i == j else pytest.mark.slow)
+        for i, asked in enumerate(ASKED.items())
+        for j, closed in enumerate(CLOSED)
+    ],
 )
-@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_output_that_is_closed_is_done_without(arguments, code, closed):
     process = subprocess.run(
         ["sh", "-c", f"exec '{sys.executable}' -m glassgait.studies.cli {arguments} {closed}"],
