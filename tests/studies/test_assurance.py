@@ -15,6 +15,7 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SCORES
+from glassgait.studies.evaluation import assurance_calibration
 from glassgait.studies.evaluation.assurance import (
     Assurance,
     acting_title,
@@ -22,7 +23,6 @@ from glassgait.studies.evaluation.assurance import (
     readable_table,
 )
 from glassgait.studies.evaluation.assurance_calibration import (
-    LEADS,
     Calibration,
     Visits,
     guarded,
@@ -57,14 +57,16 @@ def test_warnings_count_the_steps_without_a_gap_before_a_fall():
     assert found.to_numpy()[1].tolist() == [2, 5, 2, "disagreement"]
 
 
-def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
+def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot, monkeypatch):
+    monkeypatch.setattr(assurance_calibration, "LEADS", (1, 8, 32))
+    monkeypatch.setattr(assurance_calibration, "RESCUE_STEPS", 60)
     student = alone(load_student("trot", "sparse_formula"), expert)
     world = Scenario(pushes=Pushes(speed=4.0, interval=0.5))
     visits = visit(trot, student, world, RolloutConfig(n_robots=4, n_steps=80, seed=3))
     fallen = len(visits.fallen)
     assert fallen > 1
     averted = rescues(trot, alone(expert), world, visits, seed=1)
-    assert averted["lead"].tolist() == list(LEADS)
+    assert averted["lead"].tolist() == [1, 8, 32]
     # Later pushes are left out: who is taken back to before the one that felled it stays up.
     assert averted["rescued"].iloc[0] < fallen
     assert averted["rescued"].iloc[-1] > averted["rescued"].iloc[0]

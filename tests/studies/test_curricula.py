@@ -12,7 +12,7 @@ from glassgait.studies.reproduction.curricula import (
     equal_budgets,
 )
 
-SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-workers", "1"]
+SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "24", "--n-workers", "1"]
 ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]
 
 

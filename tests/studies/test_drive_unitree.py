@@ -29,12 +29,12 @@ A1 = load_robot()
 DOMAIN = 2 + os.getpid() % 200
 """Tests that run side by side have domains of their own; a robot's is 0."""
 
-STEPS = 200
+STEPS = 150
 
 COMMAND = "from glassgait.studies.cli import main; main()"
 
 
-@pytest.fixture(params=["python", "compiled"])
+@pytest.fixture(params=["python", pytest.param("compiled", marks=pytest.mark.slow)])
 def controller(tmp_path, request):
     """A controller in a process of its own."""
     acts = "--gait trot --policy sparse_formula"
@@ -63,7 +63,7 @@ def counted(log, name):
 
 
 def test_two_processes_lose_nothing(controller):
-    """States at 500 Hz for four seconds: each control step waits for its answer."""
+    """States at 500 Hz for three seconds: each control step waits for its answer."""
     endpoint = open_robots_end(DdsSettings(domain=DOMAIN))
     robot = UnitreeRobotEnd(Scenario(), endpoint)
     wait_for_a_command(robot, endpoint)

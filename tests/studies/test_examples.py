@@ -3,8 +3,6 @@
 import re
 import runpy
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +50,7 @@ def test_logged_robots_keep_nearly_to_the_command_and_stay_up(printed):
     assert "falls: 0 of 3" in out
 
 
+@pytest.mark.slow
 def test_the_speeds_are_drawn_where_asked(tmp_path):
     build_and_log.main(figure=tmp_path / "speed.png")
     assert (tmp_path / "speed.png").stat().st_size > 1000
@@ -91,6 +90,7 @@ def test_the_planner_sends_the_robot_round_its_corners(printed):
     assert np.hypot(x - 2.5, y - 2.5) < 0.5
 
 
+@pytest.mark.slow
 def test_harder_pushes_fell_more_robots(printed):
     rows = numbers(r"(\S+) m/s: (\d+) of 8 fall, (\S+) degrees", printed("push_robots"))
     assert [row[0] for row in rows] == [0.0, 0.5, 1.0, 1.5, 2.0]
@@ -135,9 +135,11 @@ def test_a_linear_policy_learns_in_gymnasiums_loop(capsys):
 
 def test_an_experiment_of_ones_own_runs_from_any_folder_and_resumes(tmp_path, monkeypatch):
     script = Path(shutil.copy(stopping.__file__, tmp_path / "mine.py"))
-    command = [sys.executable, script.name, "--policy", "expert", "gbm", "--n-robots", "2"]
+    command = [script.name, "--policy", "expert", "gbm", "--n-robots", "2"]
     command += ["--n-seeds", "2", "--n-workers", "1"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", command)
+    runpy.run_path(script.name, run_name="__main__")
     folder = tmp_path / "runs" / "stopping" / "trot_expert_gbm"
     table = pd.read_csv(folder / "stopping.csv")
     assert table[["policy", "robots"]].to_numpy().tolist() == [["expert", 4], ["gbm", 4]]
@@ -146,8 +148,7 @@ def test_an_experiment_of_ones_own_runs_from_any_folder_and_resumes(tmp_path, mo
     (folder / "stopping.csv").unlink()
     cases = sorted((folder / "cases").iterdir())
     cases[0].unlink()
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", [*command[1:], "--resume"])
+    monkeypatch.setattr("sys.argv", [*command, "--resume"])
     runpy.run_path(script.name, run_name="__main__")
     assert (folder / "stopping.csv").read_bytes() == before
     assert sorted((folder / "cases").iterdir()) == cases

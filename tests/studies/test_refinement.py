@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -46,10 +47,9 @@ SMALL += ["--candidate-steps", "10", "--updates", "2"]
 PAGE = load_student("trot", "sparse_formula")
 
 
-def seen(gait, policy, n_robots=6, n_steps=30):
-    data = collect_alone(
-        load_gait(gait), load_expert(gait), policy, n_robots=n_robots, n_steps=n_steps, seed=3
-    )
+@cache
+def seen(gait, policy):
+    data = collect_alone(load_gait(gait), load_expert(gait), policy, n_robots=6, n_steps=30, seed=3)
     return data.observations, torch.from_numpy(data.observations).float()
 
 
@@ -100,7 +100,7 @@ def test_mirror_images_stay_so_while_numbers_change():
 
 
 def test_a_step_of_any_direction_does_as_much():
-    _, tensor = seen("trot", PAGE, n_robots=12)
+    _, tensor = seen("trot", PAGE)
     network = FormulaNetwork(PAGE)
     network.balance(tensor)
     directions = torch.nn.functional.normalize(

@@ -44,7 +44,7 @@ def test_the_trot_ships_with_formulas():
 def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
-    config = RolloutConfig(n_robots=4, n_steps=120, seed=8)
+    config = RolloutConfig(n_robots=2, n_steps=100, seed=8)
     log = roll_out(load_gait(gait), alone(student, expert), Scenario(), config)
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
