@@ -113,7 +113,13 @@ def test_workers_end_with_a_parent_that_is_killed(parent):
     assert _gone(workers, 10)
 
 
-@pytest.mark.parametrize("number", ENDING)
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(number, marks=() if number == signal.SIGINT else pytest.mark.slow)
+        for number in ENDING
+    ],
+)
 def test_workers_leave_signals_to_their_parent(parent, number):
     workers = _workers(parent)
     # As a terminal's Ctrl-C does: to every process of the group.

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -70,6 +71,14 @@ def weights(folder):
     return load_arrays(folder / "trot.safetensors")[0]
 
 
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A folder of a run that ended. Tests that go on with it copy it."""
+    folder = tmp_path_factory.mktemp("trained")
+    training_run(TINY, folder).run(silent)
+    return folder
+
+
 def test_entropy_and_divergence_fall_as_scheduled(tmp_path):
     schedule = replace(
         TINY.ppo,
@@ -88,8 +97,8 @@ def test_entropy_and_divergence_fall_as_scheduled(tmp_path):
     assert [divergence for _, divergence in seen] == pytest.approx([0.01, 0.01, 0.006, 0.002])
 
 
-def test_a_run_killed_and_resumed_ends_with_the_same_weights(tmp_path):
-    training_run(TINY, tmp_path / "whole").run(silent)
+@pytest.mark.slow
+def test_a_run_killed_and_resumed_ends_with_the_same_weights(trained, tmp_path):
     killed = tmp_path / "killed"
     here = str(Path(__file__).parent)
     ended = subprocess.run(
@@ -99,7 +108,7 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(tmp_path):
     resumed = training_run(TINY, killed, resume=True)
     assert resumed.progress.update == 2
     resumed.run(silent)
-    whole, again = weights(tmp_path / "whole"), weights(killed)
+    whole, again = weights(trained), weights(killed)
     assert whole.keys() == again.keys()
     for name, value in whole.items():
         np.testing.assert_array_equal(value, again[name], err_msg=name)
@@ -340,26 +349,27 @@ def test_a_missing_or_damaged_checkpoint_cannot_be_resumed(tmp_path):
         training_run(TINY, tmp_path, resume=True)
 
 
-def test_an_expert_that_was_not_written_is_written_on_resume(tmp_path):
-    training_run(TINY, tmp_path).run(silent)
-    written = weights(tmp_path)
-    for path in tmp_path.glob("trot.*"):
+def test_an_expert_that_was_not_written_is_written_on_resume(trained, tmp_path):
+    folder = copytree(trained, tmp_path / "run")
+    written = weights(folder)
+    for path in folder.glob("trot.*"):
         path.unlink()
-    training_run(TINY, tmp_path, resume=True).run(silent)
-    assert {path.suffix for path in tmp_path.glob("trot.*")} == {".safetensors", ".yaml", ".csv"}
-    for name, value in weights(tmp_path).items():
+    training_run(TINY, folder, resume=True).run(silent)
+    assert {path.suffix for path in folder.glob("trot.*")} == {".safetensors", ".yaml", ".csv"}
+    for name, value in weights(folder).items():
         np.testing.assert_array_equal(value, written[name], err_msg=name)
 
 
 @pytest.mark.parametrize("robot", ["a1", "go2"])
-def test_an_actor_begins_as_the_expert_it_starts_from_while_its_critic_learns(robot, tmp_path):
-    training_run(TINY, tmp_path / "first").run(silent)
+def test_an_actor_begins_as_the_expert_it_starts_from_while_its_critic_learns(
+    robot, trained, tmp_path
+):
     ppo = replace(TINY.ppo, critic_updates=1)
-    started = str(tmp_path / "first" / "trot.safetensors")
+    started = str(trained / "trot.safetensors")
     run = training_run(replace(TINY, robot=robot, warm_start=started, ppo=ppo), tmp_path / "second")
     run.update()
     run.save()
-    first, second = weights(tmp_path / "first"), weights(tmp_path / "second")
+    first, second = weights(trained), weights(tmp_path / "second")
     for name, value in first.items():
         np.testing.assert_array_equal(value, second[name], err_msg=name)
     run.update()
@@ -390,19 +400,18 @@ def test_refuses_to_start_from_what_does_not_fit(start, config, message, tmp_pat
 
 
 def test_a_robot_of_ones_own_learns_on_from_its_own_expert(own_robot, tmp_path):
-    config = replace(TINY, robot=own_robot)
+    config = replace(TINY, robot=own_robot, updates=1)
     training_run(config, tmp_path / "first").run(silent)
     started = str(tmp_path / "first" / "trot.safetensors")
     training_run(replace(config, warm_start=started), tmp_path / "second")
 
 
-def test_a_run_goes_on_only_from_the_expert_it_started_from(tmp_path):
-    training_run(TINY, tmp_path / "first").run(silent)
+def test_a_run_goes_on_only_from_the_expert_it_started_from(trained, tmp_path):
     started = tmp_path / "start.safetensors"
-    started.write_bytes((tmp_path / "first" / "trot.safetensors").read_bytes())
+    started.write_bytes((trained / "trot.safetensors").read_bytes())
     config = replace(TINY, warm_start=str(started))
     training_run(config, tmp_path / "second").run(silent)
-    training_run(replace(TINY, seed=1), tmp_path / "other").run(silent)
+    training_run(replace(TINY, seed=1, updates=1), tmp_path / "other").run(silent)
     started.write_bytes((tmp_path / "other" / "trot.safetensors").read_bytes())
     with pytest.raises(InputError):
         training_run(replace(config, updates=6), tmp_path / "second", resume=True)
