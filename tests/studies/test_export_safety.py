@@ -157,8 +157,8 @@ def sound_and_bad(source, folder, request=""):
 @pytest.mark.parametrize(
     ("gait", "kind"),
     [
-        ("trot", "sparse_formula"),
         ("several", "sparse_formula"),
+        pytest.param("trot", "sparse_formula", marks=pytest.mark.slow),
         pytest.param("walk", "ebm", marks=pytest.mark.slow),
     ],
 )
@@ -176,10 +176,10 @@ def test_no_input_leads_to_undefined_behaviour(gait, kind, written_pages, tmp_pa
 @pytest.mark.parametrize(
     "kind",
     [
-        "sparse_formula",
         "statewise_linear",
         "expert",
         "several gaits",
+        pytest.param("sparse_formula", marks=pytest.mark.slow),
         pytest.param("ebm", marks=pytest.mark.slow),
         pytest.param("gbm", marks=pytest.mark.slow),
     ],

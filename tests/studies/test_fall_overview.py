@@ -43,7 +43,7 @@ def test_gaits_stand_side_by_side_and_share_their_rows():
 def test_command_draws_all_its_gaits(tmp_path):
     Worlds(
         gait=("trot", "pace"),
-        policy=("expert", "statewise_symbolic"),
+        policy=("expert", "gbm"),
         scenario=("training",),
         n_robots=2,
         n_steps=10,

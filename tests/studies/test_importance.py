@@ -81,7 +81,7 @@ def test_the_machines_state_is_shuffled_as_one(generator):
     weights = np.zeros((12, N))
     weights[:, entries] = [1.0, -1.0]
     policy = Watched("trot", NAMES, weights, np.zeros(12))
-    samples = samples_of(policy, generator)
+    samples = samples_of(policy, generator, count=300)
     mean = permutation_importance(policy, samples, generator, repeats=2).mean(axis=0)
     assert all((states.sum(axis=1) == 1.0).all() for states in seen)
     np.testing.assert_array_equal(mean[:, entries][:, 0], mean[:, entries][:, 1])
@@ -199,9 +199,9 @@ def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_
     assert "rank correlation" in capsys.readouterr().out
 
 
-def test_missing_students_are_refused(distilled, refused):
+def test_missing_students_are_refused(few_students, refused):
     named = ["--policy", "gbm", "histogram_gbm", "ebm"]
-    message = refused(["importance", *named, "--source", str(distilled)])
+    message = refused(["importance", *named, "--source", str(few_students)])
     assert "--policy 'gbm'" in message
 
 
@@ -218,6 +218,6 @@ def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     assert set(table["policy"]) == {"statewise_linear"}
 
 
-def test_unknown_joints_are_refused(distilled, refused):
-    message = refused(["importance", "--joint", "FL_knee", "--source", str(distilled)])
+def test_unknown_joints_are_refused(few_students, refused):
+    message = refused(["importance", "--joint", "FL_knee", "--source", str(few_students)])
     assert "unknown joint 'FL_knee'; the joints are FL_hip" in message

@@ -92,9 +92,8 @@ def test_importing_a_module_changes_nothing_of_the_process(of_others):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks GNU's OpenMP")
-@pytest.mark.parametrize(
-    "command", ["train", pytest.param("reproduce benchmark", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["train", "reproduce benchmark"])
 def test_threads_of_torch_sleep_between_operations_where_it_trains(command):
     code = f"from glassgait.studies.cli import main; main([*{command!r}.split(), '--help'])"
     message = subprocess.run(
