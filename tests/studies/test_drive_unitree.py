@@ -29,7 +29,7 @@ A1 = load_robot()
 DOMAIN = 2 + os.getpid() % 200
 """Tests that run side by side have domains of their own; a robot's is 0."""
 
-STEPS = 150
+STEPS = 200
 
 COMMAND = "from glassgait.studies.cli import main; main()"
 
@@ -63,7 +63,7 @@ def counted(log, name):
 
 
 def test_two_processes_lose_nothing(controller):
-    """States at 500 Hz for three seconds: each control step waits for its answer."""
+    """States at 500 Hz for four seconds: each control step waits for its answer."""
     endpoint = open_robots_end(DdsSettings(domain=DOMAIN))
     robot = UnitreeRobotEnd(Scenario(), endpoint)
     wait_for_a_command(robot, endpoint)
