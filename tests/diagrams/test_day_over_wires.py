@@ -458,9 +458,9 @@ def test_two_buttons_damp_a_day_for_good(trot, page):
 
 def test_a_day_begins_lying_after_the_self_test(trot, page, caplog):
     acting = PolicyActing(A1, trot, page, DAY)
-    ends = Unitree(acting, acting, Supervision(rising=0.5))
+    ends = Unitree(acting, acting, Supervision(rising=1.0))
     ends.request("walk")
-    stages, modes, sent = ends.run(190)
+    stages, modes, sent = ends.run(260)
     assert "dropped: the robot follows no controller" in caplog.text
     assert len(caplog.records) == 1
     expected = [Stage.RISING, Stage.TESTING, Stage.LOWERING, Stage.FOLLOWING]
