@@ -423,7 +423,8 @@ def test_over_lcm_the_gait_that_was_named_runs(both, gait):
     assert robot.phase is Phase.FOLLOWING
 
 
-@pytest.mark.parametrize("of", [pytest.param("page", marks=pytest.mark.slow), "compiled"])
+@pytest.mark.slow
+@pytest.mark.parametrize("of", ["page", "compiled"])
 def test_start_while_the_robot_rises_is_dropped_and_does_not_act_later(
     of, trot, page, compiled, caplog
 ):

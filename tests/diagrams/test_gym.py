@@ -70,6 +70,7 @@ def test_gymnasiums_checker_finds_nothing_but_the_spaces_bounds(camera):
     assert [line for line in reported if not any(part in line for part in JUSTIFIED)] == []
 
 
+@pytest.mark.slow
 def test_the_id_is_known_once_the_module_is_named():
     code = (
         "import gymnasium; env = gymnasium.make('glassgait.diagrams.gym:glassgait/Locomotion-v0'); "

@@ -372,7 +372,7 @@ def miswired(motors=None, signs=None):
         {"motors": (0, 3)},  # The hips of the front legs.
         pytest.param({"motors": (7, 10)}, marks=pytest.mark.slow),  # The thighs of the rear legs.
         pytest.param({"motors": (2, 5)}, marks=pytest.mark.slow),  # The calves of the front legs.
-        {"signs": [3]},
+        pytest.param({"signs": [3]}, marks=pytest.mark.slow),
         pytest.param({"signs": [4]}, marks=pytest.mark.slow),
     ],
 )

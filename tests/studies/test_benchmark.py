@@ -120,6 +120,7 @@ def test_controllers_in_c_are_timed_part_by_part():
 
 
 @pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
+@pytest.mark.slow
 def test_controllers_of_several_gaits_are_timed_as_a_whole():
     several = [policies("walk"), policies("trot")]
     (row,) = controllers.switching_times(several, count=1000).to_dict("records")

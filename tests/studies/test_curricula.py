@@ -12,7 +12,7 @@ from glassgait.studies.reproduction.curricula import (
     equal_budgets,
 )
 
-SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "24", "--n-workers", "1"]
+SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-workers", "1"]
 ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]
 
 
@@ -66,6 +66,7 @@ def test_shares_are_of_the_expert_alone():
     assert (row["falls"], row["robots"]) == (1, 2)
 
 
+@pytest.mark.slow
 def test_command_writes_a_row_a_curriculum_and_resumes_to_the_same(tmp_path, capsys, refused):
     output = tmp_path / "curricula"
     command = [

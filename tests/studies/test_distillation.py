@@ -80,18 +80,12 @@ def test_every_student_is_made_scored_and_saved(finished, expert):
         assert (folder / name).exists()
 
 
-@pytest.mark.parametrize(
-    "students",
-    [
-        ("linear", "gbm"),
-        pytest.param(TINY.students, marks=pytest.mark.slow),
-    ],
-    ids=("two", "all"),
-)
-def test_students_that_are_made_side_by_side_are_the_same(students, finished, expert, tmp_path):
+@pytest.mark.slow
+def test_students_that_are_made_side_by_side_are_the_same(finished, expert, tmp_path):
     folder, whole = finished
     reported = []
-    config = replace(TINY, students=students, n_workers=2)
+    students = TINY.students
+    config = replace(TINY, n_workers=2)
     r2 = distill(config, GAIT, expert, tmp_path, print, finished=reported.append)
     assert r2["student"].tolist() == reported[-1]["student"].tolist() == list(students)
     assert all(len(table) <= len(later) for table, later in pairwise(reported))

@@ -34,7 +34,7 @@ STEPS = 200
 COMMAND = "from glassgait.studies.cli import main; main()"
 
 
-@pytest.fixture(params=["python", pytest.param("compiled", marks=pytest.mark.slow)])
+@pytest.fixture(params=["python", "compiled"])
 def controller(tmp_path, request):
     """A controller in a process of its own."""
     acts = "--gait trot --policy sparse_formula"
@@ -62,6 +62,7 @@ def counted(log, name):
     return float(value.replace(",", ""))
 
 
+@pytest.mark.slow
 def test_two_processes_lose_nothing(controller):
     """States at 500 Hz for four seconds: each control step waits for its answer."""
     endpoint = open_robots_end(DdsSettings(domain=DOMAIN))

@@ -122,7 +122,7 @@ def test_shipped_policies_agree(gait, kind, tmp_path):
     assert found.target < 1e-12
 
 
-@pytest.mark.parametrize("gaits", ["one", "several"])
+@pytest.mark.parametrize("gaits", ["one", pytest.param("several", marks=pytest.mark.slow)])
 def test_robots_walk_alike_by_python_and_by_c(gaits, request, monkeypatch):
     monkeypatch.setattr(closed_loop, "REQUEST_STEPS", 30)
     gait, controller, compiled = request.getfixturevalue(gaits)

@@ -106,6 +106,7 @@ def test_one_at_a_time_stays_in_this_process():
     assert set(run_parallel((delayed(os.getpid)() for _ in range(3)), 1)) == {os.getpid()}
 
 
+@pytest.mark.slow
 def test_workers_end_with_a_parent_that_is_killed(parent):
     workers = _workers(parent)
     assert workers

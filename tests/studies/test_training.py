@@ -360,7 +360,7 @@ def test_an_expert_that_was_not_written_is_written_on_resume(trained, tmp_path):
         np.testing.assert_array_equal(value, written[name], err_msg=name)
 
 
-@pytest.mark.parametrize("robot", ["a1", "go2"])
+@pytest.mark.parametrize("robot", ["a1", pytest.param("go2", marks=pytest.mark.slow)])
 def test_an_actor_begins_as_the_expert_it_starts_from_while_its_critic_learns(
     robot, trained, tmp_path
 ):
