@@ -11,7 +11,8 @@ import torch
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
-from glassgait.models.formulas.numbers import without_zeros
+from glassgait.models.formulas.mirror import FormulaMirror
+from glassgait.models.formulas.numbers import numbers_of, without_zeros
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
@@ -23,6 +24,13 @@ from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.refinement import study
 from glassgait.studies.distillation.refinement.formula_network import UNIT_EFFECT, FormulaNetwork
+from glassgait.studies.distillation.refinement.formula_values import (
+    Sensed,
+    Trees,
+    WeightedTerms,
+    Written,
+    values_of,
+)
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.symbolic import short_numbers
 from glassgait.studies.training.config import PpoConfig
@@ -81,6 +89,29 @@ def test_the_network_acts_as_the_formulas(gait, kind, shorten):
     with torch.no_grad():
         np.testing.assert_allclose(network(tensor), policy(observations), atol=1e-4)
     assert short_numbers(network.to_policy()).to_text() == policy.to_text()
+
+
+@pytest.mark.parametrize("kind", ["sparse_formula", "statewise_symbolic"])
+def test_weights_of_terms_act_as_trees_do(kind, shorten):
+    policy = load_student("pace", kind)
+    file = (shorten(policy) if kind == "statewise_symbolic" else policy).to_file()
+    mirror = file.mirror and FormulaMirror.of(file.vocabulary, file.mirror)
+    written = Written(file.written(), file.vocabulary, mirror, file.n_states)
+    start = [number for formula in written.formulas.values() for number in numbers_of(formula)]
+    generator = torch.Generator().manual_seed(4)
+    own, image = torch.randn((2, 40, len(file.vocabulary.names)), generator=generator)
+    sensed = Sensed(own, None if mirror is None else image, torch.arange(40) % 2)
+    weights, trees = values_of(written), Trees(written)
+    assert isinstance(weights, WeightedTerms)
+
+    def learned(values):
+        numbers = torch.tensor(start, requires_grad=True)
+        targets = values.targets(sensed, numbers)
+        targets.square().sum().backward()
+        return targets.detach(), numbers.grad, values.slopes(sensed, numbers.detach())
+
+    for quick, slow in zip(learned(weights), learned(trees), strict=True):
+        torch.testing.assert_close(quick, slow, atol=1e-4, rtol=1e-4)
 
 
 def test_mirror_images_stay_so_while_numbers_change():

@@ -7,12 +7,13 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression import ZERO
+from glassgait.models.formulas.numbers import WeightedSum
 from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, open_run
-from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.training.command import show_learning
@@ -68,4 +69,5 @@ class Refine(OnePolicy):
 
 def _is_weighted_sum(policy: FormulaPolicy) -> bool:
     """Returns whether each number of a policy's formulas is the weight of one of its terms."""
-    return FormulaNetwork(policy).n_numbers == policy.n_terms()
+    sums = map(WeightedSum.of, policy.to_file().written().values())
+    return all(own is not None and own.rest == ZERO for own in sums)

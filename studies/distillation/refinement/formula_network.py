@@ -1,8 +1,5 @@
 """Formulas as a network: PPO changes their numbers, and nothing else."""
 
-from collections.abc import Callable, Iterator
-from functools import partial
-
 import numpy as np
 import torch
 from torch import nn
@@ -14,9 +11,9 @@ from glassgait.models.formulas.numbers import numbers_of, with_numbers, without_
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.symmetry import reflect_observation
+from glassgait.studies.distillation.refinement.formula_values import Sensed, Written, values_of
 
 UNIT_EFFECT = 0.1
 """What a unit of change does to a target on average (rad): PPO's usual rates suit it."""
@@ -26,23 +23,6 @@ LEAST_EFFECT = 1e-3
 
 RIDGE = 1e-2
 """What is added to how little nearly equal terms differ, lest they part too fast."""
-
-_TORCH: dict[str, Callable[..., torch.Tensor]] = {
-    "add": torch.add,
-    "sub": torch.sub,
-    "mul": torch.mul,
-    "div": torch.div,
-    "neg": torch.neg,
-    "sin": torch.sin,
-    "cos": torch.cos,
-    "tanh": torch.tanh,
-    "exp": torch.exp,
-    "log": torch.log,
-    "sqrt": torch.sqrt,
-    "abs": torch.abs,
-    "square": torch.square,
-    "cube": lambda x: x * x * x,
-}
 
 
 class FormulaNetwork(nn.Module):
@@ -81,10 +61,6 @@ class FormulaNetwork(nn.Module):
         self.register_buffer("unit", torch.eye(len(numbers)))
         self.register_buffer("kept", torch.ones(len(numbers)))
         self.changes = nn.Parameter(torch.zeros(len(numbers)))
-        counts = [len([*numbers_of(own)]) for own in self._written.values()]
-        ends = np.cumsum(counts).tolist()
-        # Where each formula's numbers stand among all.
-        self._spans = dict(zip(self._written, map(slice, [0, *ends], ends), strict=True))
         names = self._file.vocabulary.names
         units = RobotUnits.of(policy.robot, names)
         self.register_buffer("_scale", _tensor(units.scale), persistent=False)
@@ -100,6 +76,8 @@ class FormulaNetwork(nn.Module):
             reflection = reflect_observation(names, self._file.mirror)
             self._reflect_index = torch.from_numpy(reflection.index)
             self._reflect_sign = _tensor(reflection.sign)
+        held = Written(self._written, self._file.vocabulary, self._mirror, self._file.n_states)
+        self._spans, self._values = held.spans, values_of(held)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Maps observations (n, n_observations) to actions (n, 12)."""
@@ -170,14 +148,7 @@ class FormulaNetwork(nn.Module):
 
     def _slopes(self, observations: torch.Tensor) -> torch.Tensor:
         """Differentiates targets by numbers (m, 12, p; rad), each by those of its own formula."""
-        numbers = self._numbers().detach()
-        slopes = torch.zeros((len(observations), quadruped.N_JOINTS, len(numbers)))
-        n_states = self._file.n_states
-        for state in [()] if n_states is None else [(index,) for index in range(n_states)]:
-            rows = self._rows((*state, 0), observations)
-            for joint, (own, formula) in enumerate(self._formulas(state, observations[rows])):
-                slopes[rows, joint, own] = torch.func.jacfwd(formula)(numbers[own])
-        return slopes
+        return self._values.slopes(self._sensed(observations), self._numbers().detach())
 
     def _rows(self, place: Place, observations: torch.Tensor) -> torch.Tensor:
         """Finds which samples (m) are in the state that a formula is of."""
@@ -186,77 +157,22 @@ class FormulaNetwork(nn.Module):
         return observations[:, self._states].argmax(dim=1) == place[0]
 
     def _actions(self, observation: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
-        if self._file.n_states is None:
-            targets = self._targets((), observation, numbers)
-        else:
-            state = observation[:, self._states].argmax(dim=1)
-            rows = [torch.nonzero(state == index).flatten() for index in range(len(self._states))]
-            parts = [
-                self._targets((index,), observation[own], numbers) for index, own in enumerate(rows)
-            ]
-            # Each row has a state, so that the parts are all rows in another order.
-            targets = torch.cat(parts)[torch.argsort(torch.cat(rows))]
+        targets = self._values.targets(self._sensed(observation), numbers)
         return (targets - self._stance) / self._robot.action_scale
 
-    def _targets(
-        self, state: tuple[int, ...], observation: torch.Tensor, numbers: torch.Tensor
-    ) -> torch.Tensor:
-        """Evaluates the formulas of a state, or of every state: targets (n, 12; rad)."""
-        formulas = self._formulas(state, observation)
-        return torch.stack([formula(numbers[own]) for own, formula in formulas], dim=1)
-
-    def _formulas(
-        self, state: tuple[int, ...], observation: torch.Tensor
-    ) -> Iterator[tuple[slice, Callable[[torch.Tensor], torch.Tensor]]]:
-        """Yields each joint's formula: where its numbers stand, and what maps them to targets."""
-        own = self._variables(observation)
-        image = own
+    def _sensed(self, observation: torch.Tensor) -> Sensed:
+        """Returns what formulas read of observations (n, n_observations)."""
+        state = torch.zeros(len(observation), dtype=torch.long)
+        if self._file.n_states is not None:
+            state = observation[:, self._states].argmax(dim=1)
+        image = None
         if self._mirror is not None:
-            image = self._variables(observation[:, self._reflect_index] * self._reflect_sign)
-        for joint in range(quadruped.N_JOINTS):
-            place: Place = (*state, joint)
-            if place in self._written:
-                yield self._spans[place], partial(self._evaluate, place, own)
-            else:
-                assert self._mirror is not None
-                there, sign = self._mirror.place(place), float(REFLECT_JOINTS.sign[joint])
-                yield (
-                    self._spans[there],
-                    lambda numbers, there=there, sign=sign: (
-                        sign * self._evaluate(there, image, numbers)
-                    ),
-                )
+            image = self._read(observation[:, self._reflect_index] * self._reflect_sign)
+        return Sensed(self._read(observation), image, state)
 
-    def _variables(self, observation: torch.Tensor) -> list[torch.Tensor]:
-        read = (observation / self._scale + self._offset).clamp(self._least, self._greatest)
-        quantities = list(read.unbind(dim=1))
-        definitions = (definition.formula for definition in self._file.vocabulary.definitions)
-        return quantities + [
-            _value(formula, quantities, map(torch.tensor, numbers_of(formula)))
-            for formula in definitions
-        ]
-
-    def _evaluate(
-        self, place: Place, variables: list[torch.Tensor], numbers: torch.Tensor
-    ) -> torch.Tensor:
-        """Evaluates a formula with numbers of its own (n; rad)."""
-        # A formula that is a number is one for every robot.
-        value = _value(self._written[place], variables, iter(numbers.unbind()))
-        return value.expand_as(variables[0])
-
-
-def _value(
-    formula: Expression, variables: list[torch.Tensor], numbers: Iterator[torch.Tensor]
-) -> torch.Tensor:
-    """Evaluates a formula whose constants are the next of `numbers`."""
-    match formula.operator:
-        case "constant":
-            return next(numbers)
-        case "variable":
-            return variables[formula.variable]
-        case operator:
-            operands = [_value(operand, variables, numbers) for operand in formula.operands]
-            return _TORCH[operator](*operands)
+    def _read(self, observation: torch.Tensor) -> torch.Tensor:
+        """Returns quantities (n, k), within the ranges of readings."""
+        return (observation / self._scale + self._offset).clamp(self._least, self._greatest)
 
 
 def _begins_with_number(formula: Expression) -> bool:

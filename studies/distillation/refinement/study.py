@@ -69,8 +69,9 @@ class RefinementConfig(Settings):
         seed: Seed of all randomness.
         updates: Number of PPO updates.
         terms: Terms of all formulas together that are left in the end; all by default.
-        candidate_updates: Updates from one candidate to the next: the formulas that there are then
-            walk alone, and those that do best are the result.
+        candidate_updates: Updates from one candidate to the next, and from one checkpoint to the
+            next: the formulas that there are then walk alone, and those that do best are the
+            result.
         candidate_steps: Control steps that each of a candidate's robots walks.
         n_robots: Robots that walk at once.
         worlds: The randomised scenarios that they walk in.
@@ -131,6 +132,7 @@ class RefinementConfig(Settings):
             robot=robot,
             seed=self.seed,
             updates=self.updates,
+            checkpoint_updates=self.candidate_updates,
             n_robots=self.n_robots,
             worlds=replace(self.worlds, station=station),
             limit_targets=law.limited,
