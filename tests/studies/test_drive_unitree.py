@@ -62,7 +62,6 @@ def counted(log, name):
     return float(value.replace(",", ""))
 
 
-@pytest.mark.slow
 def test_two_processes_lose_nothing(controller):
     """States at 500 Hz for four seconds: each control step waits for its answer."""
     endpoint = open_robots_end(DdsSettings(domain=DOMAIN))
