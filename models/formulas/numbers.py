@@ -1,20 +1,18 @@
 """The numbers of formulas and of formula files, from left to right, and others in their place."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import accumulate, pairwise, repeat
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import (
-    ONE,
     ZERO,
     Expression,
     canonical,
     constant,
     negated,
     plus,
-    times,
     variable,
 )
 from glassgait.models.formulas.file import FormulaFile
@@ -51,36 +49,13 @@ class WeightedSum:
     @classmethod
     def of(cls, formula: Expression) -> "WeightedSum | None":
         """Splits a formula; returns None where a number is in a function or multiplies another."""
-        if formula.operator == "constant":
-            return cls((ONE,), ZERO)
-        parts = [cls.of(operand) for operand in formula.operands]
-        if all(part is not None and not part.terms for part in parts):
-            return cls((), formula)
-        match formula.operator, parts:
-            case "add", (WeightedSum() as left, WeightedSum() as right):
-                return cls(left.terms + right.terms, plus(left.rest, right.rest))
-            case "sub", (WeightedSum() as left, WeightedSum() as right):
-                return left._less(right)
-            case "neg", (WeightedSum() as whole,):
-                return cls((), ZERO)._less(whole)
-            case "mul", (WeightedSum(terms=()), WeightedSum() as weighted):
-                factor = formula.operands[0]
-                return weighted._each(lambda term: times(factor, term))
-            case "mul", (WeightedSum() as weighted, WeightedSum(terms=())):
-                factor = formula.operands[1]
-                return weighted._each(lambda term: times(term, factor))
-            case "div", (WeightedSum() as weighted, WeightedSum(terms=())):
-                divisor = formula.operands[1]
-                return weighted._each(lambda term: Expression("div", (term, divisor)))
-        return None
-
-    def _each(self, image: Callable[[Expression], Expression]) -> "WeightedSum":
-        rest = self.rest if self.rest == ZERO else image(self.rest)
-        return WeightedSum(tuple(map(image, self.terms)), rest)
-
-    def _less(self, other: "WeightedSum") -> "WeightedSum":
-        negative = other._each(negated)
-        return WeightedSum(self.terms + negative.terms, plus(self.rest, negative.rest))
+        first = max(formula.variables, default=-1) + 1
+        numbers = range(first, first + len([*numbers_of(formula)]))
+        opened = _with_leaves(formula, map(variable, numbers))
+        terms = tuple(map(opened.derivative, numbers))
+        if any(not term.variables.isdisjoint(numbers) for term in terms):
+            return None
+        return cls(terms, without_zeros(with_numbers(formula, repeat(0.0))))
 
 
 def without_zeros(formula: Expression) -> Expression:

@@ -6,7 +6,7 @@ from torch import nn
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.numbers import numbers_of, with_numbers, without_zeros
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.readings import Readings
@@ -81,7 +81,8 @@ class FormulaNetwork(nn.Module):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Maps observations (n, n_observations) to actions (n, 12)."""
-        return self._actions(observation, self._numbers())
+        targets = self._values.targets(self._sensed(observation), self._numbers())
+        return (targets - self._stance) / self._robot.action_scale
 
     @property
     def n_numbers(self) -> int:
@@ -94,7 +95,7 @@ class FormulaNetwork(nn.Module):
         Args:
             observations: Samples (m, n_observations).
         """
-        slopes = self._slopes(observations)
+        slopes = self._values.slopes(self._sensed(observations), self._numbers().detach())
         blocks = []
         for span in self._spans.values():
             own = slopes[:, :, span].flatten(0, 1).double()
@@ -116,13 +117,15 @@ class FormulaNetwork(nn.Module):
             count: Number of the numbers that are left.
             observations: Samples of where robots go (m, n_observations).
         """
-        numbers, slopes = self._numbers().detach(), self._slopes(observations)
+        numbers, sensed = self._numbers().detach(), self._sensed(observations)
+        slopes = self._values.slopes(sensed, numbers)
         moved = torch.full_like(numbers, torch.inf)
         mean = torch.zeros_like(numbers)
         for place, formula in self._written.items():
             span = self._spans[place]
             own = slice(span.start + _begins_with_number(formula), span.stop)
-            part = slopes[self._rows(place, observations), place[-1], own] * numbers[own]
+            here = sensed.state == (0 if self._file.n_states is None else place[0])
+            part = slopes[here, place[-1], own] * numbers[own]
             moved[own], mean[own] = part.std(dim=0, correction=0), part.mean(dim=0)
         moved[self.kept == 0.0] = -1.0
         dropped = torch.argsort(moved)[: len(numbers) - count]
@@ -145,20 +148,6 @@ class FormulaNetwork(nn.Module):
 
     def _numbers(self) -> torch.Tensor:
         return self.kept * (self.start + self.unit @ self.changes)
-
-    def _slopes(self, observations: torch.Tensor) -> torch.Tensor:
-        """Differentiates targets by numbers (m, 12, p; rad), each by those of its own formula."""
-        return self._values.slopes(self._sensed(observations), self._numbers().detach())
-
-    def _rows(self, place: Place, observations: torch.Tensor) -> torch.Tensor:
-        """Finds which samples (m) are in the state that a formula is of."""
-        if len(place) == 1:
-            return torch.ones(len(observations), dtype=torch.bool)
-        return observations[:, self._states].argmax(dim=1) == place[0]
-
-    def _actions(self, observation: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
-        targets = self._values.targets(self._sensed(observation), numbers)
-        return (targets - self._stance) / self._robot.action_scale
 
     def _sensed(self, observation: torch.Tensor) -> Sensed:
         """Returns what formulas read of observations (n, n_observations)."""
