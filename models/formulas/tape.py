@@ -25,6 +25,9 @@ _FUNCTIONS: dict[str, Callable[..., Array]] = {
     "cube": lambda x: x * x * x,
 }
 
+BLOCK = 2_048
+"""Observations whose nodes are in memory at once; of long formulas each takes 10,000 numbers."""
+
 Index = NDArray[np.intp]
 
 
@@ -259,8 +262,14 @@ class Tape:
         """Evaluates all formulas (..., k) on observations (..., n)."""
         if observation.ndim == 1:
             return self._of_row(observation)
-        # Nodes along the first axis, so that an instruction writes one block of memory.
         rows = observation.reshape(math.prod(observation.shape[:-1]), self.n_variables)
+        found = np.empty((len(rows), len(self.outputs)))
+        for start in range(0, len(rows), BLOCK):
+            found[start : start + BLOCK] = self._of_rows(rows[start : start + BLOCK])
+        return found.reshape(*observation.shape[:-1], len(self.outputs))
+
+    def _of_rows(self, rows: Array) -> Array:
+        # Nodes along the first axis, so that an instruction writes one block of memory.
         values = np.empty((self._size, len(rows)))
         values[: self.n_variables] = rows.T
         first = self.n_variables
@@ -268,7 +277,7 @@ class Tape:
         with np.errstate(all="ignore"):
             for own, instruction in self._instructions:
                 values[own] = instruction.rows(values)
-        return values[self.outputs].T.reshape(*observation.shape[:-1], len(self.outputs))
+        return values[self.outputs].T
 
     def _of_row(self, observation: Array) -> Array:
         values = np.empty(self._size)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.formulas.expression import Expression, constant, variable
-from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.tape import BLOCK, Tape
 
 N = 4
 
@@ -99,3 +99,9 @@ def test_shapes_of_observations_stay():
     assert tape(np.ones((4, 3, 2))).shape == (4, 3, 2)
     assert tape(np.ones((0, 2))).shape == (0, 2)
     assert Tape([], 2)(np.ones(2)).shape == (0,)
+
+
+def test_rows_of_every_block_are_evaluated(generator):
+    tape = Tape([Expression("mul", (variable(0), variable(1)))], 2)
+    rows = generator.normal(size=(2 * BLOCK + 3, 2))
+    np.testing.assert_array_equal(tape(rows)[:, 0], rows[:, 0] * rows[:, 1])
