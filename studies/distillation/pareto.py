@@ -35,12 +35,12 @@ from glassgait.studies.distillation.students.dataset import (
     r2_scores,
     round_paths,
 )
+from glassgait.studies.distillation.students.formula_samples import written_places
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.sparse_formula import (
     SPARSE_FORMULA,
     condense,
     possible_terms,
-    written_places,
 )
 from glassgait.studies.distillation.students.student import TrainingSet
 from glassgait.studies.distillation.students.symbolic import readings_of
@@ -70,10 +70,6 @@ class Family:
         vocabulary = Vocabulary(names, known_definitions(samples.robot, names))
         places = written_places(vocabulary, samples.mirror if self.mirrored else None)
         return possible_terms(len(places))
-
-    def fit(self, samples: TrainingSet, n_terms: int) -> FormulaPolicy:
-        """Fits formulas of so many terms to samples."""
-        return condense(samples, n_terms, mirrored=self.mirrored)
 
 
 FAMILIES = {
@@ -209,17 +205,19 @@ class Pareto(RolloutExperiment):
         samples = self.data.subset(~self.data.held_out).training_set(self.gaits[0], self.expert)
         names, robot = samples.observation_names, samples.robot
         ranges = readings_of(self.gaits[0], robot, names, samples.observations)
-        found = {}
+        folder, suffix, found = self.folder / "formulas", FormulaPolicy.suffix, {}
         for name, family in families_of(samples, refined=self.refined_updates > 0).items():
             say(f"making formulas: {family.title}")
-            for n_terms in sizes_of(family, samples, self.terms):
-                path = self.folder / "formulas" / f"{name}_{n_terms}{FormulaPolicy.suffix}"
-                if not path.exists():
-                    start = family.fit(samples, n_terms).with_readings(ranges)
-                    start = start.with_machine(self.gaits[0])
-                    made = self._refined(start, path) if family.refined else start
-                    made = made.with_estimator_of(self.expert)
-                    made.with_joint_law(self.expert.joint_law).save(path)
+            sizes = sizes_of(family, samples, self.terms)
+            paths = {n_terms: folder / f"{name}_{n_terms}{suffix}" for n_terms in sizes}
+            lacking = [n_terms for n_terms, path in paths.items() if not path.exists()]
+            fitted = condense(samples, lacking, mirrored=family.mirrored) if lacking else {}
+            for n_terms, page in fitted.items():
+                start = page.with_readings(ranges).with_machine(self.gaits[0])
+                made = self._refined(start, paths[n_terms]) if family.refined else start
+                made = made.with_estimator_of(self.expert)
+                made.with_joint_law(self.expert.joint_law).save(paths[n_terms])
+            for n_terms, path in paths.items():
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
                 found[f"{name} {n_terms}"] = student

@@ -282,14 +282,13 @@ def replay_name(name: str) -> str:
 
 
 def formula_texts(gait: Gait, student: StatewiseSymbolicPolicy) -> list[tuple[str, str]]:
-    """Lists joint, state and length in nodes of every formula, and its text."""
+    """Lists joint, state and length in nodes of every formula that is written, and its text."""
     return [
         (
-            f"**{joint} in {state}**, {formula.length} nodes",
+            f"**{quadruped.JOINTS[joint]} in {gait.states[state]}**, {formula.length} nodes",
             write_formula(formula, student.vocabulary.symbols),
         )
-        for state, own in zip(gait.states, student.expressions, strict=True)
-        for joint, formula in zip(quadruped.JOINTS, own, strict=True)
+        for (state, joint), formula in student.to_file().written().items()
     ]
 
 
@@ -404,7 +403,7 @@ def _formulas(parts: Parts) -> Section:
         "An action of 1 moves a joint's target by "
         f"{parts.expert.robot.action_scale:g} rad from the stance. *Late* goes from −1, as a state "
         "of the machine begins, to 1, late in it; *Lifted* from −1, where a foot is on the ground, "
-        "to 1, where it is in the air."
+        "to 1, where it is in the air. What is not listed is the mirror image of what is."
     )
     return Section(title, note=note, texts=parts.formulas)
 

@@ -21,6 +21,7 @@ from glassgait.studies.distillation.pareto import (
 from glassgait.studies.distillation.refinement import study
 from glassgait.studies.distillation.refinement.study import RefinementConfig
 from glassgait.studies.distillation.students.dataset import Dataset
+from glassgait.studies.distillation.students.sparse_formula import condense
 from glassgait.studies.distillation.students.student import TrainingSet
 from glassgait.studies.training.config import PpoConfig
 
@@ -49,7 +50,8 @@ def test_terms_are_counted(family, samples):
     assert own.possible_terms(data) == range(n_formulas, 41 * n_formulas + 1)
     assert sizes_of(own, data, (n_formulas - 1, 41 * n_formulas + 1)) == []
     sizes = sizes_of(own, data, (20, 30, 40))
-    assert [own.fit(data, size).n_terms() for size in sizes] == sizes
+    fitted = condense(data, sizes, mirrored=own.mirrored)
+    assert [fitted[size].n_terms() for size in sizes] == sizes
     assert sizes == {"mirrored": [20, 30, 40], "unmirrored": [30, 40]}[family]
 
 

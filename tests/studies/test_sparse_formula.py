@@ -7,17 +7,16 @@ from glassgait.models.errors import InputError
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.students.sparse_formula import (
-    allot,
-    condense,
-    samples_by_state,
-    written_places,
-)
+from glassgait.studies.distillation.students.formula_samples import samples_by_state, written_places
+from glassgait.studies.distillation.students.sparse_formula import allot, condense
 from glassgait.studies.distillation.students.student import TrainingSet
+from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC
+from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
 
 NAMES = ObservationLayout(2).names
 MIRRORS = {"trot": (1, 0), "bound": (0, 1)}
@@ -69,21 +68,37 @@ def test_a_term_goes_where_it_helps_most():
 def test_a_sparse_law_is_found_in_few_terms(generator):
     # Of few samples, what a calf's last target times the speed does looks like the speed alone.
     data = samples_of_a_sparse_law(generator, count=2000)
-    page = condense(data, 24 + 6, mirrored=True)
+    page = condense(data, [24 + 6], mirrored=True)[24 + 6]
     assert page.n_terms() == 30
     lengths = [[len(formula.terms()) for formula in own] for own in page.formulas_by_state]
     assert [own[2] for own in lengths] == [4, 4]
     np.testing.assert_allclose(page(data.observations), data.actions, atol=0.05)
 
 
+def page_of_formulas(samples):
+    return condense(samples, [20], mirrored=True)[20]
+
+
+def longer_formulas(samples):
+    settings = StatewiseSymbolicSettings(shapes=((20, 20),))
+    policy = STATEWISE_SYMBOLIC.fit(samples, settings, seed=0, n_jobs=1)
+    assert isinstance(policy, FormulaPolicy)
+    return policy
+
+
 @pytest.mark.parametrize("gait", MIRRORS)
-def test_mirrored_pages_act_alike_on_both_sides(gait, generator):
+@pytest.mark.parametrize("fit", [page_of_formulas, longer_formulas])
+def test_mirrored_formulas_act_alike_on_both_sides(gait, fit, generator):
     data = samples_of_a_sparse_law(generator, MIRRORS[gait])
-    page = condense(data, 20, mirrored=True)
-    assert page.n_terms() == 20
+    policy = fit(data)
+    assert len(policy.to_file().written()) == 12
     reflect = reflect_observation(NAMES, MIRRORS[gait])
-    mirrored = page(reflect(data.observations))
-    np.testing.assert_allclose(mirrored, REFLECT_JOINTS(page(data.observations)), atol=1e-12)
+    mirrored = policy(reflect(data.observations))
+    np.testing.assert_allclose(mirrored, REFLECT_JOINTS(policy(data.observations)), atol=1e-12)
+
+
+def test_all_formulas_are_written_where_a_side_is_favoured(generator):
+    assert len(longer_formulas(samples_of_a_sparse_law(generator)).to_file().written()) == 24
 
 
 def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
@@ -94,6 +109,7 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     main(["distill", "--students", "sparse_formula", "--n-workers", "1", *small])
     path = tmp_path / "runs" / "distill" / "trot" / "sparse_formula.formulas"
     page = load_policy(path)
+    assert isinstance(page, FormulaPolicy)
     page.check(gait="trot", observation_names=load_expert("trot").observation_names)
     assert page.n_terms() <= 60
     capsys.readouterr()
@@ -106,5 +122,12 @@ def test_numbers_of_terms_that_no_page_has_are_refused(generator):
     samples = samples_of_a_sparse_law(generator, MIRRORS["trot"])
     for n_terms, mirrored in ((23, False), (11, True), (493, True)):
         with pytest.raises(InputError, match=f"terms is {n_terms};"):
-            condense(samples, n_terms, mirrored=mirrored)
-    assert condense(samples, 12, mirrored=True).n_terms() == 12
+            condense(samples, [n_terms], mirrored=mirrored)
+
+
+def test_every_size_is_a_stage_of_one_growth(generator):
+    samples = samples_of_a_sparse_law(generator, MIRRORS["trot"])
+    pages = condense(samples, [12, 20, 40], mirrored=True)
+    assert {size: page.n_terms() for size, page in pages.items()} == {12: 12, 20: 20, 40: 40}
+    alone = condense(samples, [20], mirrored=True)[20]
+    assert alone.to_text() == pages[20].to_text()

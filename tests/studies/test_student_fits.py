@@ -15,7 +15,7 @@ from glassgait.studies.distillation.students.baselines import OSCILLATOR
 from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.distillation.students.symbolic_regression import SymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
 
 
 def fit(kind, names, data, settings=None):
@@ -47,7 +47,7 @@ def test_statewise_formulas_are_fitted_to_their_states(generator):
     sign = np.where(state == 0, 1.0, -1.0)[:, None]
     actions = sign * observations[:, 2:14] + np.roll(observations[:, 2:14], 1, axis=1)
     dataset = Dataset(observations, actions, np.ones(400, dtype=np.int64))
-    settings = SymbolicSettings(population=20, generations=2, shapes=((10, 20),))
+    settings = StatewiseSymbolicSettings(population=20, generations=2, shapes=((10, 20),))
     policy = fit("statewise_symbolic", names, dataset, settings)
     assert r2_scores(policy, dataset).min() > 0.99
 

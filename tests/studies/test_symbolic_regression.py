@@ -19,6 +19,7 @@ from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.distillation.students.formula_samples import FormulaSamples
 from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
 from glassgait.studies.distillation.students.symbolic import FormulaFit, gates, rounded, settled
 from glassgait.studies.distillation.students.symbolic_regression import (
@@ -80,12 +81,12 @@ def test_fitted_formulas_have_three_digits_and_no_bias(trot, generator):
     weights = generator.normal(size=(len(names), 12))
     actions = observations @ weights + 0.1 * generator.normal(size=(1000, 12))
     settings = SymbolicSettings(shapes=((40, 40),))
-    formulas = fit(observations, actions, 0, settings)
+    targets = A1.joint_targets(actions)
+    part = FormulaSamples(tuple((joint,) for joint in range(12)), observations, targets)
+    formulas = fit(part, 0, settings)
     for formula in formulas:
         assert formula == canonical(formula) == rounded(formula)
-    residual = A1.joint_targets(actions) - Tape(formulas, len(fit.vocabulary.symbols))(
-        fit.values(observations)
-    )
+    residual = targets - Tape(formulas, len(fit.vocabulary.symbols))(fit.values(observations))
     assert np.abs(residual.mean(axis=0)).max() < 5e-3
 
 

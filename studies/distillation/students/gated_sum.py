@@ -5,8 +5,9 @@ g, h, … encode where in the gait the robot is.
 """
 
 import warnings
-from collections.abc import Sequence
-from functools import reduce
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
 from itertools import takewhile
 
 import numpy as np
@@ -28,6 +29,44 @@ PENALTY = 0.003
 Joints move together, and without a penalty their weights grow against one another: of equal R²,
 formulas of a trot then fell in 3 of 52 rollouts instead of none.
 """
+
+BLOCK = 16_384
+"""Samples whose possible terms are in memory at once."""
+
+
+@dataclass(frozen=True)
+class PossibleTerms:
+    """What may be a term of a gated sum: each quantity, and its product with each gate.
+
+    Blocks of samples are made as they are read. All terms of 300,000 samples take 4 GB.
+
+    Attributes:
+        values: Samples of the quantities (m, n).
+        opened: The gates there (m, g).
+    """
+
+    values: Array
+    opened: Array
+
+    @property
+    def count(self) -> int:
+        """Number of possible terms, n (g + 1)."""
+        return self.values.shape[1] * (1 + self.opened.shape[1])
+
+    def blocks(self) -> Iterator[tuple[slice, Array]]:
+        """Yields which samples, and their terms (b, n (g + 1)): by gate, without one first."""
+        for start in range(0, len(self.values), BLOCK):
+            rows = slice(start, start + BLOCK)
+            values, opened = self.values[rows], self.opened[rows].T
+            yield rows, np.hstack([values, *(values * gate[:, None] for gate in opened)])
+
+    @cached_property
+    def moments(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of each term."""
+        nothing = np.zeros(self.count)
+        mean = sum((block.sum(axis=0) for _, block in self.blocks()), nothing) / len(self.values)
+        squares = (((block - mean) ** 2).sum(axis=0) for _, block in self.blocks())
+        return mean, np.sqrt(sum(squares, nothing) / len(self.values))
 
 
 def fit_gated_sums(
@@ -51,13 +90,11 @@ def fit_gated_sums(
         The j formulas.
     """
     n = values.shape[1] if weighted is None else weighted
-    observed = values[:, :n]
-    opened = Tape(gates, values.shape[1])(values).T
-    candidates = np.hstack([observed, *(observed * gate[:, None] for gate in opened)])
-    mean, target_means = candidates.mean(axis=0), targets.mean(axis=0)
+    terms = PossibleTerms(values[:, :n], Tape(gates, values.shape[1])(values))
+    mean, target_means = terms.moments[0], targets.mean(axis=0)
     formulas = []
     for target_mean, path in zip(
-        target_means, weight_paths(candidates, targets, max_length // 2), strict=True
+        target_means, weight_paths(terms, targets, max_length // 2), strict=True
     ):
         sums = (
             gated_expression(gates, weights.reshape(-1, n), target_mean - weights @ mean)
@@ -68,11 +105,11 @@ def fit_gated_sums(
     return formulas
 
 
-def weight_paths(candidates: Array, targets: Array, max_terms: int) -> list[Array]:
+def weight_paths(terms: PossibleTerms, targets: Array, max_terms: int) -> list[Array]:
     """Chooses terms one after the other, by orthogonal matching pursuit with a ridge penalty.
 
     Args:
-        candidates: Samples of what may be a term (m, k).
+        terms: Samples of what may be a term.
         targets: What to fit (m, j), a sum a column.
         max_terms: Greatest number of terms of a sum, its constant not counted.
 
@@ -80,18 +117,23 @@ def weight_paths(candidates: Array, targets: Array, max_terms: int) -> list[Arra
         For each of the j sums the weights of its terms (terms + 1, k), before the first and after
         each. Together with them, a sum has the constant that makes its mean the target's.
     """
-    spread = candidates.std(axis=0)
+    mean, spread = terms.moments
     usable = np.flatnonzero(spread > SPREAD)
-    standard = (candidates[:, usable] - candidates[:, usable].mean(axis=0)) / spread[usable]
-    gram = standard.T @ standard
+    gram = np.zeros((len(usable), len(usable)))
+    products = np.zeros((len(usable), targets.shape[1]))
+    centred = targets - targets.mean(axis=0)
+    for rows, block in terms.blocks():
+        standard = (block[:, usable] - mean[usable]) / spread[usable]
+        gram += standard.T @ standard
+        products += standard.T @ centred[rows]
     # A product of a state with itself is the state again: of equal terms the first is enough.
     known = np.triu(np.abs(gram) > (1.0 - EQUAL) * len(targets), k=1).any(axis=0)
-    usable, standard, gram = usable[~known], standard[:, ~known], gram[np.ix_(~known, ~known)]
+    usable, products, gram = usable[~known], products[~known], gram[np.ix_(~known, ~known)]
     gram += PENALTY * len(targets) * np.eye(len(usable))
     paths = []
-    for product in (standard.T @ (targets - targets.mean(axis=0))).T:
+    for product in products.T:
         found = _pursue(gram, product, max_terms)
-        path = np.zeros((len(found), candidates.shape[1]))
+        path = np.zeros((len(found), terms.count))
         path[:, usable] = found / spread[usable]
         paths.append(path)
     return paths

@@ -4,7 +4,7 @@ Each term goes to the formula that it helps most; a mirror shares formulas betwe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -13,79 +13,21 @@ from annotated_types import Ge
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.mirror import FormulaMirror, Place
-from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count
-from glassgait.models.task.observation import indices_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
-from glassgait.studies.distillation.students.gated_sum import gated_expression, weight_paths
+from glassgait.studies.distillation.students.formula_samples import (
+    FormulaSamples,
+    samples_by_state,
+)
+from glassgait.studies.distillation.students.gated_sum import (
+    PossibleTerms,
+    gated_expression,
+    weight_paths,
+)
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
 from glassgait.studies.distillation.students.symbolic import FormulaFit, gates, readable, settled
-
-
-@dataclass(frozen=True)
-class StateSamples:
-    """What the formulas of one state of the machine are fitted to.
-
-    Attributes:
-        places: Where these formulas stand (k).
-        observations: Samples (m, n).
-        targets: What each formula should be there (m, k; rad).
-    """
-
-    places: tuple[Place, ...]
-    observations: Array
-    targets: Array
-
-
-def written_places(vocabulary: Vocabulary, mirror: Sequence[int] | None) -> tuple[Place, ...]:
-    """Lists the formulas of a policy that are no mirror images of ones before them.
-
-    Args:
-        vocabulary: What the formulas may hold.
-        mirror: State that each state is in the mirror; None for a policy without a mirror image.
-    """
-    n_states = len(indices_of("machine state", vocabulary.names))
-    every = [(state, joint) for state in range(n_states) for joint in range(quadruped.N_JOINTS)]
-    if mirror is None:
-        return tuple(every)
-    image = FormulaMirror.of(vocabulary, mirror)
-    return tuple(place for place in every if place < image.place(place))
-
-
-def samples_by_state(
-    samples: TrainingSet, vocabulary: Vocabulary, mirror: Sequence[int] | None
-) -> list[StateSamples]:
-    """Sorts samples by the state whose formulas they serve; mirrored, each counts twice.
-
-    Args:
-        samples: What robots observed, and what the expert would do.
-        vocabulary: What the formulas may hold.
-        mirror: State that each state is in the mirror; None for a policy without a mirror image.
-    """
-    whole = samples if mirror is None else _with_mirror_images(samples, mirror)
-    targets, places = samples.robot.joint_targets(whole.actions), written_places(vocabulary, mirror)
-    parts = []
-    for state, mine in enumerate(whole.by_state()):
-        own = tuple(place for place in places if place[0] == state)
-        if own:
-            joints = [joint for _, joint in own]
-            parts.append(StateSamples(own, whole.observations[mine], targets[mine][:, joints]))
-    return parts
-
-
-def _with_mirror_images(samples: TrainingSet, mirror: Sequence[int]) -> TrainingSet:
-    reflect = reflect_observation(samples.observation_names, mirror)
-    return replace(
-        samples,
-        observations=np.concatenate([samples.observations, reflect(samples.observations)]),
-        actions=np.concatenate([samples.actions, REFLECT_JOINTS(samples.actions)]),
-        starts=np.tile(samples.starts, 2),
-    )
-
 
 LONGEST = 40
 """Greatest number of terms of one formula, its constant not counted."""
@@ -114,48 +56,57 @@ def possible_terms(n_formulas: int) -> range:
     return range(n_formulas, n_formulas * (1 + LONGEST) + 1)
 
 
-def condense(samples: TrainingSet, n_terms: int, *, mirrored: bool) -> FormulaPolicy:
+def condense(
+    samples: TrainingSet, sizes: Sequence[int], *, mirrored: bool
+) -> dict[int, FormulaPolicy]:
     """Fits the formulas of every joint and state of the machine with so many terms in all.
 
     A term is a number times quantities; a formula's constant is one. Mirror images cost none.
+    Formulas grow once, of which every size is a stage.
 
     Args:
         samples: What robots observed, and what the expert would do.
-        n_terms: Number of terms, one for each formula at least.
+        sizes: Numbers of terms, one for each formula at least.
         mirrored: Whether the formulas of one side are mirror images of the other's, where the
             gait's machine has a mirror image.
+
+    Returns:
+        The policy of each size.
 
     Raises:
         InputError: if there are fewer terms than formulas, or more than formulas may have.
     """
-    names, mirror = samples.observation_names, samples.mirror if mirrored else None
-    fit = FormulaFit(samples.robot, names, gates)
+    mirror = samples.mirror if mirrored else None
+    fit = FormulaFit(samples.robot, samples.observation_names, gates)
     parts = samples_by_state(samples, fit.vocabulary, mirror)
     possible = possible_terms(sum(len(part.places) for part in parts))
-    if n_terms not in possible:
-        raise InputError(
-            f"terms is {n_terms}; the {samples.gait} has {possible.start} formulas of 1 to "
-            f"{1 + LONGEST} terms, so ask for {possible.start} to {possible.stop - 1}"
-        )
-    grown = [_grow(part, fit) for part in parts]
-    counts = allot([own.errors for growths in grown for own in growths], n_terms)
-    formulas: dict[Place, Expression] = {}
-    taken = iter(counts)
-    for part, growths in zip(parts, grown, strict=True):
-        state = part.places[0][0]
-        sums = [
-            settled(
-                gated_expression(gates(fit.vocabulary), own.weights[count], own.intercepts[count]),
-                names,
-                state,
+    for n_terms in sizes:
+        if n_terms not in possible:
+            raise InputError(
+                f"terms is {n_terms}; the {samples.gait} has {possible.start} formulas of 1 to "
+                f"{1 + LONGEST} terms, so ask for {possible.start} to {possible.stop - 1}"
             )
-            for own, count in zip(growths, taken, strict=False)
-        ]
+    grown = [_grow(part, fit) for part in parts]
+    errors = [own.errors for growths in grown for own in growths]
+    counts = {n_terms: iter(allot(errors, n_terms)) for n_terms in sizes}
+    formulas: dict[int, dict[Place, Expression]] = {n_terms: {} for n_terms in sizes}
+    for part, growths in zip(parts, grown, strict=True):
         values = fit.values(part.observations)
-        formulas |= zip(part.places, readable(sums, values, part.targets), strict=True)
-    if mirror is not None:
-        formulas = FormulaMirror.of(fit.vocabulary, mirror).complete(formulas)
-    return fit.policy(samples.gait, formulas, mirror)
+        for n_terms, taken in counts.items():
+            sums = [
+                _stage(own, fit, count, part.places[0][0])
+                for own, count in zip(growths, taken, strict=False)
+            ]
+            found = readable(sums, values, part.targets)
+            formulas[n_terms] |= zip(part.places, found, strict=True)
+    return {n_terms: fit.policy(samples.gait, own, mirror) for n_terms, own in formulas.items()}
+
+
+def _stage(growth: _Growth, fit: FormulaFit, count: int, state: int) -> Expression:
+    """Writes a formula of a state as it was when it had so many terms and a constant."""
+    weights, intercept = growth.weights[count], growth.intercepts[count]
+    own = gated_expression(gates(fit.vocabulary), weights, intercept)
+    return settled(own, fit.vocabulary.names, state)
 
 
 def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
@@ -191,19 +142,27 @@ def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
     return counts
 
 
-def _grow(part: StateSamples, fit: FormulaFit) -> list[_Growth]:
+def _grow(part: FormulaSamples, fit: FormulaFit) -> list[_Growth]:
     """Lets the formulas of a state grow term by term."""
     values = fit.values(part.observations)
-    opened = Tape(gates(fit.vocabulary), values.shape[1])(values).T
-    candidates = np.hstack([values, *(values * gate[:, None] for gate in opened)])
-    mean, growths = candidates.mean(axis=0), []
-    paths = weight_paths(candidates, part.targets, LONGEST)
-    for target, path in zip(part.targets.T, paths, strict=True):
-        intercepts = target.mean() - path @ mean
-        predicted = candidates @ path.T + intercepts
-        errors = ((predicted - target[:, None]) ** 2).mean(axis=0)
-        growths.append(_Growth(path.reshape(len(path), len(opened) + 1, -1), intercepts, errors))
-    return growths
+    terms = PossibleTerms(values, Tape(gates(fit.vocabulary), values.shape[1])(values))
+    paths, mean = weight_paths(terms, part.targets, LONGEST), terms.moments[0]
+    intercepts = [
+        target.mean() - path @ mean for target, path in zip(part.targets.T, paths, strict=True)
+    ]
+    squares = [np.zeros(len(path)) for path in paths]
+    for rows, block in terms.blocks():
+        errors = (
+            block @ path.T + rest - target[:, None]
+            for path, rest, target in zip(paths, intercepts, part.targets[rows].T, strict=True)
+        )
+        squares = [
+            total + (error**2).sum(axis=0) for total, error in zip(squares, errors, strict=True)
+        ]
+    return [
+        _Growth(path.reshape(len(path), -1, values.shape[1]), rest, total / len(values))
+        for path, rest, total in zip(paths, intercepts, squares, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -228,7 +187,7 @@ class SparseFormulaSettings(StudentSettings):
 def _fit(
     samples: TrainingSet, settings: SparseFormulaSettings, *, seed: int, n_jobs: int
 ) -> FormulaPolicy:
-    return condense(samples, settings.terms, mirrored=settings.mirrored)
+    return condense(samples, [settings.terms], mirrored=settings.mirrored)[settings.terms]
 
 
 SPARSE_FORMULA = Student(

@@ -5,7 +5,6 @@ They are fitted as they are written: in the robot's units, with three digits.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.certificates.observation_box import measured_box
 from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
-from glassgait.models.formulas.mirror import Place
+from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import (
     COURSE,
     GATES,
@@ -28,6 +27,11 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import indices_of
+from glassgait.studies.distillation.students.formula_samples import (
+    FormulaSamples,
+    samples_by_state,
+    samples_of_joints,
+)
 from glassgait.studies.distillation.students.student import Student, TrainingSet
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
@@ -91,18 +95,12 @@ class FormulaFit:
         return np.hstack([observed, Tape(definitions, observed.shape[1])(observed)])
 
     def __call__(
-        self,
-        observations: Array,
-        actions: Array,
-        seed: int,
-        settings: SymbolicSettings,
-        n_jobs: int = 1,
+        self, part: FormulaSamples, seed: int, settings: SymbolicSettings, n_jobs: int = 1
     ) -> list[Expression]:
-        """Fits a formula for each joint.
+        """Fits the formula of each place.
 
         Args:
-            observations: Samples (m, n).
-            actions: The expert's actions (m, 12).
+            part: Samples, and what the formulas should be there.
             seed: Seed of the search.
             settings: Engine and budget; of several shapes the first counts.
             n_jobs: Formulas that are searched at once.
@@ -110,15 +108,19 @@ class FormulaFit:
         Raises:
             InputError: if the engine is PySR and Julia cannot start, or its search fails.
         """
-        values, targets = self.values(observations), self._units.robot.joint_targets(actions)
-        n = observations.shape[1]
-        formulas = fit_formulas(values, targets, seed, settings, self._gates, n, n_jobs)
-        return readable(formulas, values, targets)
+        values, n = self.values(part.observations), part.observations.shape[1]
+        formulas = fit_formulas(values, part.targets, seed, settings, self._gates, n, n_jobs)
+        return readable(formulas, values, part.targets)
 
     def policy(
         self, gait: str, formulas: Mapping[Place, Expression], mirror: tuple[int, ...] | None = None
     ) -> FormulaPolicy:
-        """Returns the policy that acts by formulas, without the definitions that none uses."""
+        """Returns the policy that acts by formulas and, with a mirror, by their images.
+
+        Definitions that none uses are left out.
+        """
+        if mirror is not None:
+            formulas = FormulaMirror.of(self.vocabulary, mirror).complete(formulas)
         robot = self._units.robot
         file = FormulaFile(gait, self.vocabulary, formulas, mirror, robot=robot.name)
         return FormulaPolicy.from_file(file.with_formulas(formulas), robot)
@@ -205,29 +207,40 @@ def _raised(formula: Expression, by: float) -> Expression:
 
 
 def _fit(
-    samples: TrainingSet, settings: SymbolicSettings, *, statewise: bool, seed: int, n_jobs: int
+    samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
 ) -> FormulaPolicy:
-    """Fits a formula for each joint, or one for each joint and state of the machine."""
-    counts = np.where(samples.starts, settings.start_weights[0], 1)
-    samples = samples.subset(np.repeat(np.arange(len(counts)), counts))
-    names = samples.observation_names
-    fit = FormulaFit(samples.robot, names, gates if statewise else shared_gates)
-    parts = samples.by_state() if statewise else [np.ones(len(samples.actions), dtype=bool)]
+    """Fits a formula for each joint."""
+    fit = FormulaFit(samples.robot, samples.observation_names, shared_gates)
+    found = fit(samples_of_joints(_weighted(samples, settings)), seed, settings, n_jobs)
+    return fit.policy(samples.gait, {(joint,): own for joint, own in enumerate(found)})
+
+
+def _fit_statewise(
+    samples: TrainingSet, settings: StatewiseSymbolicSettings, *, seed: int, n_jobs: int
+) -> FormulaPolicy:
+    """Fits a formula for each joint and state of the machine, or for half of them and a mirror."""
+    names, mirror = samples.observation_names, samples.mirror if settings.mirrored else None
+    fit = FormulaFit(samples.robot, names, gates)
     formulas: dict[Place, Expression] = {}
-    for state, mine in enumerate(parts):
-        own = fit(samples.observations[mine], samples.actions[mine], seed, settings, n_jobs)
-        if statewise:
-            own = [settled(formula, names, state) for formula in own]
+    for part in samples_by_state(_weighted(samples, settings), fit.vocabulary, mirror):
+        found = fit(part, seed, settings, n_jobs)
         formulas |= {
-            (state, joint) if statewise else (joint,): formula for joint, formula in enumerate(own)
+            place: settled(own, names, place[0])
+            for place, own in zip(part.places, found, strict=True)
         }
-    return fit.policy(samples.gait, formulas)
+    return fit.policy(samples.gait, formulas, mirror)
+
+
+def _weighted(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:
+    """Lets samples of an episode's start count as often as settings say."""
+    counts = np.where(samples.starts, settings.start_weights[0], 1)
+    return samples.subset(np.repeat(np.arange(len(counts)), counts))
 
 
 SYMBOLIC = Student(
     "symbolic",
     "Symbolic",
-    partial(_fit, statewise=False),
+    _fit,
     color="#009E73",
     marker="D",
     settings=SymbolicSettings(),
@@ -238,7 +251,7 @@ SYMBOLIC = Student(
 STATEWISE_SYMBOLIC = Student(
     "statewise_symbolic",
     "Symbolic per RM state",
-    partial(_fit, statewise=True),
+    _fit_statewise,
     color="#B8609A",
     marker="P",
     settings=StatewiseSymbolicSettings(),

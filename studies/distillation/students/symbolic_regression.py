@@ -97,9 +97,15 @@ class StatewiseSymbolicSettings(SymbolicSettings):
 
     Rounds take the smallest shape: it strays furthest, and samples of where it goes serve the
     larger.
+
+    Attributes:
+        mirrored: Whether formulas of one side are mirror images of the other's, where the gait's
+            machine has a mirror image; each sample then counts twice.
     """
 
     title: ClassVar[str] = "distillation: statewise_symbolic"
+
+    mirrored: bool = True
 
     shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = (
         (90, 90),
