@@ -285,7 +285,7 @@ def test_they_agree_while_expert_and_student_act_under_assurance(trot):
     names = expert.observation_names
     upper = np.full((2, len(names)), 100.0)
     # So narrow that the robot, which sways, leaves it and comes back again and again.
-    upper[:, names.index("Base Ang Vel X")] = 0.05
+    upper[:, names.index("Base Ang Vel X")] = 0.08
     hysteresis = Hysteresis(0.05, 0.02, return_steps=3)
     policy = AssuredController(expert, student, Region(names, -upper, upper), hysteresis)
     scenario = replace(CALM, command=COMMAND)

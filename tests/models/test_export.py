@@ -365,7 +365,7 @@ def test_a_gait_alone_has_the_file_that_it_always_had(written_by_a_short_name):
     """
     written = written_by_a_short_name
     whole = (written.header + written.source).encode()
-    message = "1b1cebce732317b6597d1acde7e8f70d549c13e54941c14e8b61e3c69b605912"
+    message = "0072c426a698d0ac22a0cd4b06065a4d2c3b519c1d06472b717096f478f8fc2d"
     assert hashlib.sha256(whole).hexdigest() == message
 
 

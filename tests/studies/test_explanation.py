@@ -239,9 +239,12 @@ MIRRORED = "format: 1\ngait: trot\nstates: 2\nmirror: 1 0\n\nstate 0\n" + "".joi
 )
 
 
-@pytest.mark.parametrize("kind", ["symbolic", "statewise_symbolic"])
-def test_every_joint_has_its_lines_in_every_state(kind):
-    policy = load_student("trot", kind)
+@pytest.mark.parametrize(
+    ("gait", "kind", "robot"),
+    [("trot", "symbolic", "a1"), ("bound", "statewise_symbolic", "go2")],  # without a mirror
+)
+def test_every_joint_has_its_lines_in_every_state(gait, kind, robot):
+    policy = load_student(gait, kind, load_robot(robot))
     assert isinstance(policy, FormulaPolicy)
     file = file_lines(policy, 2)
     assert file["lines"] == policy.to_text().splitlines()

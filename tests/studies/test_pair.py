@@ -41,7 +41,7 @@ def edited(tmp_path):
     page = load_student("trot", "sparse_formula")
     assert isinstance(page, FormulaPolicy)
     path = tmp_path / "edited.formulas"
-    path.write_text(page.to_text().replace("FL_hip = 0.32 ", "FL_hip = 0.42 "))
+    path.write_text(page.to_text().replace("FL_hip = 0.324 ", "FL_hip = 0.424 "))
     return path
 
 
@@ -57,7 +57,7 @@ def test_one_edited_number_is_one_changed_line(edited):
     assert lines[:2] == ["--- A: Page of formulas", "+++ B: edited"]
     assert (only(lines, "-"), only(lines, "+")) == (1, 1)
     changed = [line for line in lines[2:] if line[0] in "+-"]
-    assert [line[:15] for line in changed] == ["-FL_hip = 0.32 ", "+FL_hip = 0.42 "]
+    assert [line[:15] for line in changed] == ["-FL_hip = 0.324", "+FL_hip = 0.424"]
     assert "A alone: 1, of B alone: 1" in line_sentence(both, lines)
 
 
@@ -152,7 +152,7 @@ def test_command_writes_lines_targets_and_replay(edited, tmp_path):
     assert joints["FL_hip"] ** 2 + joints["FR_hip"] ** 2 == pytest.approx(0.1**2)
     assert joints["FL_calf"] == pytest.approx(0.0, abs=1e-9)
     assert metrics["worlds"][1]["share_ci"] is None
-    assert "+FL_hip = 0.42 " in (folder / "lines.diff").read_text()
+    assert "+FL_hip = 0.424 " in (folder / "lines.diff").read_text()
     page = (folder / "replay.html").read_text()
     assert "A: Page of formulas" in page and "B: edited" in page
 

@@ -118,7 +118,7 @@ def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp
         assert list(claims.loc[claims["verdict"] == verdict, "claim"]) == names
         assert counts[verdict] == len(names)
     for text in rendered(certified, tmp_path):
-        assert "RL calf in q0: change of the target of 0.996 rad by w.y" in text
+        assert "RL calf in q0: change of the target of 0.9866 rad by w.y" in text
         assert "glassgait explain page --gait trot --policy sparse_formula" in text
     none = certificates(["half_bound"], load_robot("go2"), tmp_path)
     assert not none.tables

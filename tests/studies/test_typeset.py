@@ -79,8 +79,8 @@ def test_a_page_holds_all_joints_and_says_which_are_mirror_images():
     assert html.count('class="image"') == 12
     for section in ("contacts", "odometry", "machine", "definitions", "targets", "limits"):
         assert f'<section id="{section}">' in html
-    assert "front left hip inward: by 0.049" in html
-    assert "to the right turns the front right hip inward: by 0.049" in html
+    assert "front left hip inward: by 0.046" in html
+    assert "to the right turns the front right hip inward: by 0.046" in html
     latex = page["sparse_formula.tex"]
     assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") > 24
     assert latex.count("{") == latex.count("}")
