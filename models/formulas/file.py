@@ -21,18 +21,19 @@ A formula is a joint's target in rad. Its names are those of the robot's quantit
 for times, which are in control steps, and of what is defined above it. An indented line goes on
 with the one before. Formulas that serve all states of the machine stand under `every state`. Where
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
-those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0. `targets:
-limited` says that joints follow the nearest targets within their ranges, where a formula asks for
-one beyond, and that these are the last targets that formulas read. `gains: 40 1` says that joints
-follow with a stiffness of 40 N·m/rad and a damping of 1 N·m·s/rad, where those are not the robot's
-own. `robot: …` names the robot, where it is not the default one. `senses: imu` says that formulas
-may hold gravity's direction and the angular velocity. Sections stand in the order in which a robot
-goes through them. `contacts` says which feet touch where a sensor seems stuck. `odometry` is the
-program by which the robot's velocity and its feet's heights are estimated, with its gain. `machine`
-is the gait, as a gait file holds it, whose states are state 0, 1, … in their order. Under
-`readings` stand the ranges in which formulas read what is sensed. What stands under `limits` comes
-last, between what formulas ask for and the joints. In a file with a mirror image, definitions of
-one side's legs may be left out as well.
+those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0. So must
+the gait's machine have it; of one that favours a side files say none. `targets: limited` says that
+joints follow the nearest targets within their ranges, where a formula asks for one beyond, and that
+these are the last targets that formulas read. `gains: 40 1` says that joints follow with a
+stiffness of 40 N·m/rad and a damping of 1 N·m·s/rad, where those are not the robot's own. `robot:
+…` names the robot, where it is not the default one. `senses: imu` says that formulas may hold
+gravity's direction and the angular velocity. Sections stand in the order in which a robot goes
+through them. `contacts` says which feet touch where a sensor seems stuck. `odometry` is the program
+by which the robot's velocity and its feet's heights are estimated, with its gain. `machine` is the
+gait, as a gait file holds it, whose states are state 0, 1, … in their order. Under `readings` stand
+the ranges in which formulas read what is sensed. What stands under `limits` comes last, between
+what formulas ask for and the joints. In a file with a mirror image, definitions of one side's legs
+may be left out as well.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
@@ -207,6 +208,8 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield ""
     held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
     yield from _legend(held, names)
+    if file.mirror is not None:
+        yield from (f"# {line}" for line in _IN_THE_MIRROR)
     yield from _sections_before_formulas(file)
     section = None
     for place in sorted(written):
@@ -250,16 +253,21 @@ def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[
     legend = dict.fromkeys(
         _LEGEND[entries[index].group] for index in sorted(used) if index < len(entries)
     )
-    yield "# Each formula is the target of a joint, in rad."
+    yield "# Each formula is the target of a joint, in rad. Greater angles turn a hip to the left,"
+    yield "# swing a thigh back, and stretch a knee."
     yield from (f"# {line}" for line in legend)
 
 
 _GAINS = "N m/rad and N m s/rad; torque of a joint = first*(target - q) - second*dq"
 _MIRROR = "states 0, 1, ... in a mirror; what is left out is the image of what is there"
+_IN_THE_MIRROR = (
+    "In the mirror left and right feet change places, and hips (q, dq, a), cmd.yaw, v.y,",
+    "g.y, w.x and w.z their sign.",
+)
 _MACHINE = (
     "In a state, such as q0, act the formulas of its number. It ends once it has lasted for cmd.t",
     "and feet are as stated: FL in contact; ~FL in the air, with h of the step before at least",
-    "clearance. With each command cmd.t is drawn from dwell.",
+    "clearance. A command names a cmd.t within dwell.",
 )
 
 _LEGEND = {
@@ -270,7 +278,7 @@ _LEGEND = {
     "angular velocity": "w: angular velocity of the trunk, about these axes, rad/s.",
     "previous action": "a: target of a joint at the step before, rad.",
     "machine state": "s0, s1, ...: 1 in that state of the machine, else 0.",
-    "iterations": f"t: control steps since the state began, cmd.t + {OVERDUE:g} at most.",
+    "iterations": f"t: control steps since the state began, counted up to cmd.t + {OVERDUE:g}.",
     "commanded iterations": "cmd.t: control steps that the state should last.",
     "base velocity": "v: estimated velocity of the trunk, forward, left and up, m/s.",
     "foot height": "h: estimated height of a foot, m.",

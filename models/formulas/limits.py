@@ -11,8 +11,9 @@ from glassgait.models.robots.target_limits import TargetLimits
 _LEGEND = (
     "asked: what a formula asks for; before: target of the step before; q: angle of the joint,",
     "rad. torque: greatest of its motor, N m; lowest, highest: ends of its range, rad. Where not",
-    "all that is asked is finite, every joint keeps its target. Three numbers may be edited:",
-    "stiffness (N m/rad), by which a target asks for torque; lean (degrees); margin (rad).",
+    "all that is asked is finite, every joint keeps its target. Three numbers may be edited: what",
+    "torque is divided by, the joints' stiffness (N m/rad) or more; the lean in cos, in degrees;",
+    "the margin at the ends of the range, rad.",
 )
 
 LIMITS = Program(
@@ -22,7 +23,7 @@ LIMITS = Program(
         ("reach = torque/STIFFNESS", "rad, at which a motor at rest gives all that it has"),
         (
             "wanted = asked if g.z < -cos(LEAN) else q",
-            "a joint that is sent to where it is, is damped alone",
+            "beyond that lean: to where the joint is, and damped",
         ),
         ("weak = clip(wanted, q - reach, q + reach)", ""),
         ("slow = clip(weak, before - reach, before + reach)", "by reach a step at most"),

@@ -12,10 +12,10 @@ from glassgait.models.task.odometry import SLIP, Odometry
 _PERIOD, _SLIP = written_number(CONTROL_PERIOD), written_number(SLIP)
 
 _LEGEND = (
-    "w: angular velocity, rad/s; dv: change of velocity since the step before, m/s; g: direction",
-    "of gravity; p: where a foot is, m; dp: how fast its joints move it, m/s; dr: how fast they",
-    "turn its shank, rad/s; radius: of a foot, m. By IMU and joints, in the trunk's frame. One",
-    "number of this program may be edited, the gain: above 0, up to 1.",
+    "w: angular velocity, rad/s; dv: what the accelerometer measures, summed over a step, m/s: at",
+    "rest 0.196 upward; g: direction of gravity; p: where a foot is, m; dp: how fast its joints",
+    "move it, m/s; dr: how fast they turn its shank, rad/s; radius: of a foot, m. By IMU and",
+    "joints, in the trunk's frame. The gain in the line of v may be edited: above 0, up to 1.",
 )
 
 ODOMETRY = Program(

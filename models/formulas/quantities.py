@@ -176,7 +176,7 @@ All are bounded. A product with the time itself would grow without bound where t
 """
 
 COURSE = ("cmd.v", "v.y", "g.x", "w.y")
-"""How fast the robot is to go, how it drifts sideways, how the ground rises ahead, how it pitches.
+"""How fast the robot is to go, how it drifts sideways, how the ground falls ahead, how it pitches.
 
 On real ground, and commanded to go forward as well as back, they change how all else counts.
 """

@@ -24,13 +24,15 @@ from glassgait.models.formulas.program import Program
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.formulas.readings import Range, Readings, read_line
 from glassgait.models.formulas.text import TextError, parse_formula, refuse_unprintable
+from glassgait.models.plain_yaml import key_lines
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.task.gait import MACHINE, Gait, parse_gait
+from glassgait.models.task.gait import MACHINE, Gait, gait_names, parse_gait, shipped_gait
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.symmetry import refuse_other_mirror
 
 MAX_TEXT = 1_000_000
 """Greatest number of characters of a file."""
@@ -52,6 +54,8 @@ _ORDER = (CONTACTS.title, ODOMETRY.title, MACHINE, READINGS, DEFINITIONS, _FORMU
 _SECTION = re.compile(r"state (\d{1,3})")
 _STATEMENT = re.compile(r"([A-Za-z_][\w.]*) *=(?!=)(.*)", re.DOTALL)
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)?")
+_AMOUNT = re.compile(r"[0-9.]+(?:[eE][+-]?[0-9]+)?")
+"""Of what `float` reads, the numbers without a sign, as ranges and programs have them."""
 
 
 _SAID = {"format": f"'format: {FORMAT}'", "gait": "'gait: trot'", "states": "'states: 2'"}
@@ -158,18 +162,14 @@ class _Reader:
             )
 
     def _take_ranges(self, text: str, line: int) -> None:
-        for kind, ends in read_line(text, line).items():
+        for kind, ends in read_line(text, line, self.names).items():
             if kind in self.ranges:
                 raise TextError(f"{kind} has a range above; leave one out", line, 1)
             self.ranges[kind] = ends
 
     def _end_section(self, line: int) -> None:
         if self.section == READINGS:
-            try:
-                self.readings = Readings(tuple(self.ranges.items()))
-                self.readings.refuse_others(self.names)
-            except InputError as error:
-                raise TextError(str(error), line, 1) from error
+            self.readings = Readings(tuple(self.ranges.items()))
         if self.section == MACHINE:
             self.machine = self._machine(line)
         if self.section == DEFINITIONS and self.mirror is not None:
@@ -198,15 +198,22 @@ class _Reader:
         try:
             gait = parse_gait(text, name=self.header["gait"])
         except InputError as error:
-            raise TextError(f"machine: {error}", first, 1) from error
+            raise TextError(f"machine: {error}", _line_of(error, text) or first, 1) from error
         if gait.n_states != self._n_states:
             raise TextError(
                 f"the machine has {gait.n_states} states, and 'states' says {self._n_states}; "
                 "make them the same",
-                first,
+                key_lines(text)["states"],
                 1,
             )
+        self._refuse_other_mirror(gait)
         return gait
+
+    def _refuse_other_mirror(self, gait: Gait) -> None:
+        try:
+            refuse_other_mirror(self.mirror, gait)
+        except InputError as error:
+            raise TextError(str(error), self.lines["mirror"], 1) from error
 
     @property
     def _n_states(self) -> int:
@@ -222,6 +229,12 @@ class _Reader:
             raise TextError(
                 f"is of format {shown(self.header['format'])}, not {FORMAT}",
                 self.lines["format"],
+                1,
+            )
+        if not self.header.get("robot", DEFAULT_ROBOT):
+            raise TextError(
+                f"robot: must name a robot, such as {DEFAULT_ROBOT}, or be left out",
+                self.lines["robot"],
                 1,
             )
         if not re.fullmatch(r"\d{1,3}", self.header["states"]) or not (
@@ -246,8 +259,9 @@ class _Reader:
         limited = "targets" in self.header
         if "gains" not in self.header:
             return JointLaw(limited=limited)
+        said = self.header["gains"].split()
         try:
-            stiffness, damping = map(float, self.header["gains"].split())
+            stiffness, damping = map(float, said if all(map(_AMOUNT.fullmatch, said)) else ())
             return JointLaw((stiffness, damping), limited)
         except (ValueError, InputError) as error:
             raise TextError(
@@ -327,6 +341,10 @@ class _Reader:
         wanted = [(j,) for j in joints] if shared else [(s, j) for s in states for j in joints]
         for place in wanted or [(0,)]:
             if place not in formulas:
+                gait = self.header.get("gait")
+                if self.machine is None and gait in gait_names():
+                    # By a wrong mirror, images that were left out stand elsewhere.
+                    self._refuse_other_mirror(shipped_gait(gait))
                 where = "" if len(place) == 1 else f" in state {place[0]}"
                 joint = quadruped.JOINTS[place[-1]]
                 raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
@@ -352,6 +370,15 @@ def _is_title(line: str) -> bool:
 def _place_of(title: str) -> int:
     """Returns where a section stands in the order of sections."""
     return _ORDER.index(title if title in _ORDER else _FORMULAS)
+
+
+def _line_of(error: InputError, text: str) -> int | None:
+    """Returns the line of the first key that the refusal of a gait's text names, if any."""
+    if found := re.match(r"is not valid YAML \(line (\d+):", str(error)):
+        return int(found[1])
+    lines = key_lines(text)
+    named = re.findall(r"\w+(?:\[\d+\])?", str(error))
+    return next((lines[name] for name in named if name in lines), None)
 
 
 def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:

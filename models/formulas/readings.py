@@ -141,7 +141,8 @@ class Readings:
         """
         known = {kind_of(entry) for entry in entries_of(names)}
         if other := [kind for kind in self._by_kind if kind not in known]:
-            raise InputError(f"nothing that is observed is called {other[0]!r}; leave it out")
+            imu = ", or add 'senses: imu' to the header" if other[0] in KINDS else ""
+            raise InputError(f"nothing that is sensed is called {other[0]!r}; leave it out{imu}")
 
     @cached_property
     def _by_kind(self) -> Mapping[str, Range]:
@@ -201,15 +202,16 @@ def readings_lines(readings: Readings) -> Iterator[str]:
         yield f"{head}: {', '.join(parts)}"
 
 
-def read_line(text: str, line: int) -> dict[str, Range]:
+def read_line(text: str, line: int, names: Sequence[str]) -> dict[str, Range]:
     """Reads a line of ranges.
 
     Args:
         text: The line, without comments.
         line: Its number in the file.
+        names: Names of the observations.
 
     Raises:
-        TextError: if it is none.
+        TextError: if it is none, or holds a range that `Readings` refuses.
     """
     found = _LINE.fullmatch(text)
     if found is None:
@@ -231,5 +233,9 @@ def read_line(text: str, line: int) -> dict[str, Range]:
         kind = f"{head}.{member}" if member else head
         if kind in ranges:
             raise TextError(f"{kind} has two ranges; leave one out", line, column)
+        try:
+            Readings(((kind, (low, high)),)).refuse_others(names)
+        except InputError as error:
+            raise TextError(str(error), line, column) from error
         ranges[kind] = low, high
     return ranges

@@ -21,7 +21,7 @@ _SYMBOL = re.compile(
 _SCRIPT = re.compile(r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|([^{}]))")
 _UPRIGHT = re.compile(r"\\(?:mathrm|operatorname)\{([^{}]*)\}")
 _ACCENTS = {"hat": "\N{COMBINING CIRCUMFLEX ACCENT}", "dot": "\N{COMBINING DOT ABOVE}"}
-_GREEK = {"omega": "ω", "varphi": "φ", "ell": "ℓ", "sigma": "σ", "eta": "η"}
+_GREEK = {"omega": "ω", "varphi": "φ", "ell": "ℓ", "sigma": "σ", "eta": "η", "tau": "τ"}
 _SIGNS = {
     ast.Lt: ("<", "<"),
     ast.Gt: (">", ">"),

@@ -1,5 +1,7 @@
 """Loading any policy from its file."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +67,7 @@ def policy_path(folder: Path, name: str) -> Path:
     return next((path for path in paths if path.exists()), paths[0])
 
 
-def load_policy(path: Path, robot: Robot | None = None) -> Policy:
+def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
     """Loads a policy of any kind.
 
     Args:
@@ -76,12 +78,11 @@ def load_policy(path: Path, robot: Robot | None = None) -> Policy:
         InputError: if the file is missing, damaged, of an unknown kind, of another robot, or holds
             anything that a policy of its kind must not.
     """
+    path = Path(path)
     if path.suffix == FormulaPolicy.suffix:
-        try:
+        with naming(path):
             file = read_formulas(_read_formula_text(path))
             return FormulaPolicy.from_file(file, robot_of(path, file.robot, robot))
-        except InputError as error:
-            raise InputError(_of_file(path, error)) from error
     arrays, header = read_policy_file(path)
     policy = POLICY_CLASSES.get(header["kind"])
     if policy is None or issubclass(policy, FormulaPolicy):
@@ -104,9 +105,15 @@ def _read_formula_text(path: Path) -> str:
     return read_text(path, encoding="utf-8")
 
 
-def _of_file(path: Path, error: InputError) -> str:
-    """Returns what is wrong with a file, its path before it once."""
-    return str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Puts a file's path, once, before what is wrong with it."""
+    try:
+        yield
+    except InputError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise InputError(f"{path}: {error}") from error
 
 
 def find_gait(gait: str | Path, robot: str | None = None) -> Gait:
@@ -124,10 +131,8 @@ def find_gait(gait: str | Path, robot: str | None = None) -> Gait:
     path = Path(gait)
     if path.suffix != FormulaPolicy.suffix:
         return load_gait(gait)
-    try:
+    with naming(path):
         file = read_formulas(_read_formula_text(path))
-    except InputError as error:
-        raise InputError(_of_file(path, error)) from error
     if robot is not None:
         robot_of(path, file.robot, load_robot(robot))
     if file.machine is None:
@@ -220,7 +225,8 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     if isinstance(student.estimator, Odometry):
         states = expert.layout.n_machine_states
         names = ObservationLayout(states, imu=student.layout.imu).names
-    student.check(gait=expert.gait, observation_names=names)
+    with naming(path):
+        student.check(gait=expert.gait, observation_names=names)
     if student.estimator is not None:
         return student
     recorded = recorded_expert(path.parent)

@@ -239,7 +239,12 @@ class Policy(ABC):
         return own
 
     def with_joint_law(self, law: JointLaw) -> Self:
-        """Returns the policy whose joints are to follow another law."""
+        """Returns the policy whose joints are to follow another law.
+
+        Raises:
+            InputError: if its limits count torques by less than the joints' stiffness.
+        """
+        law.check(self.robot)
         own = copy.copy(self)
         own.joint_law = law
         return own
@@ -339,14 +344,15 @@ class Policy(ABC):
             InputError: if it differs; the message names the key.
         """
         if self.machine is not None:
-            own, remedy = self.machine, "name the policy's file as the gait as well"
+            own = self.machine
+            remedy = "name the policy's file as the gait as well; in Python, give policy.machine"
         elif self.gait in gait_names():
             own, remedy = shipped_gait(self.gait), "name a policy whose file holds that machine"
         else:
             return
         if (key := own.first_difference(gait)) is not None:
             raise InputError(
-                f"this {self.kind} policy was made for another machine than this {gait.name}, "
+                f"this policy was made for another machine than this {gait.name}, "
                 f"which differs in {key!r}; {remedy}"
             )
 
@@ -365,14 +371,14 @@ class Policy(ABC):
         """
         if robot is not None and self.robot.name != robot.name:
             raise InputError(
-                f"this {self.kind} policy was made for robot {self.robot.name!r}, not "
+                f"this policy was made for robot {self.robot.name!r}, not "
                 f"{robot.name!r}; load a policy of that robot"
             )
         name = gait if isinstance(gait, str) else gait.name
         if self.gait != name:
             raise InputError(
-                f"this {self.kind} policy was made for gait {self.gait!r}, not {name!r}; "
-                "load the policy of that gait"
+                f"this policy was made for gait {self.gait!r}, not {name!r}; name its gait with "
+                f"--gait, or a policy of the {name}"
             )
         if not isinstance(gait, str):
             self.refuse_other_machine(gait)
@@ -382,9 +388,7 @@ class Policy(ABC):
                 (f"{a!r} instead of {b!r}" for a, b in zip(ours, theirs, strict=False) if a != b),
                 f"{len(ours)} entries instead of {len(theirs)}",
             )
-            raise InputError(
-                f"this {self.kind} policy observes {first}; distil it again for this layout"
-            )
+            raise InputError(f"this policy observes {first}; distil it again for this layout")
 
 
 def refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:

@@ -31,6 +31,7 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.symmetry import refuse_other_mirror
 
 
 def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
@@ -156,6 +157,15 @@ class FormulaPolicy(Policy):
         own = copy.copy(self)
         own.machine = gait
         return own
+
+    def refuse_other_machine(self, gait: Gait) -> None:
+        """Refuses another machine, and one that is not in the mirror what the policy says.
+
+        Raises:
+            InputError: if it is; the message names the key.
+        """
+        super().refuse_other_machine(gait)
+        refuse_other_mirror(self.mirror, gait)
 
     def for_robot(self, robot: Robot) -> Self:
         file = for_robot(self.to_file(), self.robot, robot)

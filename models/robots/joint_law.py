@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Gt, Le
 
 from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.settings import Settings
@@ -72,6 +73,20 @@ class JointLaw(Settings):
         limits = TargetLimits(stiffness)
         limits.check(robot)
         return replace(self, limits=limits)
+
+    def check(self, robot: Robot) -> None:
+        """Refuses limits that let a joint at rest ask its motor for more torque than it has.
+
+        Raises:
+            InputError: if they count torques by less than the joints' stiffness.
+        """
+        stiffness, _ = self.gains_of(robot)
+        if self.limits is not None and self.limits.stiffness < stiffness:
+            raise InputError(
+                f"limits: torque is divided by {self.limits.stiffness:g}, and the joints' "
+                f"stiffness is {stiffness:g} N·m/rad, so that a joint at rest could ask its motor "
+                f"for more than it has; divide by {stiffness:g} or more"
+            )
 
     def for_robot(self, own: Robot, other: Robot) -> "JointLaw":
         """Returns a robot's law for another robot.

@@ -126,8 +126,8 @@ def gait_path(gait: str | Path) -> Path:
         return path
     if path.suffix == ".formulas":
         raise InputError(
-            f"{path}: a formula file's machine is for the policy that it holds; copy the section "
-            "to a .yaml file with a name of its own, and give that"
+            f"{path}: a formula file's machine is for the policy that it holds, whose 'machine' it "
+            "is in Python; for others copy the section to a .yaml file with a name of its own"
         )
     if str(gait) not in gait_names():
         raise InputError(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.task.formula import STANCES, stance_code
 from glassgait.models.task.gait import Gait, Transition
@@ -68,6 +69,32 @@ def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
         if found is not None:
             return tuple(gait.states.index(found[state]) for state in gait.states)
     return None
+
+
+def refuse_other_mirror(states: Sequence[int] | None, gait: Gait) -> None:
+    """Refuses states in the mirror that are not those of a gait's machine.
+
+    Args:
+        states: State that each state is said to be in the mirror; nothing is said by None.
+        gait: The gait. One of another number of states is refused for that, elsewhere.
+
+    Raises:
+        InputError: if the machine favours a side, or has other states in the mirror.
+    """
+    if states is None or len(states) != gait.n_states:
+        return
+    images, said = mirrored_states(gait), " ".join(map(str, states))
+    if images is None:
+        raise InputError(
+            f"mirror: is {said}, and the machine of this {gait.name} favours a side, so that it "
+            "has no mirror image; leave 'mirror' out, and give every formula"
+        )
+    if tuple(states) != images:
+        own = " ".join(map(str, images))
+        raise InputError(
+            f"mirror: is {said}, and by the machine of this {gait.name} its states in the mirror "
+            f"are {own}; write 'mirror: {own}'"
+        )
 
 
 def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> dict[str, str] | None:

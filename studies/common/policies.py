@@ -20,6 +20,7 @@ from glassgait.models.policies.library import (
     load_expert,
     load_policy,
     load_student_of,
+    naming,
     policy_path,
     recorded_expert,
     shipped_expert,
@@ -162,7 +163,8 @@ class Policies:
         else:
             path = self.file(name)
             policy = load_student_of(self._expert_of(path), path)
-        policy.refuse_other_machine(self.gait)
+        with naming(self.file(name)):
+            policy.refuse_other_machine(self.gait)
         return policy
 
     def formulas(self, name: str) -> FormulaPolicy:
@@ -258,7 +260,8 @@ class Policies:
         if not isinstance(policy.estimator, Odometry):
             raise InputError(f"{path}: needs its expert's estimator. {self.expert_place}")
         names = ObservationLayout(self.gait.n_states, imu=policy.layout.imu).names
-        policy.check(gait=self.gait, observation_names=names)
+        with naming(path):
+            policy.check(gait=self.gait, observation_names=names)
         return policy
 
     def _where(self) -> str:
@@ -430,7 +433,7 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None, *, asked: bool = True
         lacks = (
             f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
             f"{of}', students with 'glassgait distill {of}', or name the folder of a run with "
-            "--source"
+            "--source, for this gait alone"
         )
         if asked or robot is None:
             raise InputError(lacks)
@@ -438,6 +441,13 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None, *, asked: bool = True
     recorded = recorded_expert(folder)
     found = _find_recorded(gait, folder, robot)
     if found is None:
+        kept = policy_path(folder, EXPERT)
+        made_for = load_policy(kept, robot).gait if kept.exists() else gait.name
+        if made_for != gait.name:
+            raise InputError(
+                f"{kept}: is an expert for gait {made_for!r}, not {gait.name!r}; name that gait "
+                "with --gait, or another run with --source"
+            )
         where, digest = recorded or (folder, "")
         raise InputError(
             f"{where}: the students' expert {digest} (key 'inputs.expert') is not found; put its "

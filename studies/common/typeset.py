@@ -15,6 +15,7 @@ from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.text import write_formula, written_number
 from glassgait.models.formulas.typeset import Latex, Markup, MathML, Typesetter
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 from glassgait.models.task.palette import COLORS, state_colors
@@ -119,10 +120,12 @@ class TypesetController:
     Attributes:
         file: The file.
         markup: The language.
+        robot: The robot whose joints follow the targets.
     """
 
     file: FormulaFile
     markup: Markup
+    robot: Robot
 
     @cached_property
     def _setter(self) -> Typesetter:
@@ -151,6 +154,24 @@ class TypesetController:
             "MARGIN": written_number(limits.margin),
         }
         return LIMITS, self._program(LIMITS, numbers)
+
+    def torque(self) -> Statement:
+        """Typesets the law by which a joint's motor follows its target."""
+        stiffness, damping = map(written_number, self.file.joint_law.gains_of(self.robot))
+        symbols = {"torque": r"\tau", "target": "q^{*}", "q": "q", "dq": r"\dot q"}
+        setter = Typesetter(self.markup, symbols)
+        law = setter.pieces(f"{stiffness}*(target - q) - {damping}*dq")
+        return Statement(setter.name("torque"), setter.relation("0"), law)
+
+    def joints(self) -> list[tuple[str, ...]]:
+        """Returns name, ends of the range, default stance and greatest torque of left joints."""
+        robot = self.robot
+        numbers = (robot.lower_limits, robot.upper_limits, robot.default_stance, robot.effort)
+        return [
+            (joint.replace("_", " "), *(f"{row[index]:.4g}".replace("-", "−") for row in numbers))
+            for index, joint in enumerate(quadruped.JOINTS)
+            if joint[1] == "L"
+        ]
 
     def legend(self, program: Program) -> list[tuple[str, str]]:
         """Typesets a program's quantities: the symbol of each, and the words after it."""
@@ -272,23 +293,26 @@ _MEANINGS = {
 """What observations are, where their group does not say it all."""
 
 
-def to_latex(file: FormulaFile) -> str:
+def to_latex(file: FormulaFile, robot: Robot) -> str:
     """Writes all that a formula file says as a LaTeX document."""
-    return _rendered("typeset.tex", file, Latex(), {})
+    return _rendered("typeset.tex", file, robot, Latex(), {})
 
 
-def to_html(file: FormulaFile, **shown: object) -> str:
+def to_html(file: FormulaFile, robot: Robot, **shown: object) -> str:
     """Writes all that a formula file says as a page of MathML, which fetches nothing.
 
     Args:
         file: The file.
+        robot: The robot that it is for.
         shown: What else the page shows: see its template.
     """
-    return _rendered("typeset.html", file, MathML(), shown)
+    return _rendered("typeset.html", file, robot, MathML(), shown)
 
 
-def _rendered(template: str, file: FormulaFile, markup: Markup, shown: Mapping[str, object]) -> str:
-    controller = TypesetController(file, markup)
+def _rendered(
+    template: str, file: FormulaFile, robot: Robot, markup: Markup, shown: Mapping[str, object]
+) -> str:
+    controller = TypesetController(file, markup, robot)
     return page_template(SHARED_TEMPLATES, template).render(
         file=file,
         controller=controller,

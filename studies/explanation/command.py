@@ -186,7 +186,8 @@ class ExplainTerms(OnePolicy):
             counts = certificate.counts().items()
             found = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)
             console.print(
-                f"# Claims about it: {found}; 'glassgait explain page' shows them", style="dim"
+                f"# Claims about it, unchanged: {found}; 'glassgait explain page' shows them",
+                style="dim",
             )
 
 

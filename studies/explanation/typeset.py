@@ -70,8 +70,8 @@ def typeset(policy: FormulaPolicy, stem: str, sentences: Sentences | None) -> di
         said = _words(policy, sentences)
     source, page, twin = f"{stem}{policy.suffix}", f"{stem}.html", f"{stem}.tex"
     shown = {"title": title, "source": source, "twin": twin}
-    html = to_html(file, **shown, sentences=said, sentences_of=sentences_of)
-    return {source: policy.to_text(), page: html, twin: to_latex(file)}
+    html = to_html(file, policy.robot, **shown, sentences=said, sentences_of=sentences_of)
+    return {source: policy.to_text(), page: html, twin: to_latex(file, policy.robot)}
 
 
 def _words(policy: FormulaPolicy, sentences: Sentences) -> dict[StateJoint, str]:

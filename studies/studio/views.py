@@ -88,7 +88,7 @@ def panel(studio: Studio) -> dict[str, Any]:
 
 def formula_view(studio: Studio) -> dict[str, Any]:
     """Returns the formula that is shown, typeset as MathML, as the page of its file has it."""
-    controller = TypesetController(studio.file_now(), MathML())
+    controller = TypesetController(studio.file_now(), MathML(), studio.original.policy.robot)
     formula = controller.formula(studio.reader.place)
     return {"left": formula.left + formula.relation, "pieces": formula.pieces}
 

@@ -261,9 +261,9 @@ def test_definitions_may_have_names_that_c_has_other_uses_for(trot, agree, small
     assert found.machine == 0
 
 
-def mirrored_formulas(states: str) -> str:
+def mirrored_formulas(gait: str, states: str) -> str:
     """Formulas that treat left and right alike, of which the file holds one half."""
-    begin = f"format: 1\ngait: trot\nstates: 2\nmirror: {states}\n\ndefinitions\n"
+    begin = f"format: 1\ngait: {gait}\nstates: 2\nmirror: {states}\n\ndefinitions\n"
     return begin + "reach = v.y*t\n"
 
 
@@ -281,27 +281,28 @@ LEFT = [joint for joint in quadruped.JOINTS if joint[1] == "L"]
 @pytest.mark.parametrize(
     ("text", "n_written"),
     [
-        (mirrored_formulas("1 0") + f"\nstate 0\n{some_formulas(quadruped.JOINTS)}", 12),
+        (mirrored_formulas("trot", "1 0") + f"\nstate 0\n{some_formulas(quadruped.JOINTS)}", 12),
         (
-            mirrored_formulas("0 1")
+            mirrored_formulas("bound", "0 1")
             + "".join(f"\nstate {n}\n{some_formulas(LEFT[:: 1 - 2 * n])}" for n in range(2)),
             12,
         ),
-        (mirrored_formulas("1 0") + f"\nevery state\n{some_formulas(LEFT)}", 6),
+        (mirrored_formulas("trot", "1 0") + f"\nevery state\n{some_formulas(LEFT)}", 6),
         (
-            mirrored_formulas("1 0")
+            mirrored_formulas("trot", "1 0")
             + f"\nstate 0\n{some_formulas(quadruped.JOINTS)}\nstate 1\nRL_calf = -1.2 + reach\n",
             13,
         ),
     ],
     ids=["states exchanged", "states their own images", "every state", "one formula of its own"],
 )
-def test_what_is_left_out_acts_in_the_mirror(text, n_written, trot, agree, small_expert):
+def test_what_is_left_out_acts_in_the_mirror(text, n_written, agree, small_expert):
     policy = FormulaPolicy.from_file(read_formulas(text))
-    controller = alone(policy, small_expert(trot))
-    source = write_controller(trot, controller, **WRITTEN).source
+    gait = load_gait(policy.gait)
+    controller = alone(policy, small_expert(gait))
+    source = write_controller(gait, controller, **WRITTEN).source
     assert len(re.findall(r" target\[\w+_\w+\] =", source)) == n_written
-    found = agree(trot, policy, small_expert(trot))
+    found = agree(gait, policy, small_expert(gait))
     assert found.target < 1e-12
     assert found.changes > 0
 

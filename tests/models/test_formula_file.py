@@ -136,7 +136,12 @@ def test_a_file_says_with_which_gains_joints_follow(symbolic):
 
 
 @pytest.mark.parametrize(
-    "gains", ["", "40", "40 1 2", "0 1", "-1 1", "nan 1", "1e4 1", "forty 1", "40 101", "40 -1"]
+    "gains",
+    [
+        *("", "40", "40 1 2", "0 1", "-1 1", "nan 1", "1e4 1", "forty 1", "40 101", "40 -1"),
+        # Python alone would read the first three.
+        *("4_0 1", "+40 1", "40 -0", "1.2.3 1", "4_0 40 1"),
+    ],
 )
 def test_gains_that_are_none_are_refused(gains):
     text = f"{HEAD}gains: {gains}\n{EVERY}"
@@ -205,9 +210,12 @@ def test_what_stands_in_a_file_is_explained_in_it():
     header, legend = written.split("\n\n")[:2]
     assert "mirror: 1 0    # states 0, 1, ... in a mirror" in header
     assert legend.split("\n") == [
-        "# Each formula is the target of a joint, in rad.",
+        "# Each formula is the target of a joint, in rad. Greater angles turn a hip to the left,",
+        "# swing a thigh back, and stretch a knee.",
         "# q: angle of a joint, rad.",
-        "# t: control steps since the state began, cmd.t + 2 at most.",
+        "# t: control steps since the state began, counted up to cmd.t + 2.",
+        "# In the mirror left and right feet change places, and hips (q, dq, a), cmd.yaw, v.y,",
+        "# g.y, w.x and w.z their sign.",
     ]
     assert read_formulas(written).mirror == (1, 0)
 

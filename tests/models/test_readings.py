@@ -176,6 +176,22 @@ def test_ranges_that_are_none_are_refused_by_robots_and_checker(old, new, named)
         FormulaText.read(text)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("hip -0.4 to 0.8", "hip 0.8 to -0.4", "line 8, column 4: q.hip is read from 0.8"),
+        ("yaw -1 to 1", "yaw -1 to 2", "line 7, column 17: cmd.yaw is read from -1 to 2"),
+        ("h: -0.1 to 0.25", "t: 0 to 9", "line 13, column 4: nothing that is sensed is called 't'"),
+        ("senses: imu\n", "", "line 9, column 4: nothing that is sensed is called 'g.x'; leave"),
+    ],
+)
+def test_a_range_that_is_none_is_refused_with_its_own_place(old, new, said):
+    with pytest.raises(InputError) as refused:
+        read_formulas(text_of().replace(old, new, 1))
+    assert str(refused.value).startswith(said)
+    assert ("or add 'senses: imu'" in str(refused.value)) == (not new)
+
+
 def test_ranges_of_other_observations_are_refused():
     paper = load_student("trot", "statewise_linear").observation_names
     assert paper == NAMES

@@ -192,13 +192,20 @@ def test_a_policy_takes_no_machine_of_another_gait():
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("clearance: 0.03", "clearance: 0", "line 50, column 1: machine: key 'clearance'"),
-        ("clearance: 0.03", "clearance: [", "machine: is not valid YAML (line 5"),
-        ("states: [q0, q1]", "states: [q0]", "machine: key 'states'"),
+        ("clearance: 0.03", "clearance: 0", "line 57, column 1: machine: key 'clearance'"),
+        (
+            "clearance: 0.03",
+            "clearance: [",
+            "line 59, column 1: machine: is not valid YAML (line 5",
+        ),
+        ("states: [q0, q1]", "states: [q0]", "line 58, column 1: machine: key 'states'"),
         ("from: q0, to: q1", "from: q0, to: q0", "machine: state 'q1' cannot be reached"),
-        ("from: q1", "from: q2", "machine: transitions[1]"),
+        ("from: q1", "from: q2", "line 62, column 1: machine: transitions[1]"),
         ("initial: q0\n", "", "machine: missing key 'initial'"),
         ("states: 2\n", "states: 3\n", "mirror: must name"),
+        ("mirror: 1 0", "mirror: 0 1", "line 5, column 1: mirror: is 0 1, and by the machine"),
+        ("& ~RL}", "}", "line 5, column 1: mirror: is 1 0, and the machine of this trot favours"),
+        ("states: 2\n", "robot:\nstates: 2\n", "line 3, column 1: robot: must name a robot, such"),
         ("\nreadings\n", "\nmachine\n\nreadings\n", "'machine' stands too late, or twice"),
         ("\nlimits\n", "\nmachine\n", "'machine' stands too late, or twice"),
         (
@@ -216,6 +223,18 @@ def test_sections_that_are_wrong_are_refused_by_both_readers(old, new, said):
     assert said in str(refused.value)
     with pytest.raises(RefusedError):
         FormulaText.read(TEXT.replace(old, new, 1))
+
+
+def test_a_wrong_mirror_is_refused_where_a_file_without_a_machine_meets_its_gait():
+    said = "mirror: is 0 1, .* write 'mirror: 1 0'"
+    bare = replace(PAGE.to_file(), machine=None)
+    policy = FormulaPolicy.from_file(replace(bare, mirror=(0, 1)))
+    with pytest.raises(InputError, match=f"^{said}"):
+        policy.check(gait=TROT, observation_names=policy.observation_names)
+    # Without the images that are left out, the file itself is none.
+    text = FormulaPolicy.from_file(bare).to_text().replace("mirror: 1 0", "mirror: 0 1")
+    with pytest.raises(InputError, match=f"^line 5, column 1: {said}"):
+        read_formulas(text)
 
 
 def test_a_formula_file_without_its_gait_names_none(tmp_path):

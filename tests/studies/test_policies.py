@@ -131,6 +131,14 @@ def test_formulas_that_hold_all_they_need_act_without_an_expert(own_gait, tmp_pa
         find_policies(replace(find_gait(path), dwell=(6, 12))).controller(str(path))
 
 
+def test_a_page_of_another_gait_is_refused_with_its_name(tmp_path):
+    path = keep(load_student("trot", "sparse_formula"), tmp_path, "page")
+    with pytest.raises(InputError) as refused:
+        find_policies(load_gait("pace")).policy(str(path))
+    said = f"{path}: this policy was made for gait 'trot', not 'pace'; name its gait with --gait"
+    assert str(refused.value).startswith(said)
+
+
 def test_files_that_are_named_are_not_said_to_ship(capsys):
     find_policies(TROT, names=["mine.formulas"])
     assert "policies are the files that are named" in capsys.readouterr().err

@@ -22,7 +22,7 @@ def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
     assert "# Page of formulas: 400 terms in 12 formulas" in printed
     claims = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
     proved = sum(claim["outcome"] == "proved" for claim in claims)
-    assert f"# Claims about it: {proved} proved, " in printed
+    assert f"# Claims about it, unchanged: {proved} proved, " in printed
     assert read_formulas(printed) == read_formulas(text)
 
 

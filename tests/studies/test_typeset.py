@@ -15,6 +15,7 @@ from glassgait.models.formulas.limits import LIMITS
 from glassgait.models.formulas.odometry import ODOMETRY
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.library import load_robot
 from glassgait.studies.common.typeset import to_latex
 from glassgait.studies.explanation.interventions.sentences import (
     SUFFIX,
@@ -96,7 +97,7 @@ def test_latex_makes_pages_that_no_line_leaves(path, tmp_path):
     pdflatex = shutil.which("pdflatex")
     if pdflatex is None:
         pytest.skip("needs pdflatex (Debian: texlive-latex-base)")
-    (tmp_path / "own.tex").write_text(to_latex(load_policy(path).to_file()))
+    (tmp_path / "own.tex").write_text(to_latex(load_policy(path).to_file(), load_robot()))
     command = [pdflatex, "-interaction=nonstopmode", "-halt-on-error", "own.tex"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-1500:]
@@ -119,7 +120,7 @@ def test_a_changed_formula_changes_both_forms():
     file = policy.to_file()
     place = next(iter(file.formulas))
     other = {**file.formulas, place: file.formulas[place].operands[0]}
-    assert to_latex(replace(file, formulas=other)) != to_latex(file)
+    assert to_latex(replace(file, formulas=other), load_robot()) != to_latex(file, load_robot())
 
 
 def test_sentences_of_another_policy_are_not_taken(tmp_path):
