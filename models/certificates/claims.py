@@ -100,6 +100,23 @@ class Claim(Settings):
     limit: Literal["torque", "damping"] | None = None
     changes: dict[str, Positive] = field(default_factory=dict)
 
+    @property
+    def unit(self) -> str:
+        """The unit of what is claimed; empty where nothing is measured."""
+        match self.kind, self.keeps:
+            case ("kept", "torque") | ("torque", None):
+                return "N·m"
+            case "kept", "lean":
+                return "°"
+            case ("kept", "finite") | ("mirror" | "independent", None):
+                return ""
+            case "never", None:
+                return "rad per unit"
+            case "change", None:
+                return "squared action"
+            case _:
+                return "rad"
+
     def __post_init__(self) -> None:
         """
         Raises:

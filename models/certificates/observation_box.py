@@ -16,7 +16,7 @@ from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import robot_folder, robot_of
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait import Gait, gait_names, shipped_gait
 from glassgait.models.task.imu import IMU_NOISE
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,
@@ -228,8 +228,15 @@ def operating_box(gait: Gait, robot: Robot, path: Path | None = None) -> Observa
         path: The box's file; the shipped one by default.
 
     Raises:
-        InputError: if there is none, or its file is not one.
+        InputError: if there is none, or it is of another machine, or its file is not one.
     """
+    if path is None and gait.name in gait_names():
+        key = shipped_gait(gait.name).first_difference(gait)
+        if key is not None:
+            raise InputError(
+                f"the operating box that ships is of another machine than this {gait.name}, which "
+                f"differs in {key!r}; add --measure to measure its own, or name one with --box"
+            )
     path = path or robot_folder(BOX_DIRECTORY, robot.name) / f"{gait.name}.yaml"
     if not path.exists():
         raise InputError(

@@ -11,13 +11,14 @@ import tyro
 
 from glassgait.diagrams.scenario import load_scenarios
 from glassgait.models.certificates.certificate import (
+    OUTCOME_WORDS,
     certificate,
     certificate_text,
     shipped_certificates,
 )
 from glassgait.models.certificates.claims import Claim, claim_files, load_claims
 from glassgait.models.certificates.observation_box import ObservationBox, load_box, operating_box
-from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
+from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
 from glassgait.models.policies.policy import Policy
@@ -144,9 +145,16 @@ def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:
 
 def _claims_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
     """Returns a row a claim: whether it holds, and what comes closest to breaking it."""
-    columns = ["outcome", "worst", "claimed", "where"]
-    rows = [[own.claim.name, *(getattr(own, name) for name in columns)] for own in verdicts]
-    return pd.DataFrame(rows, columns=["claim", *columns])
+    return pd.DataFrame(
+        {
+            "claim": [own.claim.name for own in verdicts],
+            "outcome": [OUTCOME_WORDS[own.outcome] for own in verdicts],
+            "worst": [own.worst for own in verdicts],
+            "claimed": [own.claimed for own in verdicts],
+            "unit": [own.claim.unit for own in verdicts],
+            "where": [own.where for own in verdicts],
+        }
+    )
 
 
 def _write(
@@ -154,7 +162,7 @@ def _write(
 ) -> None:
     claims = _claims_table(verdicts)
     write_table(claims, folder / "claims")
-    counts = {outcome: int((claims["outcome"] == outcome).sum()) for outcome in OUTCOMES}
+    counts = {word: int((claims["outcome"] == word).sum()) for word in OUTCOME_WORDS.values()}
     write_metrics({**counts, "seconds": seconds}, folder / "metrics.json")
     written = certificate(prover, verdicts, path)
     write_atomically(folder / CERTIFICATE_NAME, certificate_text(written))

@@ -11,6 +11,7 @@ import yaml
 
 from glassgait.models.certificates import checker
 from glassgait.models.certificates.certificate import (
+    OUTCOME_WORDS,
     SHIPPED,
     certificate_text,
     content_digest,
@@ -57,9 +58,9 @@ def test_shipped_certificates_hold(path):
     message = check(path)
     assert message.startswith(f"{len(content['statements'])} bounds hold")
     assert message.endswith("the one that ships")
-    for outcome in ("proved", "refuted", "undecided"):
+    for outcome, word in OUTCOME_WORDS.items():
         count = sum(claim["outcome"] == outcome for claim in content["claims"])
-        assert f"{count} {outcome}" in message
+        assert f"{count} {word}" in message
     kept = [claim["outcome"] for claim in content["claims"] if claim["kind"] == "kept"]
     assert kept == ["proved"] * 5
 
@@ -91,10 +92,14 @@ def seeds(count, fast):
 def test_refuses_a_certificate_of_which_one_character_was_changed(tmp_path, seed):
     generator, text = np.random.default_rng(seed), PATH.read_text()
     places = [found.start() for found in re.finditer(r"\d", text)]
-    place = int(generator.choice(places))
-    digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
+    changed = text
+    # The last of many digits may leave a number as it is.
+    while json.loads(changed) == json.loads(text):
+        place = int(generator.choice(places))
+        digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
+        changed = text[:place] + digit + text[place + 1 :]
     path = tmp_path / "certificate.json"
-    path.write_text(text[:place] + digit + text[place + 1 :])
+    path.write_text(changed)
     with pytest.raises(RefusedError):
         check(path)
 
@@ -183,6 +188,28 @@ def test_refuses_a_changed_certificate_even_where_its_digest_is_made_anew(tmp_pa
     change(content, np.random.default_rng(seed))
     with pytest.raises(RefusedError):
         check(written(content, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("left_out", "message"),
+    [(False, "twice"), (True, "says something else than the claim that ships by this name")],
+)
+def test_refuses_a_claim_under_the_name_of_another(tmp_path, left_out, message):
+    content = deepcopy(CONTENT)
+    mirror = next(own for own in content["claims"] if own["kind"] == "mirror")
+    other = next(own["name"] for own in content["claims"] if own["outcome"] == "refuted")
+    if left_out:
+        content["claims"] = [own for own in content["claims"] if own["name"] != other]
+    content["claims"].append(mirror | {"name": other})
+    with pytest.raises(RefusedError, match=message):
+        check(written(content, tmp_path))
+
+
+def test_says_how_many_claims_are_its_own(tmp_path):
+    content = deepcopy(CONTENT)
+    mirror = next(own for own in content["claims"] if own["kind"] == "mirror")
+    content["claims"].append(mirror | {"name": "The robot never falls"})
+    assert "(1 named by its author alone)" in check(written(content, tmp_path))
 
 
 @pytest.mark.parametrize("seed", seeds(50, fast=10))

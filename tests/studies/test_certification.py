@@ -2,6 +2,8 @@
 
 import json
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -12,6 +14,7 @@ from glassgait.models.certificates.checker import RefusedError, check
 from glassgait.models.certificates.checker.text import FormulaText
 from glassgait.models.certificates.claims import DEFAULT_CLAIMS, load_claims
 from glassgait.models.certificates.observation_box import (
+    BOX_DIRECTORY,
     ObservationBox,
     load_box,
     operating_box,
@@ -20,8 +23,10 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.formulas.contacts import CONTACTS
+from glassgait.models.formulas.file import write_formulas
 from glassgait.models.formulas.limits import limits_lines
 from glassgait.models.formulas.odometry import odometry_lines
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -135,16 +140,13 @@ def test_what_limits_keep_is_proved_of_formulas_with_limits_alone(policy):
     assert load_policy(policy).joint_law.limited
     assert {name: outcomes[name] for name in KEPT} == dict.fromkeys(KEPT, "proved")
     content = (policy.parent / "out" / "certificate.json").read_text()
-    # By a lesser stiffness than that of the joints a reach asks for more than their torque.
-    outcomes = prove(policy.parent, FILE + limited.replace(f"torque/{A1.stiffness:g}", "torque/9"))
-    assert outcomes[TORQUE] == "undecided"
-    undecided = json.loads((policy.parent / "out" / "certificate.json").read_text())
-    claim = next(own for own in undecided["claims"] if own["name"] == TORQUE)
-    middle = {name: sum(ends) / 2.0 for name, ends in undecided["boxes"]["operating"].items()}
+    forged = json.loads(content)
+    claim = next(own for own in forged["claims"] if own["name"] == TORQUE)
+    middle = {name: sum(ends) / 2.0 for name, ends in forged["boxes"]["operating"].items()}
     middle |= {"t": 4.0, "cmd.t": 8.0, "s0": 1.0, "s1": 0.0}
     claim |= {"outcome": "refuted", "witnesses": [middle]}
-    undecided["sha256"] = content_digest(undecided)
-    (policy.parent / "forged.json").write_text(certificate_text(undecided))
+    forged["sha256"] = content_digest(forged)
+    (policy.parent / "forged.json").write_text(certificate_text(forged))
     with pytest.raises(RefusedError, match="is not refuted"):
         check(policy.parent / "forged.json", policy)
     for changed in (
@@ -154,6 +156,8 @@ def test_what_limits_keep_is_proved_of_formulas_with_limits_alone(policy):
         limited.replace("lowest + 0.02", "lowest + 0.01"),
         limited.replace("0.02", "0.3"),
         limited.replace(f"torque/{A1.stiffness:g}", "torque/4e + 1"),
+        # By a lesser stiffness than that of the joints a reach asks for more than their torque.
+        limited.replace(f"torque/{A1.stiffness:g}", "torque/9"),
         limited.replace("cos(60)", "cos(91)"),
         limited + "extra = 1\n",
         limited + "\nevery state\nFL_hip = 1\n",
@@ -175,7 +179,7 @@ def test_of_a_network_what_limits_keep_and_its_symmetry_are_proved(tmp_path, mon
     monkeypatch.chdir(tmp_path)
     main(["verify", "prove", "--policy", "expert", "--output", "out"])
     main(["verify", "check", "out"])
-    assert f"{len(KEPT) + 1} proved, 0 refuted, 0 undecided" in capsys.readouterr().out
+    assert f"{len(KEPT) + 1} proved, 0 refuted, 0 open" in capsys.readouterr().out
     content = json.loads((tmp_path / "out" / "certificate.json").read_text())
     other = {"kind": "effect", "observations": ["h.FL"], "most": 100.0, "name": "a"}
     content["claims"].append(content["claims"][-1] | other)
@@ -384,7 +388,7 @@ def test_a_machine_that_a_policy_holds_is_the_one_that_is_proved_of(policy, caps
 
 
 def test_a_machine_that_favours_a_side_is_proved_of_without_its_mirror(policy, capsys):
-    text = imu_policy(policy.parent)
+    text = write_formulas(replace(read_formulas(imu_policy(policy.parent)), mirror=None))
     lines = "\n".join(gait_lines(load_gait("trot"))).replace("to: q1,", "to: q1, dwell: 0.9,")
     place = text.index("\nevery state\n")
     (policy.parent / "imu.formulas").write_text(f"{text[:place]}\nmachine\n{lines}\n{text[place:]}")
@@ -395,3 +399,15 @@ def test_a_machine_that_favours_a_side_is_proved_of_without_its_mirror(policy, c
     assert not [own for own in content["claims"] if own["kind"] == "mirror"]
     main(["verify", "check", "out", "--policy", "imu.formulas"])
     assert "hold" in capsys.readouterr().out
+
+
+def test_the_box_that_ships_is_of_the_machine_that_ships(tmp_path, monkeypatch, refused, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = load_student("trot", "sparse_formula").to_text()
+    Path("slow.formulas").write_text(text.replace("dwell: [6, 11]", "dwell: [1, 90]"))
+    run = ["verify", "prove", "--gait", "slow.formulas", "--policy", "slow.formulas"]
+    assert "differs in 'dwell'; add --measure" in refused([*run, "--output", "out"])
+    box = str(BOX_DIRECTORY / "trot.yaml")
+    main([*run, "--box", box, "--output", "out"])
+    main(["verify", "check", "out", "--policy", "slow.formulas"])
+    assert "its operating box is its own" in capsys.readouterr().out

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from .document import BOXES, OUTCOMES, Document, check_keys, observations
+from .document import BOXES, MODELS, OUTCOMES, Document, check_keys, observations
 from .robot import (
     ABRUPT,
     COUNTED,
@@ -19,6 +19,7 @@ from .robot import (
     RefusedError,
     image_of,
     is_number,
+    read_yaml,
     refuse_unless,
 )
 from .tables import Tables
@@ -26,6 +27,18 @@ from .tables import Tables
 ROUNDING = 2e-9
 """More than two targets in double precision are away from exact ones (rad); a refutation must
 exceed it."""
+
+SHIPPED_CLAIMS = tuple(
+    MODELS / "certificates" / name for name in ("claims.yaml", "claims_imu.yaml")
+)
+
+SAYS = {
+    **dict.fromkeys(("kind", "keeps", "never")),
+    **{key: [] for key in ("joints", "states", "stuck", "observations")},
+    "box": "operating",
+    "changes": {},
+}
+"""What a claim says besides its numbers, and what it says where a key is left out."""
 
 STATEMENT = ("of", "state", "joint", "sign", "box", "bound")
 
@@ -53,11 +66,31 @@ class Check(Document):
         for statement in statements:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
-        counts = [f"{outcomes.count(own)} {own}" for own in OUTCOMES]
+        own = self.claims_of_its_own(claims)
+        words = zip(OUTCOMES, ("proved", "refuted", "open"), strict=True)
+        counts = [f"{outcomes.count(own)} {word}" for own, word in words]
         return (
-            f"{len(statements)} bounds hold; claims: {', '.join(counts)}; its operating box "
+            f"{len(statements)} bounds hold; claims: {', '.join(counts)}"
+            f"{f' ({own} named by its author alone)' if own else ''}; its operating box "
             f"{'is the one that ships' if self.box_ships() else 'is its own, taken on trust'}"
         )
+
+    def claims_of_its_own(self, claims: list[dict[str, Any]]) -> int:
+        """Counts claims that do not ship, and refuses one under the name of another that does."""
+        names = [claim["name"] for claim in claims]
+        refuse_unless(len({*names}) == len(names), "a claim stands twice")
+        ships = {one["name"]: one for path in SHIPPED_CLAIMS for one in read_yaml(path)["claims"]}
+        for claim in claims:
+            said = ships.get(claim["name"], {})
+            same = all(claim.get(key, usual) == said.get(key, usual) for key, usual in SAYS.items())
+            bounded = {"most", "least"} & {*claim} == ({"most"} if "limit" in said else set())
+            weakest = min(self.robot.effort.values()) / self.robot.stiffness
+            within = said.get("limit") != "torque" or claim.get("most", 0.0) <= weakest + ROUNDING
+            refuse_unless(
+                not said or (same and bounded and within),
+                f"{claim['name']}: says something else than the claim that ships by this name",
+            )
+        return sum(name not in ships for name in names)
 
     def error(self, asked: BoundQuery, where: str, stuck: list[str]) -> Any:
         """Bounds what double precision does to what is asked (rad)."""

@@ -217,6 +217,11 @@ class Document:
         """Reads the policy's file, and refuses another one than the certificate's."""
         own, name = self.content["policy"], self.content["gait"]
         path = policy or self.shipped_policy(str(own["file"]))
+        if policy is None and not path.is_file():
+            raise RefusedError(
+                f"no policy {own['file']!r} of the {name} ships with the project; name its file by "
+                "--policy"
+            )
         data = read_bytes(path)
         refuse_unless(
             hashlib.sha256(data).hexdigest() == own["sha256"],
@@ -238,6 +243,9 @@ class Document:
             "its mirror does not name each state's image",
         )
         refuse_unless(self.gait.mirrors(image), "its mirror is not that of the gait's machine")
+        # Of a network a wrong mirror proves nothing; formulas that a file leaves out are by it.
+        own = self.targets is None or self.mirror in (None, image)
+        refuse_unless(own, "the policy's mirror is not that of the gait's machine")
 
     def shipped_policy(self, file: str) -> Path:
         refuse_unless(
@@ -276,8 +284,15 @@ class Document:
             refuse_unless(whole, f"the operating box of {name} holds other counts than there are")
 
     def box_ships(self) -> bool:
-        path = self.shipped_in("certificates/boxes", f"{self.content['gait']}.yaml")
-        return path.is_file() and read_yaml(path)["ranges"] == self.content["boxes"]["operating"]
+        name = f"{self.content['gait']}.yaml"
+        path, gait = self.shipped_in("certificates/boxes", name), MODELS / "task" / "gaits" / name
+        # The box that ships was measured with the machine that ships.
+        return (
+            path.is_file()
+            and gait.is_file()
+            and self.gait.acts_as(Gait.load(gait))
+            and read_yaml(path)["ranges"] == self.content["boxes"]["operating"]
+        )
 
     def box(self, where: str, stuck: list[str], state: int) -> Box:
         """Returns a box with the machine's state held."""

@@ -14,7 +14,16 @@ from .gait import MOST_STATES, Gait, is_involution
 from .limits import Limits
 from .program import read_program
 from .readings import Readings
-from .robot import JOINTS, MIRRORED, RefusedError, image_of, refuse_unless, stiffness_of, symbols
+from .robot import (
+    DEFAULT_ROBOT,
+    JOINTS,
+    MIRRORED,
+    RefusedError,
+    image_of,
+    refuse_unless,
+    stiffness_of,
+    symbols,
+)
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
 HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets", "gains")
@@ -330,6 +339,8 @@ class FormulaText:
                 self.machine = Gait.read(machine_text(self.text), "the policy's machine")
                 states = len(self.machine.states)
                 refuse_unless(states == self.n_states, "the policy's machine has other states")
+                own = self.image is None or self.machine.mirrors(self.image)
+                refuse_unless(own, "the policy's mirror is not that of its machine")
             case "readings":
                 self.readings = Readings.read(lines, self.names)
             case "definitions":
@@ -353,6 +364,7 @@ class FormulaText:
         said = self.header
         refuse_unless(said.get("format") == "1", "the policy is of another format")
         refuse_unless(said.get("gait"), "the policy's file names no gait")
+        refuse_unless(said.get("robot", DEFAULT_ROBOT), "the policy's file names no robot")
         counted = re.fullmatch(r"[0-9]{1,3}", said.get("states", ""))
         refuse_unless(
             counted and 1 <= self.n_states <= MOST_STATES, "the policy's states are no number"
