@@ -6,6 +6,7 @@ from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
@@ -372,6 +373,20 @@ def proprioception(
         ],
         axis=-1,
     )
+
+
+def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
+    """Returns where a robot waits (...): its time in a state is `OVERDUE` past the commanded one.
+
+    Args:
+        observation: Observations (..., n).
+        names: Names of their entries (n).
+    """
+    (spent,), (commanded,) = (
+        indices_of(group, names) for group in ("iterations", "commanded iterations")
+    )
+    past = (observation[..., spent] - observation[..., commanded]) / ITERATIONS_SCALE
+    return np.rint(past) >= OVERDUE
 
 
 def _of_imu(imu: Array | None) -> tuple[Array, ...]:

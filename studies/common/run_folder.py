@@ -146,6 +146,15 @@ def read_settings(folder: Path, study: str) -> dict[str, Any]:
     return _read(path, study)["settings"]
 
 
+def read_inputs(folder: Path, study: str) -> dict[str, Any]:
+    """Reads the digests of what the run reads that a folder holds.
+
+    Raises:
+        InputError: if it holds none, or one of another study.
+    """
+    return _read(folder / CONFIG_NAME, study)["inputs"]
+
+
 def digest_of_files(paths: Collection[Path]) -> str:
     """Returns a digest of files' contents and names, not of where they are.
 

@@ -57,12 +57,18 @@ class Distill(Settings):
     output: Path | None = None
     resume: bool = False
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # Settings that are complete for a gait hold a number: what was given is known here alone.
+        self.config.refuse_idle()
+
     def run(self) -> None:
         """Runs the study."""
         # Refused before any job is begun.
-        experts = [
-            find_expert(load_gait(name), self.source, self.robot) for name in gaits_named(self.gait)
-        ]
+        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        for gait in gaits:
+            self.config.for_gait(gait)
+        experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
         jobs = jobs_of(
             self.gait,
             self.config.seed,

@@ -49,6 +49,9 @@ class DistillationConfig(Settings):
             k has the expert act at every k-th step; or, after a first round of the expert's, the
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
             of the steps.
+        overdue_weight: How often a sample counts of a robot that waits: its machine's state has
+            lasted two control steps longer than commanded; by default 1, the paper's, and 4 for
+            machines of more than two states.
         speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's;
             by default each is drawn over the gait's range, and another after 10 s. The paper's are
             0, 0.25, 0.5 and 0.75.
@@ -77,6 +80,7 @@ class DistillationConfig(Settings):
     alone_steps: Steps = 250
     episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
+    overdue_weight: Count | None = None
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] | None = None
     worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = field(
         default_factory=DomainRandomization
@@ -104,18 +108,26 @@ class DistillationConfig(Settings):
                 )
 
     def for_gait(self, gait: Gait) -> "DistillationConfig":
-        """Returns the settings with a gait's episodes alone, unless they are set.
+        """Returns the settings with a gait's episodes alone, and the weight of samples of robots
+        that wait, unless they are set.
 
         Raises:
-            InputError: if a speed is further backward than the gait walks.
+            InputError: if a speed is further backward than the gait walks, or a student cannot be
+                fitted to the gait.
         """
+        for kind in dict.fromkeys((*self.students, *map(self.collector_of, self.students))):
+            self.settings.of(kind).refuse_for(gait)
         if self.speeds is not None and min(self.speeds) < -gait.max_speed:
             raise InputError(
                 f"distillation: speeds is {self.speeds}; name speeds of the {gait.name} from "
                 f"{-gait.max_speed} to {gait.max_speed} m/s"
             )
         usual = 16 if gait.n_states <= 2 else 48
-        return replace(self, alone_episodes=self.alone_episodes or usual)
+        return replace(
+            self,
+            alone_episodes=self.alone_episodes or usual,
+            overdue_weight=self.overdue_weight or usual_overdue_weight(gait),
+        )
 
     def collector_of(self, kind: str) -> str:
         """Returns the kind of student that collects a student's samples: mostly itself."""
@@ -123,9 +135,32 @@ class DistillationConfig(Settings):
             return kind
         return self.collector or STUDENTS[kind].collector or kind
 
+    def refuse_idle(self) -> None:
+        """Refuses a number of episodes alone where every student's samples have one of their own.
+
+        Raises:
+            InputError: if it counts for nothing.
+        """
+        collectors = dict.fromkeys(map(self.collector_of, self.students))
+        own = [kind for kind in collectors if self.settings.of(kind).alone_episodes is not None]
+        if self.alone_episodes is not None and len(own) == len(collectors):
+            options = (f"--{kind.replace('_', '-')}.alone-episodes" for kind in own)
+            raise InputError(
+                f"--alone-episodes: counts for nothing, since samples are collected by "
+                f"{', '.join(own)}, with a number of their own; give {', '.join(options)} instead"
+            )
+
     def _least_episodes(self, kind: str) -> int:
         alone = self.settings.of(self.collector_of(kind)).alone_episodes or self.alone_episodes
         return self.episodes + self.alone_rounds * (alone or HELD_OUT_EVERY)
+
+
+def usual_overdue_weight(gait: Gait) -> int:
+    """Returns how often a sample of a robot that waits counts, unless it is set.
+
+    Machines of more than two states wait for one foot at a time, and robots more often.
+    """
+    return 1 if gait.n_states <= 2 else 4
 
 
 @dataclass(frozen=True)

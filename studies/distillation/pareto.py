@@ -28,10 +28,11 @@ from glassgait.studies.common.rollouts import SELECTION_SEEDS
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, default_folder, digest_of_files
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.sweep import gaits_named
+from glassgait.studies.distillation.config import usual_overdue_weight
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.dataset import (
     Dataset,
-    load_rounds,
+    load_rounds_of,
     r2_scores,
     round_paths,
 )
@@ -187,33 +188,54 @@ class Pareto(RolloutExperiment):
 
     @property
     def digest_of_rounds(self) -> str:
-        """A digest of the samples."""
+        """A digest of the samples, asked for before the run's folder is made.
+
+        Raises:
+            InputError: if there are none, or they are of another gait or expert.
+        """
+        if self.samples is None and not any(self.rounds.glob("round_*")):
+            raise InputError(
+                f"{self.rounds}: holds no samples; collect them with 'glassgait distill --gait "
+                f"{self.gait[0]}{self.expert.robot.option} --students {SPARSE_FORMULA.name}', or "
+                "name others with --samples"
+            )
+        _ = self.data
         return digest_of_files(round_paths(self.rounds))
 
     @cached_property
     def data(self) -> Dataset:
         """The samples, those that are held out with them."""
-        return load_rounds(self.rounds)
+        return load_rounds_of(self.rounds, self.gaits[0], self.expert)
 
     @cached_property
     def formulas(self) -> dict[str, FormulaPolicy]:
         """Formulas of every size, by family and terms; those that the folder lacks are made.
 
         Raises:
-            InputError: if no family has as few terms as are asked for.
+            InputError: if no family has as many terms as are asked for.
         """
-        samples = self.data.subset(~self.data.held_out).training_set(self.gaits[0], self.expert)
+        gait = self.gaits[0]
+        samples = self.data.subset(~self.data.held_out).training_set(gait, self.expert)
         names, robot = samples.observation_names, samples.robot
-        ranges = readings_of(self.gaits[0], robot, names, samples.observations)
+        ranges = readings_of(gait, robot, names, samples.observations)
+        samples = samples.with_overdue(usual_overdue_weight(gait))
         folder, suffix, found = self.folder / "formulas", FormulaPolicy.suffix, {}
-        for name, family in families_of(samples, refined=self.refined_updates > 0).items():
+        families = families_of(samples, refined=self.refined_updates > 0)
+        for name, family in families.items():
             say(f"making formulas: {family.title}")
             sizes = sizes_of(family, samples, self.terms)
+            others = [str(n_terms) for n_terms in self.terms if n_terms not in sizes]
+            if others:
+                own = family.possible_terms(samples)
+                say(
+                    f"left out: {', '.join(others)} terms, since these formulas of the {gait.name} "
+                    f"have {own.start} to {own.stop - 1} in all"
+                )
             paths = {n_terms: folder / f"{name}_{n_terms}{suffix}" for n_terms in sizes}
             lacking = [n_terms for n_terms, path in paths.items() if not path.exists()]
             fitted = condense(samples, lacking, mirrored=family.mirrored) if lacking else {}
             for n_terms, page in fitted.items():
-                start = page.with_readings(ranges).with_machine(self.gaits[0])
+                start = page.with_readings(ranges).with_machine(gait)
                 made = self._refined(start, paths[n_terms]) if family.refined else start
                 made = made.with_estimator_of(self.expert)
                 made.with_joint_law(self.expert.joint_law).save(paths[n_terms])
@@ -222,9 +244,11 @@ class Pareto(RolloutExperiment):
                 assert isinstance(student, FormulaPolicy)
                 found[f"{name} {n_terms}"] = student
         if not found:
+            possible = [family.possible_terms(samples) for family in families.values()]
+            least, most = min(own.start for own in possible), max(own.stop for own in possible) - 1
             raise InputError(
-                f"{self.title}: terms is {self.terms}; the {self.gaits[0].name} has more formulas "
-                "than that, with a term each at least, so ask for more"
+                f"{self.title}: terms is {self.terms}; the formulas of the {gait.name} have "
+                f"{least} to {most} terms in all, so ask for as many"
             )
         return found
 

@@ -261,7 +261,9 @@ class _Distillation:
             student = student.with_readings(ranges).with_machine(self.gait)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
-            write_atomically(self.folder / f"{kind}.tex", to_latex(student.to_file()))
+            write_atomically(
+                self.folder / f"{kind}.tex", to_latex(student.to_file(), student.robot)
+            )
         scores = r2_scores(student, held_out)
 
         # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are
@@ -308,8 +310,10 @@ class _Distillation:
         return data.training_set(self.gait, self.expert)
 
     def _fit(self, kind: str, settings: StudentSettings, samples: TrainingSet) -> Policy:
-        seed, n_jobs = self.config.seed, self.config.n_workers
-        return STUDENTS[kind].fit(samples, settings, seed=seed, n_jobs=n_jobs)
+        config = self.config
+        assert config.overdue_weight is not None  # `for_gait` has set it.
+        counted = samples.with_overdue(config.overdue_weight)
+        return STUDENTS[kind].fit(counted, settings, seed=config.seed, n_jobs=config.n_workers)
 
 
 def _make(

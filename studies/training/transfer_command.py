@@ -1,5 +1,6 @@
 """`glassgait transfer`: writes policies of one robot anew for another, which learns nothing."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -9,7 +10,7 @@ from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Settings
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
@@ -56,25 +57,13 @@ class Transfer(Settings):
         # Refused before any is written.
         for folder in folders.values():
             refuse_run(folder)
-        for name, policies in found.items():
-            self._write(name, policies, folders[name])
+        written = {name: _written_for(robot, policies) for name, policies in found.items()}
+        for name, (named, inputs) in written.items():
+            self._write(name, named, inputs, folders[name])
 
-    def _write(self, gait: str, policies: Policies, folder: Path) -> None:
-        robot = load_robot(self.robot)
-        students = {
-            kind: student.for_robot(robot)
-            for kind, student in policies.students.items()
-            if isinstance(student, FormulaPolicy) and student.observes_by is None
-        }
-        named: dict[str, Policy] = {**students}
-        inputs = policies.inputs()
-        try:
-            named = {gait: policies.expert.for_robot(robot), **named}
-            inputs["expert"] = named[gait].digest()
-        except InputError as error:
-            if not students:
-                raise
-            say(f"the expert is left out: {error}")
+    def _write(
+        self, gait: str, named: Mapping[str, Policy], inputs: Mapping[str, str], folder: Path
+    ) -> None:
         with open_run(
             folder,
             study=self.title,
@@ -86,7 +75,30 @@ class Transfer(Settings):
                 policy.save(folder / f"{name}{policy.suffix}")
         console.print(
             f"{', '.join(EXPERT if name == gait else name for name in named)} of "
-            f"{robot.full_name} written to {folder}; see whether it walks by 'glassgait evaluate "
-            f"worlds --robot {self.robot} --gait {gait} --source {folder}'",
+            f"{load_robot(self.robot).full_name} written to {folder}; see whether it walks by "
+            f"'glassgait evaluate worlds --robot {self.robot} --gait {gait} --source {folder}'",
             soft_wrap=True,
         )
+
+
+def _written_for(robot: Robot, policies: Policies) -> tuple[dict[str, Policy], dict[str, str]]:
+    """Returns policies of a gait as a robot's, by their files' names, and digests of their inputs.
+
+    Raises:
+        InputError: if none can be written for the robot, or there are none.
+    """
+    students = {
+        kind: student.for_robot(robot)
+        for kind, student in policies.students.items()
+        if isinstance(student, FormulaPolicy) and student.observes_by is None
+    }
+    gait, inputs = policies.gait.name, policies.inputs()
+    named: dict[str, Policy] = {**students}
+    try:
+        named = {gait: policies.expert.for_robot(robot), **named}
+        inputs["expert"] = named[gait].digest()
+    except InputError as error:
+        if not students:
+            raise
+        say(f"the expert is left out: {error}")
+    return named, inputs

@@ -13,6 +13,7 @@ from glassgait.models.task.observation import (
     entry_of,
     indices_of,
     machine_state_entries,
+    overdue,
     proprioception,
 )
 
@@ -79,16 +80,17 @@ def test_noise_is_in_radians_before_the_scales():
 def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one():
     values = proprioception(
         A1,
-        command=np.zeros((4, 2)),
-        joint_position=np.zeros((4, 12)),
-        joint_velocity=np.zeros((4, 12)),
-        previous_action=np.zeros((4, 12)),
-        rm_state=np.tile([1.0, 0.0], (4, 1)),
-        rm_iterations=np.array([0, 9, 11, 100]),
-        commanded_dwell=np.array([7, 7, 9, 9]),
+        command=np.zeros((5, 2)),
+        joint_position=np.zeros((5, 12)),
+        joint_velocity=np.zeros((5, 12)),
+        previous_action=np.zeros((5, 12)),
+        rm_state=np.tile([1.0, 0.0], (5, 1)),
+        rm_iterations=np.array([0, 8, 9, 11, 100]),
+        commanded_dwell=np.array([7, 7, 7, 9, 9]),
     )
     held = values[:, ObservationLayout(2).names.index("RM Iters")]
-    np.testing.assert_allclose(held, [0.0, 0.9, 1.1, 1.1])
+    np.testing.assert_allclose(held, [0.0, 0.8, 0.9, 1.1, 1.1])
+    assert overdue(values, ObservationLayout(2).names).tolist() == [False, False, True, True, True]
 
 
 def test_body_state_is_scaled_velocity_and_foot_heights(standing):

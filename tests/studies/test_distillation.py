@@ -14,6 +14,7 @@ from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout, overdue
 from glassgait.studies.common.selection import simplest_of_the_best
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
@@ -194,11 +195,24 @@ def test_rounds_follow_the_paper(finished):
         assert set(values) == {speed}
 
 
-def test_starts_that_count_more_are_imitated_better(expert, tmp_path):
+def starts(data):
+    return data.starts
+
+
+def waits(data):
+    return overdue(data.observations, ObservationLayout(GAIT.n_states, imu=True).names)
+
+
+@pytest.mark.parametrize(
+    ("counted", "start_weight", "overdue_weight"), [(starts, 50, 1), (waits, 1, 50)]
+)
+def test_samples_that_count_more_are_imitated_better(
+    counted, start_weight, overdue_weight, expert, tmp_path
+):
     scores = []
-    for weight in (1, 50):
+    for weights in ((1, 1), (start_weight, overdue_weight)):
         symbolic = SymbolicSettings(
-            **SMALL_FORMULAS | {"shapes": ((30, 30),), "start_weights": (weight,)}
+            **SMALL_FORMULAS | {"shapes": ((30, 30),), "start_weights": weights[:1]}
         )
         config = replace(
             TINY,
@@ -206,13 +220,14 @@ def test_starts_that_count_more_are_imitated_better(expert, tmp_path):
             # The expert acts alone, so that the samples are the same.
             curriculum="expert_only",
             alone_rounds=0,
+            overdue_weight=weights[1],
             settings=StudentsSettings(symbolic=symbolic),
         )
-        folder = tmp_path / str(weight)
+        folder = tmp_path / "_".join(map(str, weights))
         distill(config, GAIT, expert, folder, lambda line: None)
         data = load_rounds(folder / "symbolic")
-        starts = data.subset(data.starts & ~data.held_out)
-        scores.append(r2_scores(load_policy(folder / "symbolic.formulas"), starts).mean())
+        own = data.subset(counted(data) & ~data.held_out)
+        scores.append(r2_scores(load_policy(folder / "symbolic.formulas"), own).mean())
     assert scores[1] > scores[0]
 
 

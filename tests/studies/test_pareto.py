@@ -5,9 +5,11 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.policies.library import load_expert
+from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation import pareto
@@ -106,7 +108,18 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
     monkeypatch.setattr(study, "SEEN_STEPS", 10)
     monkeypatch.setattr(pareto, "RefinementConfig", partial(RefinementConfig, **few))
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
-    small = ["--terms", "20", "30", "--refined-updates", "1", "--n-robots", "2", "--n-steps", "20"]
+    small = [
+        "--terms",
+        "20",
+        "30",
+        "9999",
+        "--refined-updates",
+        "1",
+        "--n-robots",
+        "2",
+        "--n-steps",
+        "20",
+    ]
     output = tmp_path / "pareto"
     where = ["--samples", str(tmp_path / "rounds"), "--output", str(output)]
     main(["distill", "--sweep", "terms", *small, *where])
@@ -122,7 +135,9 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
     assert {path.stem for path in (output / "formulas").iterdir()} == {
         "mirrored_20", "mirrored_30", "unmirrored_30", "refined_20", "refined_30",
     }  # fmt: skip
-    assert "written to" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "left out: 9999 terms" in said and "left out: 20, 9999 terms" in said
+    assert "written to" in said
 
 
 def test_missing_samples_are_refused(tmp_path, refused):
@@ -131,10 +146,40 @@ def test_missing_samples_are_refused(tmp_path, refused):
     )
 
 
-def test_fewer_terms_than_formulas_are_refused(samples, tmp_path, refused):
+def test_of_a_runs_folder_that_of_a_student_is_named(samples, tmp_path, refused):
+    samples.save(tmp_path / "gbm" / "round_1.safetensors")
+    message = refused(["distill", "--sweep", "terms", "--samples", str(tmp_path)])
+    assert str(tmp_path / "gbm") in message
+    assert "--students" not in message
+
+
+@pytest.mark.parametrize("key", ["gait", "expert"])
+def test_samples_of_another_gait_or_expert_are_refused(key, samples, tmp_path, refused):
+    samples.save(tmp_path / "run" / "gbm" / "round_1.safetensors")
+    inputs = {"gait": load_gait("trot").digest(), "expert": load_expert("trot").digest()}
+    record = {"study": "distill", "settings": {}, "inputs": inputs | {key: "0"}, "software": {}}
+    (tmp_path / "run" / "config.yaml").write_text(yaml.safe_dump(record))
+    output = tmp_path / "out"
+    where = ["--samples", str(tmp_path / "run" / "gbm"), "--output", str(output)]
+    assert f"inputs.{key}" in refused(["distill", "--sweep", "terms", *where])
+    assert not output.exists()
+
+
+def test_samples_of_other_observations_are_refused(samples, tmp_path, refused):
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
-    few = ["--terms", "5", "--samples", str(tmp_path / "rounds"), "--output", str(tmp_path / "out")]
-    assert "terms is (5,)" in refused(["distill", "--sweep", "terms", *few])
+    output = tmp_path / "out"
+    where = ["--samples", str(tmp_path / "rounds"), "--output", str(output)]
+    assert "57 observations" in refused(["distill", "--sweep", "terms", "--gait", "walk", *where])
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("terms", ["5", "9999"])
+def test_numbers_of_terms_that_no_formulas_have_are_refused(terms, samples, tmp_path, refused):
+    samples.save(tmp_path / "rounds" / "round_1.safetensors")
+    where = ["--samples", str(tmp_path / "rounds"), "--output", str(tmp_path / "out")]
+    message = refused(["distill", "--sweep", "terms", "--terms", terms, *where])
+    assert f"terms is ({terms},)" in message and "12 to 984" in message
+    assert not (tmp_path / "out").exists()
 
 
 def test_samples_are_of_one_gait(tmp_path, refused):

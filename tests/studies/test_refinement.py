@@ -295,6 +295,19 @@ def test_what_cannot_be_refined_is_refused(arguments, message, refused, tmp_path
     assert not folder.exists()
 
 
+@pytest.mark.parametrize(
+    ("formula", "message"), [("0.3/(v.x - v.x)", "not finite"), ("1e30", "1e+30")]
+)
+def test_formulas_that_cannot_learn_are_refused(formula, message, refused, tmp_path):
+    path, folder = tmp_path / "own.formulas", tmp_path / "run"
+    text, changed = re.subn(r"(?m)^FL_hip = .*$", f"FL_hip = {formula}", PAGE.to_text(), count=1)
+    assert changed == 1
+    path.write_text(text)
+    said = refused(["refine", *SMALL, "--policy", str(path), "--output", str(folder)])
+    assert "own.formulas: " in said and "FL_hip" in said and message in said
+    assert not folder.exists()
+
+
 def test_numbers_within_a_function_are_not_dropped(refused, tmp_path):
     path = tmp_path / "own.formulas"
     text, changed = re.subn(r"([0-9]\*)e\.v\b", r"\1tanh(2*e.v)", PAGE.to_text(), count=1)

@@ -147,3 +147,19 @@ def test_the_collectors_own_episodes_count():
     with pytest.raises(InputError, match="linear"):
         DistillationConfig(**few, settings=settings)
     DistillationConfig(**few, settings=settings, collector="symbolic")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "own"),
+    [
+        (["--students", "sparse_formula", "symbolic"], "--sparse-formula.alone-episodes"),
+        (["--students", "gbm", "--collector", "symbolic"], "--symbolic.alone-episodes"),
+    ],
+)
+def test_episodes_alone_that_count_for_nothing_are_refused(arguments, own, tmp_path, refused):
+    message = refused(["distill", *arguments, "--alone-episodes", "5", "--output", str(tmp_path)])
+    assert "--alone-episodes: counts for nothing" in message and own in message
+
+
+def test_episodes_alone_that_one_student_takes_are_allowed():
+    DistillationConfig(students=("gbm", "symbolic"), alone_episodes=5).refuse_idle()

@@ -125,6 +125,21 @@ def test_numbers_of_terms_that_no_page_has_are_refused(generator):
             condense(samples, [n_terms], mirrored=mirrored)
 
 
+@pytest.mark.parametrize(("gait", "n_terms"), [("trot", 493), ("walk", 23)])
+def test_they_are_refused_before_samples_are_collected(gait, n_terms, tmp_path, refused):
+    asked = [
+        "--gait",
+        gait,
+        "--sparse-formula.terms",
+        str(n_terms),
+        "--output",
+        str(tmp_path / "a"),
+    ]
+    message = refused(["distill", "--students", "sparse_formula", *asked])
+    assert f"terms is {n_terms};" in message and gait in message
+    assert not (tmp_path / "a").exists()
+
+
 def test_every_size_is_a_stage_of_one_growth(generator):
     samples = samples_of_a_sparse_law(generator, MIRRORS["trot"])
     pages = condense(samples, [12, 20, 40], mirrored=True)

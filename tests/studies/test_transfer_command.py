@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
-from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.robots.library import load_robot
 from glassgait.studies.cli import main
 
@@ -55,3 +55,21 @@ def test_formulas_go_where_the_expert_cannot(tmp_path, monkeypatch, own_robot, c
     assert "left out" in "".join(capsys.readouterr())
     assert Path("mine/sparse_formula.formulas").exists()
     assert not Path("mine/trot.safetensors").exists()
+
+
+def test_writes_nothing_where_one_gait_has_no_policies(tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    several = ["--gait", "trot", "half_bound", "--output", "mine"]
+    message = refused(["transfer", "--robot", "a1", "--of", "go2", *several])
+    assert "holds no policies of the half_bound" in message and "for this gait alone" in message
+    assert not Path("mine").exists()
+
+
+def test_says_that_a_run_is_of_another_gait(tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    expert = load_expert("trot")
+    expert.save(Path("run/expert.safetensors"))
+    load_student("trot", "sparse_formula").save(Path("run/sparse_formula.formulas"))
+    Path("run/config.yaml").write_text(yaml.safe_dump({"inputs": {"expert": expert.digest()}}))
+    message = refused(["transfer", "--robot", "go2", "--gait", "walk", "--source", "run"])
+    assert "is an expert for gait 'trot', not 'walk'" in message

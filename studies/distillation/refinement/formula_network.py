@@ -5,12 +5,15 @@ import torch
 from torch import nn
 
 from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.numbers import numbers_of, with_numbers, without_zeros
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.readings import Readings
+from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import reflect_observation
 from glassgait.studies.distillation.refinement.formula_values import Sensed, Written, values_of
@@ -48,12 +51,14 @@ class FormulaNetwork(nn.Module):
     _least: torch.Tensor
     _greatest: torch.Tensor
 
-    def __init__(self, policy: FormulaPolicy) -> None:
+    def __init__(self, policy: FormulaPolicy, name: str = "formulas") -> None:
         """
         Args:
             policy: The policy to begin with.
+            name: What a sentence about it calls it, such as its file's name.
         """
         super().__init__()
+        self._name = name
         self._file, self._robot = policy.to_file(), policy.robot
         self._written = self._file.written()
         numbers = [value for formula in self._written.values() for value in numbers_of(formula)]
@@ -67,8 +72,8 @@ class FormulaNetwork(nn.Module):
         self.register_buffer("_offset", _tensor(units.offset), persistent=False)
         self.register_buffer("_stance", _tensor(policy.robot.default_stance), persistent=False)
         ends = policy.readings or Readings(())
-        for name, values in zip(("_least", "_greatest"), ends.ends(names), strict=True):
-            self.register_buffer(name, _tensor(values), persistent=False)
+        for end, values in zip(("_least", "_greatest"), ends.ends(names), strict=True):
+            self.register_buffer(end, _tensor(values), persistent=False)
         self._states = indices_of("machine state", names)
         self._mirror: FormulaMirror | None = None
         if self._file.mirror is not None:
@@ -80,8 +85,14 @@ class FormulaNetwork(nn.Module):
         self._spans, self._values = held.spans, values_of(held)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Maps observations (n, n_observations) to actions (n, 12)."""
-        targets = self._values.targets(self._sensed(observation), self._numbers())
+        """Maps observations (n, n_observations) to actions (n, 12).
+
+        Raises:
+            InputError: if one is not finite: PPO would go on, and learn nothing but that.
+        """
+        sensed = self._sensed(observation)
+        targets = self._values.targets(sensed, self._numbers())
+        self._refuse_not_finite("the formula", targets, sensed)
         return (targets - self._stance) / self._robot.action_scale
 
     @property
@@ -94,8 +105,13 @@ class FormulaNetwork(nn.Module):
 
         Args:
             observations: Samples (m, n_observations).
+
+        Raises:
+            InputError: if what a number does is not finite there.
         """
-        slopes = self._values.slopes(self._sensed(observations), self._numbers().detach())
+        sensed = self._sensed(observations)
+        slopes = self._values.slopes(sensed, self._numbers().detach())
+        self._refuse_not_finite("a slope of the formula", slopes, sensed)
         blocks = []
         for span in self._spans.values():
             own = slopes[:, :, span].flatten(0, 1).double()
@@ -148,6 +164,19 @@ class FormulaNetwork(nn.Module):
 
     def _numbers(self) -> torch.Tensor:
         return self.kept * (self.start + self.unit @ self.changes)
+
+    def _refuse_not_finite(self, what: str, values: torch.Tensor, sensed: Sensed) -> None:
+        """Refuses what joints' formulas come to (n, 12, ...), if it is not finite."""
+        found = first_not_finite(values.detach().numpy())
+        if found is not None:
+            where = ""
+            if self._file.n_states is not None:
+                where = f" in state {int(sensed.state[found[0]])}"
+            raise InputError(
+                f"{self._name}: {what} of {quadruped.JOINTS[found[1]]}{where} is not finite where "
+                "a robot walks; change it, as where it divides by what may be 0, or name another "
+                "policy with --policy"
+            )
 
     def _sensed(self, observation: torch.Tensor) -> Sensed:
         """Returns what formulas read of observations (n, n_observations)."""

@@ -18,6 +18,7 @@ from glassgait.diagrams.domain_randomization import (
     TerrainRanges,
 )
 from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
@@ -173,7 +174,7 @@ class RefinementRun(LearningRun):
 
         Raises:
             InputError: if there is nothing to resume, or it is damaged, or the policy was made for
-                another machine than the gait's.
+                another machine than the gait's, or is not finite where robots walk.
         """
         policy.refuse_other_machine(gait)
         self._refinement = config
@@ -198,8 +199,16 @@ class RefinementRun(LearningRun):
         return row
 
     def policy(self) -> FormulaPolicy:
-        """Returns the policy as it is now, with the digits that its file shows."""
-        return short_numbers(self._network.to_policy()).with_estimator_of(self._expert)
+        """Returns the policy as it is now, with the digits that its file shows.
+
+        Raises:
+            InputError: if it holds what formulas may not, such as a number that is too great.
+        """
+        try:
+            policy = short_numbers(self._network.to_policy())
+        except InputError as error:
+            raise InputError(f"{self._file_name}: {error}") from error
+        return policy.with_estimator_of(self._expert)
 
     def write_result(self) -> None:
         """Writes formulas, record and curve: the formulas as they are now, and in the end the best.
@@ -228,6 +237,10 @@ class RefinementRun(LearningRun):
         write_table(ranked.assign(chosen=ranked["candidate"] == chosen), self.folder / "candidates")
         return candidates[chosen]
 
+    @property
+    def _file_name(self) -> str:
+        return f"{self._name}{self._policy.suffix}"
+
     def _candidate(self, update: int) -> Path:
         return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
 
@@ -242,7 +255,9 @@ class RefinementRun(LearningRun):
             generator,
             observes_imu=self._policy.layout.imu,
         )
-        self._network = FormulaNetwork(self._policy)
+        self._network = FormulaNetwork(self._policy, self._file_name)
+        # Written at once, what cannot be written is refused before the run has made anything.
+        self.policy()
         self._network.balance(self._visited(environment, generator))
         observations = environment.observe()
         actor = act_by(gaussian_actor(self.config.ppo, observations), self._network)

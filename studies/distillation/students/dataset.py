@@ -14,6 +14,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.symmetry import mirrored_states
+from glassgait.studies.common.run_folder import CONFIG_NAME, read_inputs
 from glassgait.studies.distillation.students.student import TrainingSet
 
 START_STEPS = 5
@@ -113,9 +114,10 @@ def round_paths(folder: Path) -> list[Path]:
     """
     paths = sorted(folder.glob("round_*.safetensors"))
     if not paths:
+        students = sorted({path.parent for path in folder.glob("*/round_*.safetensors")})
+        such = f", such as {students[0]}" if students else ""
         raise InputError(
-            f"{folder}: holds no samples; collect them with 'glassgait distill --students "
-            f"{folder.name}'"
+            f"{folder}: holds no samples; name the folder of a student in a run of distill{such}"
         )
     return paths
 
@@ -127,12 +129,47 @@ def load_rounds(folder: Path) -> Dataset:
         folder: Their folder in a distillation's.
 
     Raises:
-        InputError: if it holds none, or one is damaged.
+        InputError: if it holds none, or one is damaged, or of other observations than the first.
     """
     paths = round_paths(folder)
     data = Dataset.load(paths[0])
     for path in paths[1:]:
-        data = data.union(Dataset.load(path))
+        own = Dataset.load(path)
+        if own.observations.shape[1:] != data.observations.shape[1:]:
+            raise InputError(
+                f"{path}: its samples have other observations than those of {paths[0]}; name a "
+                "folder that one run collected"
+            )
+        data = data.union(own)
+    return data
+
+
+def load_rounds_of(folder: Path, gait: Gait, expert: Policy) -> Dataset:
+    """Reads the samples in a folder, which have to be of a gait and an expert.
+
+    Raises:
+        InputError: as `load_rounds`, and if the run that collected them says that they are of
+            another gait or expert, or they are of other observations.
+    """
+    record = folder.parent / CONFIG_NAME
+    made_of = read_inputs(folder.parent, "distill") if record.exists() else {}
+    remedy = "name other samples, or the gait of these with --gait and their run with --source"
+    # The gait first: of another one the expert is another too.
+    for key, own, title in (
+        ("gait", gait.digest(), f"the {gait.name} as it is now"),
+        ("expert", expert.digest(), f"this expert of the {gait.name} of the {expert.robot.name}"),
+    ):
+        if made_of.get(key, own) != own:
+            raise InputError(
+                f"{folder}: its samples are not of {title} (key 'inputs.{key}' of {record}); "
+                f"{remedy}"
+            )
+    data, n_observations = load_rounds(folder), len(expert.observation_names)
+    if data.observations.shape[1:] != (n_observations,):
+        raise InputError(
+            f"{folder}: its samples are not of the {n_observations} observations of the "
+            f"{gait.name}'s expert; {remedy}"
+        )
     return data
 
 

@@ -14,12 +14,17 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import Place
+from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.distillation.students.formula_samples import (
     FormulaSamples,
     samples_by_state,
+    written_places,
 )
 from glassgait.studies.distillation.students.gated_sum import (
     PossibleTerms,
@@ -56,6 +61,16 @@ def possible_terms(n_formulas: int) -> range:
     return range(n_formulas, n_formulas * (1 + LONGEST) + 1)
 
 
+def _refuse_terms(n_terms: int, gait: str, n_formulas: int) -> None:
+    possible = possible_terms(n_formulas)
+    if n_terms not in possible:
+        raise InputError(
+            f"distillation: sparse_formula: terms is {n_terms}; the {gait} has {n_formulas} "
+            f"formulas of 1 to {1 + LONGEST} terms, so ask for {possible.start} to "
+            f"{possible.stop - 1}"
+        )
+
+
 def condense(
     samples: TrainingSet, sizes: Sequence[int], *, mirrored: bool
 ) -> dict[int, FormulaPolicy]:
@@ -79,13 +94,8 @@ def condense(
     mirror = samples.mirror if mirrored else None
     fit = FormulaFit(samples.robot, samples.observation_names, gates)
     parts = samples_by_state(samples, fit.vocabulary, mirror)
-    possible = possible_terms(sum(len(part.places) for part in parts))
     for n_terms in sizes:
-        if n_terms not in possible:
-            raise InputError(
-                f"terms is {n_terms}; the {samples.gait} has {possible.start} formulas of 1 to "
-                f"{1 + LONGEST} terms, so ask for {possible.start} to {possible.stop - 1}"
-            )
+        _refuse_terms(n_terms, samples.gait, sum(len(part.places) for part in parts))
     grown = [_grow(part, fit) for part in parts]
     errors = [own.errors for growths in grown for own in growths]
     counts = {n_terms: iter(allot(errors, n_terms)) for n_terms in sizes}
@@ -182,6 +192,12 @@ class SparseFormulaSettings(StudentSettings):
     terms: Annotated[Count, Ge(12)] = 100
     mirrored: bool = True
     alone_episodes: Count = 13  # type: ignore[assignment]
+
+    def refuse_for(self, gait: Gait) -> None:
+        """Refuses fewer terms than a gait's formulas, or more than they may have."""
+        vocabulary = Vocabulary(ObservationLayout(gait.n_states).names)
+        mirror = mirrored_states(gait) if self.mirrored else None
+        _refuse_terms(self.terms, gait.name, len(written_places(vocabulary, mirror)))
 
 
 def _fit(

@@ -16,7 +16,8 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
-from glassgait.models.task.observation import machine_state_entries
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import machine_state_entries, overdue
 from glassgait.studies.common.parallel.loop import run_parallel
 
 ITSELF = "itself"
@@ -51,6 +52,13 @@ class StudentSettings(Settings):
     """
 
     alone_episodes: ClassVar[int | None] = None
+
+    def refuse_for(self, gait: Gait) -> None:
+        """Refuses what cannot be fitted to a gait, before any of its samples is collected.
+
+        Raises:
+            InputError: if it cannot.
+        """
 
     def for_rounds(self) -> Self:
         """Returns the settings of the students that collect samples: small models, soon made."""
@@ -92,6 +100,11 @@ class TrainingSet:
             actions=self.actions[index],
             starts=self.starts[index],
         )
+
+    def with_overdue(self, weight: int) -> "TrainingSet":
+        """Returns the samples, those of robots that wait for a foot as many times as it says."""
+        waits = overdue(self.observations, self.observation_names)
+        return self.subset(np.repeat(np.arange(len(waits)), np.where(waits, weight, 1)))
 
     def by_state(self) -> list[NDArray[np.bool_]]:
         """Returns which samples (m,) are in each state of the machine.
