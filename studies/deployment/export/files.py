@@ -39,6 +39,10 @@ FLAGS = ("-O2", "-Wall", "-Wextra", "-Werror", "-std=c99", "-ffp-contract=off")
 """How a controller's file is compiled, without a warning."""
 
 
+SAME = 1e-6
+"""Difference of a joint target (rad) up to which C in double precision is the same controller."""
+
+
 @dataclass(frozen=True)
 class Deployment:
     """What is exported.
@@ -186,10 +190,18 @@ class CFile(Exported):
             "random": drawn if day is None else with_requested_modes(drawn, seed),
         }
         python = PythonController(gait, controller, day)
-        rows = [
-            {"sensors": name, **asdict(compare_controllers(python, compiled, own))}
-            for name, own in sequences.items()
-        ]
+        found = {
+            name: compare_controllers(python, compiled, own) for name, own in sequences.items()
+        }
+        for own in found.values():
+            if self.real == "double" and (own.target > SAME or own.machine):
+                raise InputError(
+                    f"export: a joint target of C differs from Python's by {own.target:.2g} rad, "
+                    f"and the machine at {own.machine} of {own.steps} steps; where the policy asks "
+                    "for what is not finite, or beyond 1e6, C stands still: give formulas that "
+                    "do not"
+                )
+        rows = [{"sensors": name, **asdict(own)} for name, own in found.items()]
         return pd.DataFrame(rows).dropna(axis="columns")
 
 
