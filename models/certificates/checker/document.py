@@ -217,11 +217,6 @@ class Document:
         """Reads the policy's file, and refuses another one than the certificate's."""
         own, name = self.content["policy"], self.content["gait"]
         path = policy or self.shipped_policy(str(own["file"]))
-        if policy is None and not path.is_file():
-            raise RefusedError(
-                f"no policy {own['file']!r} of the {name} ships with the project; name its file by "
-                "--policy"
-            )
         data = read_bytes(path)
         refuse_unless(
             hashlib.sha256(data).hexdigest() == own["sha256"],
@@ -248,13 +243,14 @@ class Document:
         refuse_unless(own, "the policy's mirror is not that of the gait's machine")
 
     def shipped_policy(self, file: str) -> Path:
+        plain = self.plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file)
+        is_expert = self.content["policy"]["kind"] == "neural"
+        place = ("experts", file) if is_expert else ("students", f"{self.content['gait']}/{file}")
+        ships = plain and self.shipped_in(*place).is_file()
         refuse_unless(
-            self.plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
-            f"no policy {file!r} ships with the project; name its file by --policy",
+            ships, f"no policy {file!r} ships with the project; name its file by --policy"
         )
-        if self.content["policy"]["kind"] == "neural":
-            return self.shipped_in("experts", file)
-        return self.shipped_in("students", f"{self.content['gait']}/{file}")
+        return self.shipped_in(*place)
 
     def check_boxes(self) -> None:
         boxes = self.content["boxes"]
