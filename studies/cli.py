@@ -24,6 +24,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "make controllers": {
         "train": ("training.command:Train", "Train a neural expert by PPO."),
+        "simplify": (
+            "distillation.simplification.command:Simplify",
+            "Let an expert learn on while it is pulled to a page of formulas, fitted anew as it "
+            "changes.",
+        ),
         "distill": (
             "distillation.command:Distill",
             "Distil an expert into glass-box students by DAgger with alternation.",

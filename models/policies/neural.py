@@ -46,6 +46,11 @@ class Network:
         """The layers themselves."""
         return self
 
+    @property
+    def hidden_layers(self) -> tuple[int, ...]:
+        """Their widths, but for the last."""
+        return tuple(len(bias) for bias in self.biases[:-1])
+
     def __call__(self, x: Array) -> Array:
         """Maps inputs (..., n_in) to outputs (..., n_out), in double precision."""
         last = len(self.weights) - 1

@@ -34,6 +34,7 @@ def save_checkpoint(
         "update": progress.update,
         "seconds": progress.seconds,
         "curve": progress.curve,
+        "page": progress.page,
         "of": of,
         "environment": environment_values,
         "learner": learner_values,
@@ -67,6 +68,8 @@ def load_checkpoint(
     try:
         environment.restore(part("environment:"), header["environment"])
         learner.restore(part("learner:"), header["learner"])
-        return Progress(header["update"], header["seconds"], header["curve"])
+        return Progress(
+            header["update"], header["seconds"], header["curve"], header.get("page", "")
+        )
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(f"{path}: is damaged; train anew into another folder") from error

@@ -31,6 +31,11 @@ OBSERVATION_GROUPS = {
 """What the actor and the critic observe. The critic, which is not deployed, sees the truth."""
 
 
+def observed_by_actor(observations: TensorDict) -> torch.Tensor:
+    """Returns what the actor observes (n, n_observations), of observation groups (n, ...)."""
+    return torch.cat([observations[group] for group in OBSERVATION_GROUPS["actor"]], dim=1)
+
+
 class TrainingStep(NamedTuple):
     """One control step of all robots, after the resets.
 

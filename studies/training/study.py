@@ -32,7 +32,7 @@ class TrainingRun(LearningRun):
         imu = config.senses == "imu"
         layout = ObservationLayout(self.gait.n_states, imu=imu)
         self._mirrored_states = mirrored_states(self.gait) if config.mirrored else None
-        self._start = _load_start(config, layout, self._mirrored_states)
+        self._start = self._starts_as(layout)
         reflection = (
             None
             if self._mirrored_states is None
@@ -53,6 +53,10 @@ class TrainingRun(LearningRun):
         if reflection is not None:
             act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
         return environment, Learner(config, observations, actor, learned)
+
+    def _starts_as(self, layout: ObservationLayout) -> NeuralPolicy | None:
+        """Returns the expert that the actor begins as, if there is one."""
+        return _load_start(self.config, layout, self._mirrored_states)
 
     def _inputs(self) -> tuple[str, ...]:
         return () if self._start is None else (self._start.digest(),)
@@ -88,7 +92,7 @@ def _load_start(
             f"{len(layout.names)} of this run; start from an expert with the same senses, of a "
             "gait with as many states"
         )
-    widths = tuple(len(bias) for bias in start.actor.plain.biases[:-1])
+    widths = start.actor.plain.hidden_layers
     if widths != config.ppo.actor_layers:
         raise InputError(
             f"{path}: has layers of {widths}; train with --ppo.actor-layers "

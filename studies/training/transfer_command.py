@@ -26,8 +26,8 @@ class Transfer(Settings):
         robot: Name of the robot that is to act, or path of its robot.yaml.
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         of: Name of the robot whose policies are taken, or path of its robot.yaml.
-        source: Folder of a run of train, distill or refine to take them from, in place of those
-            that ship.
+        source: Folder of a run of train, simplify, distill or refine to take them from, in place
+            of those that ship.
         output: Folder of the run; runs/transfer/<robot>/<gait> by default. Of several gaits each
             has its folder <gait> in it.
     """

@@ -25,7 +25,6 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Count, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
@@ -34,10 +33,11 @@ from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_table
+from glassgait.studies.distillation.learning_on import learning_on
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.students.symbolic import short_numbers
-from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
-from glassgait.studies.training.environment import TrainingEnvironment
+from glassgait.studies.training.config import PpoConfig, TrainingConfig
+from glassgait.studies.training.environment import TrainingEnvironment, observed_by_actor
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import write_learned
@@ -58,8 +58,6 @@ MILD = DomainRandomization(
     randomization=replace(HARSH, push_speed=1.2, latency=(0.0, 0.015)),
 )
 """About half of what experts meet: few terms that learn in the harshest worlds forget home."""
-
-FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0, initial_hardship=1.0)
 
 
 @dataclass(frozen=True)
@@ -127,17 +125,15 @@ class RefinementConfig(Settings):
         Raises:
             InputError: if there are too few robots for an update, or for the worlds' groups.
         """
-        station = self.worlds.station.with_gains(load_robot(robot), law)
-        return TrainingConfig(
-            gait=gait,
+        return learning_on(
+            self.worlds,
             robot=robot,
+            law=law,
+            gait=gait,
             seed=self.seed,
             updates=self.updates,
             checkpoint_updates=self.candidate_updates,
             n_robots=self.n_robots,
-            worlds=replace(self.worlds, station=station),
-            limit_targets=law.limited,
-            curriculum=FULL_DEMANDS,
             ppo=self.ppo,
         )
 
@@ -192,7 +188,7 @@ class RefinementRun(LearningRun):
         if count < self._network.n_numbers:
             stored = self.learner.ppo.storage.observations.flatten(0, 1)
             index = torch.randperm(len(stored))[:N_BALANCED]
-            self._network.prune(count, _seen(stored[index]))
+            self._network.prune(count, observed_by_actor(stored[index]))
         row["terms"] = float(self._network.n_numbers)
         if self._refinement.is_candidate(self.progress.update, self._network.n_numbers):
             self.policy().save(self._candidate(self.progress.update))
@@ -269,20 +265,17 @@ class RefinementRun(LearningRun):
         """Lets the policy walk, and returns some of what it observed (m, n_observations)."""
 
         def act(observations: TensorDict) -> torch.Tensor:
-            return self._network(_seen(observations))
+            return self._network(observed_by_actor(observations))
 
         with torch.inference_mode():
-            seen = [_seen(observed) for observed, _ in environment.play(act, SEEN_STEPS)]
+            seen = [
+                observed_by_actor(observed) for observed, _ in environment.play(act, SEEN_STEPS)
+            ]
         every = torch.cat(seen)
         return every[generator.permutation(len(every))[:N_BALANCED]].clone()
 
     def _inputs(self) -> tuple[str, ...]:
         return self._expert.digest(), self._policy.digest()
-
-
-def _seen(observations: TensorDict) -> torch.Tensor:
-    """Returns what the policy observes (n, n_observations)."""
-    return torch.cat([observations["proprioception"], observations["estimate"]], dim=1)
 
 
 class _Frozen(nn.Module):

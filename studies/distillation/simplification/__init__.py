@@ -1,0 +1,1 @@
+"""Simplification: an expert learns on, so that few terms say what it does."""
