@@ -48,7 +48,7 @@ class Network:
 
     @property
     def hidden_layers(self) -> tuple[int, ...]:
-        """Their widths, but for the last."""
+        """Widths of the layers but for the last."""
         return tuple(len(bias) for bias in self.biases[:-1])
 
     def __call__(self, x: Array) -> Array:
