@@ -9,6 +9,7 @@ import yaml
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.run_folder import to_plain
 from glassgait.studies.training.config import TrainingConfig
@@ -18,9 +19,24 @@ RECENT_UPDATES = 20
 
 
 def write_learned(
-    policy: Policy, name: str, config: TrainingConfig, progress: Progress, folder: Path
+    policy: Policy,
+    name: str,
+    config: TrainingConfig,
+    progress: Progress,
+    folder: Path,
+    *,
+    study: Settings | None = None,
 ) -> None:
-    """Writes a policy, its record `<name>.yaml` and its curve `<name>.csv`, each atomically."""
+    """Writes a policy, its record `<name>.yaml` and its curve `<name>.csv`, each atomically.
+
+    Args:
+        policy: What learned.
+        name: Name of the files.
+        config: Settings of the learning.
+        progress: How far it came.
+        folder: Where the files go.
+        study: Settings of a study that does more than train; the record has them by their title.
+    """
     curve = progress.curve_table()
     recent = curve.tail(RECENT_UPDATES).mean()
     steps = progress.update * config.steps_per_update
@@ -40,6 +56,7 @@ def write_learned(
             package: version(package) for package in ("drake", "torch", "rsl-rl-lib", "numpy")
         }
         | {"python": platform.python_version()},
+        **({} if study is None else {study.title: to_plain(study)}),
         "config": to_plain(config),
     }
     policy.save(folder / f"{name}{policy.suffix}")

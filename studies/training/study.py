@@ -10,6 +10,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import read_policy_file
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.settings import Settings
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
@@ -58,6 +59,10 @@ class TrainingRun(LearningRun):
         """Returns the expert that the actor begins as, if there is one."""
         return _load_start(self.config, layout, self._mirrored_states)
 
+    def _study(self) -> Settings | None:
+        """Returns the settings of a study that does more than train."""
+        return None
+
     def _inputs(self) -> tuple[str, ...]:
         return () if self._start is None else (self._start.digest(),)
 
@@ -71,7 +76,9 @@ class TrainingRun(LearningRun):
             self._mirrored_states,
             robot=load_robot(self.config.robot),
         ).with_joint_law(self._law)
-        write_learned(policy, self.gait.name, self.config, self.progress, self.folder)
+        write_learned(
+            policy, self.gait.name, self.config, self.progress, self.folder, study=self._study()
+        )
 
 
 def _load_start(

@@ -9,6 +9,7 @@ from tensordict import TensorDict
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
+from glassgait.models.files import read_yaml
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -22,6 +23,7 @@ from glassgait.studies.distillation.simplification.study import (
     SimplificationRun,
 )
 from glassgait.studies.training.environment import observed_by_actor
+from glassgait.studies.training.record import read_config
 
 TINY = SimplificationConfig(
     updates=4,
@@ -94,6 +96,9 @@ def test_a_run_leaves_an_expert_and_its_page(tmp_path):
     page = found.policy("sparse_formula")
     assert isinstance(page, FormulaPolicy) and page.n_terms() <= 40
     assert page.to_text() == run.page().to_text()
+    record = read_yaml(tmp_path / "trot.yaml")
+    assert (record["simplification"]["terms"], record["simplification"]["last_weight"]) == (40, 2.0)
+    assert read_config(tmp_path / "trot.yaml") == run.config
     curve = pd.read_csv(tmp_path / "trot.csv")
     assert curve["page_error"].isna().tolist() == [True, True, False, False]
     rising = [0.2 * 10 ** (n / 4) for n in range(4)]

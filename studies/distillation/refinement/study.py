@@ -214,7 +214,9 @@ class RefinementRun(LearningRun):
         """
         finished = self.progress.update >= self.config.updates
         best = self._best_candidate() if finished else self.policy()
-        write_learned(best, self._name, self.config, self.progress, self.folder)
+        write_learned(
+            best, self._name, self.config, self.progress, self.folder, study=self._refinement
+        )
 
     def _best_candidate(self) -> Policy:
         candidates: dict[str, Policy] = {

@@ -101,7 +101,8 @@ class SimplificationConfig(Settings):
                 f"{self.updates}, before the last weight is reached; give --weight-rise "
                 f"{min(first, self.updates // 5)} {self.updates * 4 // 5}"
             )
-        if min(self.fit_samples, self.fit_updates * self._steps_per_update) < self.terms:
+        steps = self.fit_updates * self.n_robots * self.ppo.steps_per_update
+        if min(self.fit_samples, steps) < self.terms:
             raise InputError(
                 f"simplification: a page of {self.terms} terms is fitted to fewer samples than "
                 "terms; raise fit_samples, fit_updates or n_robots"
@@ -115,10 +116,6 @@ class SimplificationConfig(Settings):
         """
         ends = np.log([self.first_weight, self.last_weight])
         return float(np.exp(np.interp(update, self.weight_rise, ends)))
-
-    @property
-    def _steps_per_update(self) -> int:
-        return self.n_robots * self.ppo.steps_per_update
 
     def training(self, gait: str, expert: NeuralPolicy) -> TrainingConfig:
         """Returns the settings as those of a run that learns.
@@ -227,6 +224,9 @@ class SimplificationRun(TrainingRun):
 
     def _starts_as(self, layout: ObservationLayout) -> NeuralPolicy:
         return self._expert
+
+    def _study(self) -> SimplificationConfig:
+        return self._simplification
 
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
         environment, learner = super()._begin()

@@ -65,9 +65,8 @@ def _refuse_terms(n_terms: int, gait: str, n_formulas: int) -> None:
     possible = possible_terms(n_formulas)
     if n_terms not in possible:
         raise InputError(
-            f"distillation: sparse_formula: terms is {n_terms}; the {gait} has {n_formulas} "
-            f"formulas of 1 to {1 + LONGEST} terms, so ask for {possible.start} to "
-            f"{possible.stop - 1}"
+            f"a page: terms is {n_terms}; the {gait} has {n_formulas} formulas of 1 to "
+            f"{1 + LONGEST} terms, so ask for {possible.start} to {possible.stop - 1}"
         )
 
 
