@@ -26,6 +26,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import (
     EXPERT_DIRECTORY,
+    STUDENT_DIRECTORY,
     load_expert,
     shipped_expert,
     shipped_experts,
@@ -34,6 +35,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.distillation.pareto import pareto_figure
 from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.evaluation.worlds_figures import fall_overview
 from glassgait.studies.pictures.age import FOLDER, ROOT, digest_of_text, digests, note
@@ -44,6 +46,9 @@ from glassgait.studies.view.stills import gait_strip
 
 FALLS_PAGE = ROOT / "models" / "README.md"
 """The page whose table of falls the map shows."""
+
+FRONTS = STUDENT_DIRECTORY / "fronts.csv"
+"""Pages of growing size of four gaits: what they keep of the return, falls, fit, stability."""
 
 ABLATION_DIRECTORY = EXPERT_DIRECTORY / "ablation"
 
@@ -98,6 +103,7 @@ def pictures() -> dict[str, Picture]:
             lambda: {"diagram": digest_of_text(loop_dot(trot))},
         ),
         "learning_curves.png": Picture(_draw_learning_curves, _learning_curves),
+        "fronts.png": Picture(_draw_fronts, lambda: digests(FRONTS)),
         "worlds.png": Picture(
             lambda path: save_figure(
                 fall_overview(falls_on(FALLS_PAGE.read_text())), path.with_suffix(""), ("png",)
@@ -130,6 +136,12 @@ def _learning_curves() -> dict[str, str]:
 def _draw_learning_curves(path: Path) -> None:
     curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
     save_figure(learning_curves(curves), path.with_suffix(""), extensions=("png",))
+
+
+def _draw_fronts(path: Path) -> None:
+    fronts = pd.read_csv(FRONTS).groupby("gait", sort=False)
+    figure = pareto_figure({str(gait).capitalize(): own for gait, own in fronts})
+    save_figure(figure, path.with_suffix(""), extensions=("png",))
 
 
 @dataclass(frozen=True)

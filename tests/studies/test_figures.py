@@ -88,7 +88,7 @@ def titled_figures(curve):
     ranks = pd.concat([ranks, ranks.assign(without="b", importance=0.5)])
     lost = pd.concat([lost, lost.assign(without="b", lost=0.2)])
     front = pd.DataFrame({"family": ["mirrored"], "terms": [90], "share": [0.9]})
-    front = front.assign(fall_rate=0.0, r2=0.9)
+    front = front.assign(share_ci=0.1, fall_rate=0.0, fall_rate_low=0.0, fall_rate_high=0.1, r2=0.9)
     curricula = pd.DataFrame({"student": ["linear"], "curriculum": ["half"], "share": [0.9]})
     world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
@@ -106,7 +106,7 @@ def titled_figures(curve):
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
         "losses": loss_figure(lost, HOSTILE),
         "faithfulness": faithfulness_figure(ranks, lost, HOSTILE),
-        "pareto": pareto_figure(front, HOSTILE),
+        "pareto": pareto_figure({HOSTILE: front}),
         "curricula": curricula_figure(curricula.assign(share_ci=0.1, fall_rate=0.0), HOSTILE),
         "falls": fall_map(falls, HOSTILE),
         "symmetry": symmetry_figure(sides[["policy"]].assign(r2=0.5), sides, HOSTILE),

@@ -1,5 +1,6 @@
 """The front of size against reward."""
 
+import math
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from glassgait.studies.distillation import pareto
 from glassgait.studies.distillation.pareto import (
     FAMILIES,
     families_of,
+    pareto_figure,
     pareto_table,
     sizes_of,
     smallest_that_walk,
@@ -96,6 +98,19 @@ def test_the_smallest_that_walk_are_named():
     assert smallest["terms"].tolist() == [90, 90]
     none = smallest_that_walk(front[front["falls"] > 0], front)
     assert none.empty and list(none.columns) == list(smallest.columns)
+
+
+def test_fronts_of_gaits_stand_side_by_side_with_radii_where_there_are():
+    front = pd.DataFrame({"family": "mirrored", "terms": [80, 100, 200], "share": 0.5, "r2": 0.9})
+    front = front.assign(share_ci=0.1, fall_rate=0.0, fall_rate_low=0.0, fall_rate_high=0.1)
+    assert len(pareto_figure({"Trot": front}).axes) == 3
+    bounds = front.assign(radius=[math.nan, math.nan, 1.8], greatest_radius=[1.0, 1.0, 2.3])
+    figure = pareto_figure({"Trot": front, "Bound": bounds})
+    assert len(figure.axes) == 8
+    # The row's panels share an axis, and it reaches what the last one shows.
+    assert all(panel.get_ylim()[1] > 2.3 for panel in figure.axes[6:])
+    labels = [label.get_text() for label in figure.axes[-1].get_xticklabels()]
+    assert labels == ["", "100", "200"]
 
 
 def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, monkeypatch):
