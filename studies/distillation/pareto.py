@@ -180,8 +180,12 @@ def pareto_figure(fronts: Mapping[str, pd.DataFrame]) -> Figure:
         # Panels of a row share their axis, which grows with each until now.
         panel.set_ylim(measure.bottom, measure.top)
     _label_terms(axes[0, 0], sorted({*every["terms"]}))
-    known = {family: FAMILIES[family].title for family in FAMILIES if family in {*every["family"]}}
-    marks = [Line2D([], [], label=title, **_STYLES[family]) for family, title in known.items()]
+    drawn = {*every["family"]}
+    marks = [
+        Line2D([], [], label=family.title, **_STYLES[name])
+        for name, family in FAMILIES.items()
+        if name in drawn
+    ]
     figure.legend(handles=marks, loc="outside upper center", ncols=len(marks))
     figure.align_ylabels()
     return figure
