@@ -35,7 +35,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.distillation.pareto import pareto_figure
+from glassgait.studies.distillation.pareto_figure import pareto_figure
 from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.evaluation.worlds_figures import fall_overview
 from glassgait.studies.pictures.age import FOLDER, ROOT, digest_of_text, digests, note

@@ -23,7 +23,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.gait_figure import gait_figure
-from glassgait.studies.distillation.pareto import pareto_figure
+from glassgait.studies.distillation.pareto_figure import pareto_figure
 from glassgait.studies.evaluation.alternation import return_figure
 from glassgait.studies.evaluation.symmetry import symmetry_figure
 from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED, tracking_figure

@@ -14,16 +14,11 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation import pareto
-from glassgait.studies.distillation.pareto import (
-    FAMILIES,
-    families_of,
-    pareto_figure,
-    pareto_table,
-    sizes_of,
-    smallest_that_walk,
-)
+from glassgait.studies.distillation.formula_families import FAMILIES, families_of, sizes_of
+from glassgait.studies.distillation.pareto import pareto_table, smallest_that_walk
+from glassgait.studies.distillation.pareto_figure import pareto_figure
 from glassgait.studies.distillation.refinement import study
-from glassgait.studies.distillation.refinement.study import RefinementConfig
+from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.sparse_formula import condense
 from glassgait.studies.distillation.students.student import TrainingSet
