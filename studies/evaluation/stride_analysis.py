@@ -19,7 +19,8 @@ from glassgait.models.stride_map import (
     modes_of,
     newton,
 )
-from glassgait.studies.evaluation.strides import ODOMETRY_NAMES, SPEEDS, StrideMap
+from glassgait.studies.common.loop_state import ODOMETRY_NAMES
+from glassgait.studies.evaluation.strides import SPEEDS, StrideMap
 
 LONGEST_PERIOD = 4
 """Strides of the longest orbit that is distinguished from one that wanders."""

@@ -12,7 +12,7 @@ from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
+from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import ContactTrust, sense_feet
 from glassgait.models.task.gait import Gait
@@ -27,40 +27,15 @@ from glassgait.studies.common.episode import (
     World,
     episode,
 )
+from glassgait.studies.common.loop_state import (
+    NAMES,
+    ODOMETRY_NAMES,
+    ODOMETRY_UNITS,
+    UNITS,
+    loop_state,
+)
 from glassgait.studies.common.observers import entered
 from glassgait.studies.evaluation.pushing import horizontal
-
-NAMES = (*COORDINATES, *(f"previous action {joint}" for joint in quadruped.JOINTS))
-"""What the closed loop remembers from one control step to the next, but for the machine's state.
-
-Contacts follow from the pose, and what a learned estimator returns from all of these: neither
-remembers more. Odometry does, see `ODOMETRY_NAMES`. Place and heading are left out, for nothing
-depends on them.
-"""
-
-ODOMETRY_NAMES = (
-    *(f"odometry {axis} speed" for axis in ("forward", "lateral", "vertical")),
-    *(f"odometry foothold {leg} {axis}" for leg in quadruped.LEGS for axis in "xyz"),
-)
-"""What odometry remembers beside that, in the trunk's frame; which feet touch follows from the
-pose."""
-
-UNITS: Array = np.concatenate(
-    [
-        [0.01, 0.05, 0.05],
-        np.full(quadruped.N_JOINTS, 0.05),
-        np.full(3, 0.5),
-        np.full(3, 0.1),
-        np.full(quadruped.N_JOINTS, 1.0),
-        np.full(quadruped.N_JOINTS, 0.2),
-    ]
-)
-"""What each coordinate is counted in (45; m, rad, rad/s, m/s, actions): part of a gait's sway."""
-UNITS.flags.writeable = False
-
-ODOMETRY_UNITS: Array = np.repeat([0.1, 0.01], [3, 3 * quadruped.N_LEGS])
-"""The same of `ODOMETRY_NAMES` (15; m/s, m)."""
-ODOMETRY_UNITS.flags.writeable = False
 
 SPEEDS = slice(COORDINATES.index("forward speed"), COORDINATES.index("lateral speed") + 1)
 """Where the trunk's horizontal speeds stand."""
@@ -236,7 +211,7 @@ class StrideMap:
         not_before: int,
         then: Sequence[Event] = (),
     ) -> Stride:
-        images = _Images(n, self._entered, not_before, self.units)
+        images = _Images(n, self._entered, not_before, len(self.units))
         episode(
             self._gait,
             self.controller,
@@ -257,9 +232,8 @@ class _Images(Observer):
         stride: Images and control steps of those that came so far.
     """
 
-    def __init__(self, n_robots: int, state: int, not_before: int, units: Array) -> None:
-        images = np.full((n_robots, len(units)), np.nan)
-        self._units = units
+    def __init__(self, n_robots: int, state: int, not_before: int, n_coordinates: int) -> None:
+        images = np.full((n_robots, n_coordinates), np.nan)
         self.stride = Stride(images, np.zeros(n_robots, dtype=np.int64))
         self._going = np.ones(n_robots, dtype=bool)
         self._state, self._not_before = state, not_before
@@ -269,12 +243,7 @@ class _Images(Observer):
         self._going &= ~step.outcome.terminated
         came = self._going & entered(step, self._state) & (number > self._not_before)
         if came.any():
-            coordinates = to_heading_frame(after.plant[came])
-            odometry = after.odometry
-            footholds = odometry.footholds[came].reshape(-1, 3 * quadruped.N_LEGS)
-            remembered = [odometry.velocity[came], footholds]
-            entry = np.concatenate([coordinates, after.action[came], *remembered], axis=1)
-            self.stride.images[came] = entry[:, : len(self._units)] / self._units
+            self.stride.images[came] = loop_state(after)[came, : self.stride.images.shape[1]]
             self.stride.n_steps[came] = number
             self._going &= ~came
         self.done = not self._going.any()

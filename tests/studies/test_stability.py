@@ -12,6 +12,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
+from glassgait.studies.common.loop_state import NAMES, UNITS
 from glassgait.studies.evaluation import stride_analysis as analysis
 from glassgait.studies.evaluation import strides as strides_module
 from glassgait.studies.evaluation.stability import (
@@ -21,7 +22,7 @@ from glassgait.studies.evaluation.stability import (
 )
 from glassgait.studies.evaluation.stability_figures import believed, radius_error, stability_figure
 from glassgait.studies.evaluation.stride_analysis import find_orbits
-from glassgait.studies.evaluation.strides import FIRST_STEPS, NAMES, UNITS, StrideMap
+from glassgait.studies.evaluation.strides import FIRST_STEPS, StrideMap
 
 TROT = load_gait("trot")
 COMMAND = Command(np.array([[0.5, 0.0]]), np.array([8.0]))
