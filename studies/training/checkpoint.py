@@ -4,7 +4,7 @@ from pathlib import Path
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, refuse_another, save_arrays
-from glassgait.studies.training.environment import TrainingEnvironment
+from glassgait.studies.training.environment import Environment
 from glassgait.studies.training.learner import Learner
 from glassgait.studies.training.progress import Progress
 
@@ -12,7 +12,7 @@ from glassgait.studies.training.progress import Progress
 def save_checkpoint(
     path: Path,
     *,
-    environment: TrainingEnvironment,
+    environment: Environment,
     learner: Learner,
     progress: Progress,
     of: str,
@@ -42,9 +42,7 @@ def save_checkpoint(
     save_arrays(path, arrays, header)
 
 
-def load_checkpoint(
-    path: Path, *, environment: TrainingEnvironment, learner: Learner, of: str
-) -> Progress:
+def load_checkpoint(path: Path, *, environment: Environment, learner: Learner, of: str) -> Progress:
     """Brings freshly made parts to where the checkpoint's were.
 
     Args:

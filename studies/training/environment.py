@@ -1,5 +1,6 @@
 """The batch simulator as PPO sees it: observation groups, scaled rewards and resets."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -23,6 +24,7 @@ from glassgait.models.task.imu import ImuReading, measure_imu
 from glassgait.models.task.observation import ANGULAR_VELOCITY_SCALE
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.settling import Settling
 
 OBSERVATION_GROUPS = {
     "actor": ["proprioception", "estimate"],
@@ -46,6 +48,8 @@ class TrainingStep(NamedTuple):
             earns nothing.
         time_outs: Whether it ended only by its length (n,).
         task: What the simulator reports.
+        settling_cost: What rewards of the robots that pay it are less for what changed since
+            their last stride (m,); None where none pays.
     """
 
     observations: TensorDict
@@ -53,10 +57,58 @@ class TrainingStep(NamedTuple):
     dones: torch.Tensor
     time_outs: torch.Tensor
     task: BatchStep
+    settling_cost: Array | None
 
 
-class TrainingEnvironment:
-    """Robots that learn; an episode that ends starts anew in the same step."""
+class Environment(ABC):
+    """Robots that learn; an episode that ends starts anew in the same step.
+
+    Attributes:
+        difficulty: Factor on what the reward machine's transitions ask for.
+        hardship: Share of the pushes' speed, and from the next draw of worlds on of the ground's.
+    """
+
+    difficulty: float
+    hardship: float
+
+    @abstractmethod
+    def draw_worlds(self) -> None:
+        """Draws the groups' frictions anew, and lays ground of today's hardship."""
+
+    @abstractmethod
+    def observe(self) -> TensorDict:
+        """Returns the observation groups of all robots."""
+
+    @abstractmethod
+    def step(self, actions: torch.Tensor) -> TrainingStep:
+        """Holds actions (n, 12) for one control step and resets the robots that ended."""
+
+    def play(
+        self, act: Callable[[TensorDict], torch.Tensor], n_steps: int
+    ) -> Iterator[tuple[TensorDict, TrainingStep]]:
+        """Lets robots act for some control steps, and yields each with what was observed before.
+
+        Args:
+            act: Maps observation groups (n, ...) to actions (n, 12).
+            n_steps: Control steps.
+        """
+        observations = self.observe()
+        for _ in range(n_steps):
+            step = self.step(act(observations))
+            yield observations, step
+            observations = step.observations
+
+    @abstractmethod
+    def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
+
+    @abstractmethod
+    def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
+        """Continues from what `to_arrays` returned."""
+
+
+class TrainingEnvironment(Environment):
+    """The robots of one batch simulator."""
 
     def __init__(
         self,
@@ -66,6 +118,7 @@ class TrainingEnvironment:
         generator: np.random.Generator,
         *,
         observes_imu: bool = False,
+        settling: Settling | None = None,
     ) -> None:
         """
         Args:
@@ -75,7 +128,10 @@ class TrainingEnvironment:
                 feet (n, 7).
             generator: Source of randomness.
             observes_imu: Whether gravity and angular velocity are observed.
+            settling: A cost of what changes from one stride to the next, which the critic
+                foresees; none by default.
         """
+        self.settling = settling
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
@@ -111,8 +167,15 @@ class TrainingEnvironment:
         self.simulator.restore(replace(self.simulator.state, steps=ages))
 
     @property
+    def difficulty(self) -> float:
+        return self.simulator.difficulty
+
+    @difficulty.setter
+    def difficulty(self, factor: float) -> None:
+        self.simulator.difficulty = factor
+
+    @property
     def hardship(self) -> float:
-        """Share of the pushes' speed, and from the next draw of worlds on of the ground's."""
         return self.simulator.push_share
 
     @hardship.setter
@@ -149,34 +212,24 @@ class TrainingEnvironment:
             batch_size=[len(own)],
         )
 
-    def play(
-        self, act: Callable[[TensorDict], torch.Tensor], n_steps: int
-    ) -> Iterator[tuple[TensorDict, TrainingStep]]:
-        """Lets robots act for some control steps, and yields each with what was observed before.
-
-        Args:
-            act: Maps observation groups (n, ...) to actions (n, 12).
-            n_steps: Control steps.
-        """
-        observations = self.observe()
-        for _ in range(n_steps):
-            step = self.step(act(observations))
-            yield observations, step
-            observations = step.observations
-
     def step(self, actions: torch.Tensor) -> TrainingStep:
         """Holds actions (n, 12) for one control step and resets the robots that ended."""
         simulator = self.simulator
         step = simulator.step(actions.numpy().astype(float))
         worthless = step.terminated | simulator.machine.in_sink(simulator.state.machine.state)
         ended = worthless | step.truncated
+        reward, cost = step.reward, None
+        if self.settling is not None:
+            paid = self.settling.cost(simulator.state, step.fired, ended)
+            reward, cost = reward - paid, paid if self.settling.weight else None
         simulator.reset(np.flatnonzero(ended))
         return TrainingStep(
             observations=self.observe(),
-            rewards=_tensor(step.reward * self._reward_scale),
+            rewards=_tensor(reward * self._reward_scale),
             dones=torch.from_numpy(ended),
             time_outs=torch.from_numpy(step.truncated & ~worthless),
             task=step,
+            settling_cost=cost,
         )
 
     def _privileged(self) -> Array:
@@ -192,6 +245,7 @@ class TrainingEnvironment:
                 self._body,
                 s.latency[:, None] / CONTROL_PERIOD,
                 np.full((len(s.plant), 1), self.simulator.difficulty),
+                *([] if self.settling is None else [self.settling.observed()]),
             ],
             axis=1,
         )
@@ -207,6 +261,8 @@ class TrainingEnvironment:
     def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
         arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
+        if self.settling is not None:
+            arrays |= self.settling.to_arrays()
         values = {
             "difficulty": self.simulator.difficulty,
             "hardship": self.hardship,
@@ -220,6 +276,8 @@ class TrainingEnvironment:
         self._lay_ground(values["ground_hardship"])
         self.simulator.restore(TaskState.from_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
+        if self.settling is not None:
+            self.settling.restore(arrays)
         self.simulator.difficulty = values["difficulty"]
         self.hardship = values["hardship"]
         self.generator.bit_generator.state = values["generator"]

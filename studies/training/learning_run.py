@@ -15,7 +15,7 @@ from glassgait.models.task.reward import REWARD_TERMS
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, to_plain
 from glassgait.studies.training.checkpoint import load_checkpoint, save_checkpoint
 from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.environment import TrainingEnvironment
+from glassgait.studies.training.environment import Environment, TrainingStep
 from glassgait.studies.training.learner import Learner
 from glassgait.studies.training.progress import Progress
 
@@ -23,7 +23,7 @@ from glassgait.studies.training.progress import Progress
 class LearningRun(ABC):
     """A run in its folder, from the first update or from its checkpoint."""
 
-    environment: TrainingEnvironment
+    environment: Environment
     learner: Learner
 
     def __init__(
@@ -54,7 +54,7 @@ class LearningRun(ABC):
             )
 
     @abstractmethod
-    def _begin(self) -> tuple[TrainingEnvironment, Learner]:
+    def _begin(self) -> tuple[Environment, Learner]:
         """Makes the robots, and what they learn."""
 
     @abstractmethod
@@ -93,7 +93,6 @@ class LearningRun(ABC):
     def update(self) -> dict[str, float]:
         """Collects one batch of steps, learns from it, and returns the row of the curve."""
         started = time.monotonic()
-        simulator = self.environment.simulator
         if self.progress.update and self.progress.update % self.config.friction_updates == 0:
             self.environment.draw_worlds()
         self.learner.hold_actor(self.progress.update < self.config.ppo.critic_updates)
@@ -103,14 +102,14 @@ class LearningRun(ABC):
                 ppo.process_env_step(
                     step.observations, step.rewards, step.dones, {"time_outs": step.time_outs}
                 )
-                statistics.add(step.task)
+                statistics.add(step)
         losses = self.learner.update(step.observations, self.progress.update)
         self.progress.update += 1
         self.progress.seconds += time.monotonic() - started
         row = {
             "update": float(self.progress.update),
             "control_steps": float(self.control_steps),
-            "difficulty": simulator.difficulty,
+            "difficulty": self.environment.difficulty,
             "hardship": self.environment.hardship,
             **statistics.means(),
             **losses,
@@ -139,12 +138,11 @@ class LearningRun(ABC):
 
     def _raise_demands(self, rhythm: float, failure_rate: float) -> None:
         curriculum, environment = self.config.curriculum, self.environment
-        simulator = environment.simulator
         if rhythm <= curriculum.required_rhythm:
             return
-        if simulator.difficulty == 1.0 and failure_rate <= curriculum.most_failures:
+        if environment.difficulty == 1.0 and failure_rate <= curriculum.most_failures:
             environment.hardship = min(1.0, environment.hardship + curriculum.hardship_rise)
-        simulator.difficulty = min(1.0, simulator.difficulty + curriculum.rise)
+        environment.difficulty = min(1.0, environment.difficulty + curriculum.rise)
 
 
 class _Statistics:
@@ -154,14 +152,17 @@ class _Statistics:
         self._sums: dict[str, float] = {}
         self._count = 0
 
-    def add(self, step) -> None:
+    def add(self, step: TrainingStep) -> None:
+        task = step.task
         values = {
-            "reward": step.reward.mean(),
-            "plain_reward": step.plain_reward.mean(),
-            "rhythm": step.served_dwell.mean(),
-            "failure_rate": step.terminated.mean(),
+            "reward": task.reward.mean(),
+            "plain_reward": task.plain_reward.mean(),
+            "rhythm": task.served_dwell.mean(),
+            "failure_rate": task.terminated.mean(),
         }
-        values |= {f"terms/{name}": step.terms[:, i].mean() for i, name in enumerate(REWARD_TERMS)}
+        if step.settling_cost is not None:
+            values["settling_cost"] = step.settling_cost.mean()
+        values |= {f"terms/{name}": task.terms[:, i].mean() for i, name in enumerate(REWARD_TERMS)}
         for name, value in values.items():
             self._sums[name] = self._sums.get(name, 0.0) + float(value)
         self._count += 1

@@ -26,6 +26,8 @@ from glassgait.studies.training.record import write_learned
 class TrainingRun(LearningRun):
     """A training run in its folder."""
 
+    environment: TrainingEnvironment
+
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
         config = self.config
         # Refuses a robot that it does not fit before anything is learned.
