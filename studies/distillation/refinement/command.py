@@ -14,7 +14,8 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, open_run
-from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
+from glassgait.studies.distillation.refinement.config import RefinementConfig
+from glassgait.studies.distillation.refinement.study import RefinementRun
 from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.training.command import show_learning
 

@@ -1,22 +1,15 @@
 """The refinement study: formulas that walk learn to walk better, their numbers alone."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, ClassVar
 
 import numpy as np
+import pandas as pd
 import torch
-import tyro
 from tensordict import TensorDict
 from torch import nn
 
-from glassgait.diagrams.domain_randomization import (
-    HARSH,
-    DomainRandomization,
-    GroupRanges,
-    TerrainRanges,
-)
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
@@ -24,119 +17,27 @@ from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.settings import Count, Seed, Settings
-from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.terrain import Terrain
 from glassgait.studies.common.console import say
+from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_table
-from glassgait.studies.distillation.learning_on import learning_on
+from glassgait.studies.distillation.refinement.config import QUIET, RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.students.symbolic import short_numbers
-from glassgait.studies.training.config import PpoConfig, TrainingConfig
-from glassgait.studies.training.environment import TrainingEnvironment, observed_by_actor
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.environment import (
+    Environment,
+    TrainingEnvironment,
+    observed_by_actor,
+)
+from glassgait.studies.training.joint_environment import JointEnvironment
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import write_learned
-
-REFINING = PpoConfig(critic_updates=10, entropy=0.0, final_entropy=0.0, initial_std=0.1)
-"""PPO of a policy that walks already: it looks about near to what it does."""
-
-PRUNING_SHARE = 2 / 3
-"""Share of the updates after which no more terms are dropped."""
-
-MILD = DomainRandomization(
-    groups=GroupRanges(
-        payload=(0.0, 2.5),
-        motor_strength=(0.9, 1.1),
-        gains=(0.9, 1.1),
-        terrains=TerrainRanges(slope=12.5, amplitude=0.035, height=0.035),
-    ),
-    randomization=replace(HARSH, push_speed=1.2, latency=(0.0, 0.015)),
-)
-"""About half of what experts meet: few terms that learn in the harshest worlds forget home."""
-
-
-@dataclass(frozen=True)
-class RefinementConfig(Settings):
-    """Settings of a refinement.
-
-    Attributes:
-        seed: Seed of all randomness.
-        updates: Number of PPO updates.
-        terms: Terms of all formulas together that are left in the end; all by default.
-        candidate_updates: Updates from one candidate to the next, and from one checkpoint to the
-            next: the formulas that there are then walk alone, and those that do best are the
-            result.
-        candidate_steps: Control steps that each of a candidate's robots walks.
-        n_robots: Robots that walk at once.
-        worlds: The randomised scenarios that they walk in.
-        ppo: Settings of PPO.
-    """
-
-    title: ClassVar[str] = "refinement"
-
-    seed: Seed = 0
-    updates: Count = 150
-    terms: Count | None = None
-    candidate_updates: Count = 20
-    candidate_steps: Count = EPISODE_STEPS
-    n_robots: Count = 256
-    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
-    ppo: PpoConfig = REFINING
-
-    def n_terms(self, update: int, at_first: int) -> int:
-        """Returns how many terms are left after an update.
-
-        Many go early, and the last ones slowly (the cubic schedule of Zhu and Gupta, «To prune, or
-        not to prune», 2017). The last third of the updates has the terms that are left.
-
-        Args:
-            update: Updates done.
-        """
-        if self.terms is None:
-            return at_first
-        first = self.ppo.critic_updates
-        span = PRUNING_SHARE * self.updates - first
-        left = 1.0 - np.clip((update - first) / max(span, 1.0), 0.0, 1.0)
-        return min(at_first, self.terms + round((at_first - self.terms) * float(left) ** 3))
-
-    def is_candidate(self, update: int, n_terms: int) -> bool:
-        """Returns whether the formulas after an update may be the result.
-
-        Args:
-            update: Updates done; 0 for the formulas that the run begins with.
-        """
-        due = update % self.candidate_updates == 0 or update == self.updates
-        return due and (self.terms is None or n_terms <= self.terms)
-
-    def training(
-        self, gait: str, *, robot: str = DEFAULT_ROBOT, law: JointLaw = OWN_LAW
-    ) -> TrainingConfig:
-        """Returns the settings as those of a run that learns.
-
-        Args:
-            robot: Name of the robot, or path of its robot.yaml.
-            law: How joints follow targets; the robot's own way by default.
-
-        Raises:
-            InputError: if there are too few robots for an update, or for the worlds' groups.
-        """
-        return learning_on(
-            self.worlds,
-            robot=robot,
-            law=law,
-            gait=gait,
-            seed=self.seed,
-            updates=self.updates,
-            checkpoint_updates=self.candidate_updates,
-            n_robots=self.n_robots,
-            ppo=self.ppo,
-        )
-
+from glassgait.studies.training.settling import Settling, settling_cost
 
 SEEN_STEPS = 50
 """Control steps that robots walk before the run, to see what each number does."""
@@ -229,11 +130,36 @@ class RefinementRun(LearningRun):
         say(f"letting {len(candidates)} candidates walk alone, to choose one")
         n_steps = self._refinement.candidate_steps
         ranked = rank_alone(candidates, self.gait, self._expert, n_steps)
+        asked = ranked
+        if self._refinement.settling:
+            ranked = self._with_settling(ranked, candidates)
+            # Differences of what is left count as shares of what robots earn, which is more.
+            lead = ranked["net_return"] - ranked["net_return"].max()
+            asked = ranked.assign(**{"return": ranked["return"].max() + lead})
         # Of those that fall least the one that earns most, however short the others are.
         places = {label: place for place, label in enumerate(ranked["candidate"])}
-        chosen = simplest_of_the_best(ranked, places)
+        chosen = simplest_of_the_best(asked, places)
         write_table(ranked.assign(chosen=ranked["candidate"] == chosen), self.folder / "candidates")
         return candidates[chosen]
+
+    def _with_settling(
+        self, ranked: pd.DataFrame, candidates: Mapping[str, Policy]
+    ) -> pd.DataFrame:
+        """Ranks candidates by return less what half of the robots pay, as in learning."""
+        cost = [
+            0.5
+            * settling_cost(
+                self.gait,
+                alone(candidates[label], self._expert),
+                self._refinement.settling,
+                n_robots=RolloutConfig.n_robots,
+                n_steps=self._refinement.candidate_steps,
+                seed=SELECTION_SEEDS[0],
+            )
+            for label in ranked["candidate"]
+        ]
+        ranked = ranked.assign(settling_cost=cost, net_return=ranked["return"] - cost)
+        return ranked.sort_values("net_return", ascending=False, ignore_index=True, kind="stable")
 
     @property
     def _file_name(self) -> str:
@@ -242,17 +168,11 @@ class RefinementRun(LearningRun):
     def _candidate(self, update: int) -> Path:
         return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
 
-    def _begin(self) -> tuple[TrainingEnvironment, Learner]:
+    def _begin(self) -> tuple[Environment, Learner]:
         own = self._expert.estimator
         estimator = own if isinstance(own, Odometry) else _Frozen(own)
         generator = np.random.default_rng(self.config.seed)
-        environment = TrainingEnvironment(
-            self.config,
-            self.gait,
-            estimator,
-            generator,
-            observes_imu=self._policy.layout.imu,
-        )
+        environment = self._environment(estimator, generator)
         self._network = FormulaNetwork(self._policy, self._file_name)
         # Written at once, what cannot be written is refused before the run has made anything.
         self.policy()
@@ -261,9 +181,37 @@ class RefinementRun(LearningRun):
         actor = act_by(gaussian_actor(self.config.ppo, observations), self._network)
         return environment, Learner(self.config, observations, actor)
 
-    def _visited(
-        self, environment: TrainingEnvironment, generator: np.random.Generator
-    ) -> torch.Tensor:
+    def _environment(
+        self, estimator: "_Frozen | Odometry", generator: np.random.Generator
+    ) -> Environment:
+        """Makes the robots; with a weight of settling half of them walk where nothing disturbs."""
+        config, weight = self.config, self._refinement.settling
+
+        def part(own: TrainingConfig, settling: Settling | None = None) -> TrainingEnvironment:
+            return TrainingEnvironment(
+                own,
+                self.gait,
+                estimator,
+                generator,
+                observes_imu=self._policy.layout.imu,
+                settling=settling,
+            )
+
+        if not weight:
+            return part(config)
+        n_quiet = config.n_robots // 2
+        n_disturbed = config.n_robots - n_quiet
+        worlds = replace(QUIET, station=replace(config.worlds.station, terrain=Terrain()))
+        disturbed = replace(config, n_robots=n_disturbed)
+        quiet = replace(config, n_robots=n_quiet, worlds=worlds)
+        return JointEnvironment(
+            [
+                part(disturbed, Settling(self.gait, n_disturbed, 0.0)),
+                part(quiet, Settling(self.gait, n_quiet, weight)),
+            ]
+        )
+
+    def _visited(self, environment: Environment, generator: np.random.Generator) -> torch.Tensor:
         """Lets the policy walk, and returns some of what it observed (m, n_observations)."""
 
         def act(observations: TensorDict) -> torch.Tensor:
@@ -277,7 +225,9 @@ class RefinementRun(LearningRun):
         return every[generator.permutation(len(every))[:N_BALANCED]].clone()
 
     def _inputs(self) -> tuple[str, ...]:
-        return self._expert.digest(), self._policy.digest()
+        settling = self._refinement.settling
+        own = self._expert.digest(), self._policy.digest()
+        return (*own, f"settling {settling}") if settling else own
 
 
 class _Frozen(nn.Module):
