@@ -88,13 +88,20 @@ def seeds(count, fast):
     return [*range(fast), *slow]
 
 
+def says_the_same(changed, text):
+    # The last of many digits may leave a number as it is; a first 0 leaves no number.
+    try:
+        return json.loads(changed) == json.loads(text)
+    except json.JSONDecodeError:
+        return False
+
+
 @pytest.mark.parametrize("seed", seeds(25, fast=8))
 def test_refuses_a_certificate_of_which_one_character_was_changed(tmp_path, seed):
     generator, text = np.random.default_rng(seed), PATH.read_text()
     places = [found.start() for found in re.finditer(r"\d", text)]
     changed = text
-    # The last of many digits may leave a number as it is.
-    while json.loads(changed) == json.loads(text):
+    while says_the_same(changed, text):
         place = int(generator.choice(places))
         digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
         changed = text[:place] + digit + text[place + 1 :]
