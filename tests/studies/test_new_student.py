@@ -177,7 +177,7 @@ RUN = ("--source", "runs/distill/trot")
 
 def test_it_is_explained_by_the_file_alone(run, distilled, folder):
     run("explain", "page", *RUN, "--policy", "stiff", "--n-steps", "20", "--output", "explained")
-    assert "DoF Pos FL Hip" in (folder / "explained" / "index.html").read_text()
+    assert '"q.FL_hip"' in (folder / "explained" / "index.html").read_text()
 
 
 def test_bounds_are_proved_of_it(run, distilled, folder):
