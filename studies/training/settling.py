@@ -1,17 +1,14 @@
 """What changes from one stride to the next as a cost, so that gaits settle."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_state import TaskState
+from glassgait.diagrams.task_state import BoolArray, TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import Controller
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import ControlStep, Observer, episode
 from glassgait.studies.common.loop_state import NAMES, loop_state
-
-BoolArray = NDArray[np.bool_]
 
 COMPARED = np.flatnonzero([name != "height" for name in NAMES])
 """What strides are compared by: pose, speeds and previous action, but not the height above the
@@ -59,14 +56,16 @@ class Settling:
             The cost (n,): the weight times the mean absolute change; 0 of robots that are not
             compared.
         """
-        now = loop_state(state)[:, COMPARED]
         command = np.column_stack(state.command)
         self._forget(ended | (command != self._command).any(axis=1))
-        came = fired & (state.machine.state == self._entered) & ~ended
-        compared = came & np.isfinite(self._command).all(axis=1)
-        change = np.abs(now - self._last).mean(axis=1)
-        self._last[came], self._command[came] = now[came], command[came]
-        return np.where(compared, self.weight * change, 0.0)
+        came = np.flatnonzero(fired & (state.machine.state == self._entered) & ~ended)
+        compared = np.isfinite(self._command[came]).all(axis=1)
+        now = loop_state(state.of_robots(came))[:, COMPARED]
+        change = np.abs(now - self._last[came]).mean(axis=1)
+        self._last[came], self._command[came] = now, command[came]
+        cost = np.zeros(len(ended))
+        cost[came] = np.where(compared, self.weight * change, 0.0)
+        return cost
 
     def observed(self) -> Array:
         """Returns what a critic must observe to foresee the cost (n, 45).
