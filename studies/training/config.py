@@ -71,7 +71,7 @@ class PpoConfig(Settings):
     Attributes:
         steps_per_update: Control steps of each robot between two updates.
         critic_updates: Updates at first in which the critic learns alone, where the actor does not
-            begin anew as it does.
+            begin anew as it does. Both learn at one rate, which is low for an actor that is good.
         epochs: Passes over those steps.
         num_minibatches: Mini-batches of a pass.
         clip: Clipping of the probability ratio.
