@@ -42,6 +42,7 @@ from glassgait.studies.pictures.age import FOLDER, ROOT, digest_of_text, digests
 from glassgait.studies.pictures.blocks import blocks_svg
 from glassgait.studies.pictures.falls import fall_lines, falls_on
 from glassgait.studies.training.figures import ablation_curves, learning_curves
+from glassgait.studies.training.record import trainings
 from glassgait.studies.view.stills import gait_strip
 
 FALLS_PAGE = ROOT / "models" / "README.md"
@@ -129,13 +130,29 @@ def draw(names: Sequence[str] = ()) -> None:
         note(name, f"{COMMAND_LINE} {name}", known[name].inputs())
 
 
+def _curves(name: str) -> list[Path]:
+    """Lists the learning curves of a gait's expert, that of its first training first."""
+    records = trainings(EXPERT_DIRECTORY / f"{name}.yaml")
+    return [record.with_suffix(".csv") for record in records]
+
+
 def _learning_curves() -> dict[str, str]:
-    return digests(*(EXPERT_DIRECTORY / f"{name}.csv" for name in shipped_experts()))
+    return digests(*(path for name in shipped_experts() for path in _curves(name)))
 
 
 def _draw_learning_curves(path: Path) -> None:
-    curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
+    curves = {name: _joined(_curves(name)) for name in shipped_experts()}
     save_figure(learning_curves(curves), path.with_suffix(""), extensions=("png",))
+
+
+def _joined(paths: Sequence[Path]) -> pd.DataFrame:
+    """Returns the curves of trainings that follow each other as one, their steps counted on."""
+    curves, steps = [], 0
+    for path in paths:
+        curve = pd.read_csv(path)
+        curves.append(curve.assign(control_steps=curve["control_steps"] + steps))
+        steps = curves[-1]["control_steps"].iloc[-1]
+    return pd.concat(curves, ignore_index=True)
 
 
 def _draw_fronts(path: Path) -> None:

@@ -1,6 +1,7 @@
 """What a run leaves behind: the policy that learned, its record and its learning curve."""
 
 import platform
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -67,10 +68,33 @@ def write_learned(
 def read_config(path: Path) -> TrainingConfig:
     """Reads from an expert's record how it was trained.
 
+    An expert that it began as and that is not there, seen from here, is looked for from the
+    record's folder, so that records that ship can be followed from anywhere.
+
     Raises:
         InputError: if the file is not such a record.
     """
     record = read_yaml(path)
     if not isinstance(record, dict) or "config" not in record:
         raise InputError(f"{path}: is not an expert's record; it has no key 'config'")
-    return TrainingConfig.from_plain(record["config"], str(path))
+    config = TrainingConfig.from_plain(record["config"], str(path))
+    start = config.warm_start
+    if start is None or Path(start).exists():
+        return config
+    beside = path.parent / start
+    # The run's own result, which may have the same name, is not what it began as.
+    own = beside.with_suffix(path.suffix) == path
+    return replace(config, warm_start=str(beside)) if beside.exists() and not own else config
+
+
+def trainings(path: Path) -> list[Path]:
+    """Lists the records of an expert's trainings, the first one first.
+
+    Args:
+        path: The expert's own record, which is the last.
+
+    Raises:
+        InputError: if one of them is not such a record.
+    """
+    start = read_config(path).warm_start
+    return [*([] if start is None else trainings(Path(start).with_suffix(".yaml"))), path]

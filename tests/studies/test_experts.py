@@ -15,12 +15,12 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, refl
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.common.tables import to_markdown
-from glassgait.studies.training.record import read_config
+from glassgait.studies.training.record import read_config, trainings
 
 PAGE = Path(__file__).parents[2] / "studies" / "training" / "README.md"
 
-BUDGET = 10e6
-"""Control steps that no gait's training may exceed."""
+BUDGET = 12e6
+"""Control steps that no gait's training may exceed, with those of what it began as."""
 
 
 @pytest.mark.parametrize("gait", shipped_experts())
@@ -31,20 +31,23 @@ def test_records_hold_how_the_expert_was_made(gait):
     assert config.gait == gait
     assert config.mirrored
     assert config.updates == record["updates"] == len(curve)
-    assert record["control_steps"] == curve["control_steps"].iloc[-1] <= BUDGET
+    assert record["control_steps"] == curve["control_steps"].iloc[-1]
+    runs = trainings(EXPERT_DIRECTORY / f"{gait}.yaml")
+    assert sum(read_yaml(run)["control_steps"] for run in runs) <= BUDGET
 
 
 def test_page_shows_the_records():
     rows = []
     for path in sorted(EXPERT_DIRECTORY.glob("*.yaml")):
-        record = read_yaml(path)
+        runs = [read_yaml(run) for run in trainings(path)]
+        record, steps = runs[-1], sum(run["control_steps"] for run in runs)
         rows.append(
             {
                 "gait": record["gait"],
-                "control steps": f"{record['control_steps'] / 1e6:.1f} M",
-                "of the paper's": f"{record['control_steps'] / 36.9e6:.0%}",
-                "simulated": f"{record['simulated_hours']:.0f} h",
-                "wall time": f"{record['wall_minutes']:.0f} min",
+                "control steps": f"{steps / 1e6:.1f} M",
+                "of the paper's": f"{steps / 36.9e6:.0%}",
+                "simulated": f"{sum(run['simulated_hours'] for run in runs):.0f} h",
+                "wall time": f"{sum(run['wall_minutes'] for run in runs):.0f} min",
                 "rhythm kept": f"{record['final']['rhythm']:.2f}",
                 "reward a step": f"{record['final']['reward']:.2f}",
                 "plain reward a step": f"{record['final']['plain_reward']:.4f}",

@@ -28,7 +28,7 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, refl
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.mirror import Mirrored
-from glassgait.studies.training.record import read_config
+from glassgait.studies.training.record import read_config, trainings
 from glassgait.studies.training.study import TrainingRun
 
 A1 = load_robot()
@@ -315,6 +315,24 @@ def test_an_experts_record_gives_back_its_settings(tmp_path):
     assert (shipped.senses, shipped.limit_targets) == ("imu", True)
     assert len(shipped.worlds.stations(A1, np.random.default_rng(0))) == 16
     assert shipped.ppo.actor_layers == (256, 128, 64)
+
+
+def test_a_record_that_ships_can_be_followed_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    record = EXPERT_DIRECTORY / "half_bound.yaml"
+    start = read_config(record).warm_start
+    assert start is not None
+    assert load_policy(Path(start)).gait == "half_bound"
+    assert trainings(record) == [EXPERT_DIRECTORY / "ground" / "half_bound_first.yaml", record]
+
+
+def test_a_runs_own_result_is_not_taken_for_what_it_began_as(trained, tmp_path, monkeypatch):
+    start = tmp_path / "trot.safetensors"
+    start.write_bytes((trained / "trot.safetensors").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    training_run(replace(TINY, updates=1, warm_start=start.name), Path("out")).run(silent)
+    start.unlink()
+    assert read_config(tmp_path / "out" / "trot.yaml").warm_start == start.name
 
 
 @pytest.mark.parametrize(
