@@ -266,11 +266,13 @@ class Clearances(NamedTuple):
     Attributes:
         body: Lowest points of the trunk's, the four thighs' and the four calves' boxes (..., 9; m).
         feet: Lowest points of the feet (..., 4; m).
+        trunk: Centre of the trunk (...; m).
         upright: Cosine of the trunk's lean (...).
     """
 
     body: Array
     feet: Array
+    trunk: Array
     upright: Array
 
 
@@ -311,6 +313,7 @@ def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clea
     return Clearances(
         body=np.concatenate([trunk[..., None], thigh, calf], axis=-1),
         feet=_heights_of_feet(robot, foot_point, up, base_height),
+        trunk=base_height,
         upright=up[..., 2],
     )
 

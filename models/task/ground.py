@@ -123,17 +123,14 @@ class Ground:
             return heights
         return heights - self.height(kinematics.world_feet(robot, positions))
 
-    def trunk_height(self, positions: Array) -> Array:
-        """Returns the height of the trunk's centre above the ground under it (...; m)."""
-        height = positions[..., quadruped.POSITION][..., 2]
-        if self.is_level:
-            return height
-        return height - self.height(positions[..., None, quadruped.POSITION])[..., 0]
-
     def clearances(
         self, robot: Robot, positions: Array, shank_share: float
     ) -> kinematics.Clearances:
-        """Returns `kinematics.clearances` above the ground under each lowest point."""
+        """Returns `kinematics.clearances` above the ground under each lowest point.
+
+        The trunk's height is above the mean ground under the four feet: it says how far the legs
+        are bent, and does not change as the trunk passes over the edge of a block.
+        """
         found = kinematics.clearances(robot, positions, shank_share)
         if self.is_level:
             return found
@@ -141,8 +138,11 @@ class Ground:
         feet = kinematics.world_feet(robot, positions)
         under = self.height(np.concatenate([lowest, feet], axis=-2))
         n_boxes = lowest.shape[-2]
+        under_body, under_feet = under[..., :n_boxes], under[..., n_boxes:]
         return found._replace(
-            body=found.body - under[..., :n_boxes], feet=found.feet - under[..., n_boxes:]
+            body=found.body - under_body,
+            feet=found.feet - under_feet,
+            trunk=found.trunk - under_feet.mean(axis=-1),
         )
 
     def touching(self, robot: Robot, positions: Array) -> NDArray[np.bool_]:

@@ -30,7 +30,7 @@ class TerminationLimits(Settings):
     """Bounds that a robot must keep.
 
     Attributes:
-        trunk_height: Least height of the trunk's centre (m).
+        trunk_height: Least height of the trunk's centre above the mean ground under the feet (m).
         action_change: Greatest squared change of the action in one step.
         foot_height: Greatest height of a foot (m).
         joint_overrun: How far a joint may go past its range (rad); the plant's own limits give way
@@ -87,7 +87,7 @@ def failures(
         action: Action held during the step (..., 12).
         previous_action: Action of the step before (..., 12).
         limits: The bounds.
-        ground: What they stand on; heights are above the ground under each point.
+        ground: What they stand on; heights are as of `Ground.clearances`.
 
     Returns:
         One flag for each name in `FAILURES` (..., 7). A state that is not finite shows
@@ -110,7 +110,7 @@ def failures(
         lowest = np.minimum(lowest, calves.min(axis=-1))
     shown = kinematics.stacked(
         lowest < 0.0,
-        ground.trunk_height(state) < limits.trunk_height,
+        clearances.trunk < limits.trunk_height,
         overrun > limits.joint_overrun,
         np.add.reduce(np.square(change), axis=-1) > limits.action_change,
         clearances.feet.max(axis=-1) > limits.foot_height,

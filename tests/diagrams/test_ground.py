@@ -56,7 +56,7 @@ def test_robots_stand_on_the_ground(name, engine):
     ground = physics.ground(6)
     feet = ground.clearance(kinematics.world_feet(A1, states), A1.foot_radius)
     assert feet.min() > -0.006
-    assert np.all(ground.trunk_height(states) > 0.2)
+    assert np.all(ground.clearances(A1, states, 0.5).trunk > 0.2)
     assert np.all(step.touching.sum(axis=1) >= 3)
     # What a foot's force says is what its place says.
     assert np.mean(step.touching == (feet < 0.001)) > 0.9

@@ -125,10 +125,22 @@ def test_heights_of_robots_are_above_their_own_ground():
     states[2, quadruped.POSITION] += [2.1, 0.0, 4 * 0.08]
     feet = ground.foot_heights(A1, states)
     np.testing.assert_allclose(feet, np.tile(feet[0], (3, 1)), atol=1e-12)
-    heights = ground.trunk_height(states)
+    heights = ground.clearances(A1, states, 0.5).trunk
     np.testing.assert_allclose(heights, heights[0])
     one = ground.of_robots(np.array([2]))
-    np.testing.assert_allclose(one.trunk_height(states[2:]), heights[:1])
+    np.testing.assert_allclose(one.clearances(A1, states[2:], 0.5).trunk, heights[:1])
+
+
+def test_a_trunk_over_an_edge_is_as_high_as_its_legs_hold_it():
+    ground = Ground([ROUGH["steps"]])
+    state = kinematics.standing_state(A1)
+    low = ground.clearances(A1, state, 0.5).trunk
+    # The trunk's centre is over the first step, as are the front feet; the hind feet are not.
+    state[quadruped.POSITION] += [0.65, 0.0, 0.08]
+    feet = kinematics.world_feet(A1, state)
+    np.testing.assert_allclose(ground.height(feet), [0.08, 0.08, 0.0, 0.0])
+    np.testing.assert_allclose(ground.height(state[None, quadruped.POSITION]), [0.08])
+    np.testing.assert_allclose(ground.clearances(A1, state, 0.5).trunk, low + 0.04)
 
 
 def test_on_a_plane_everything_is_as_above_z_0(random_states):
