@@ -15,7 +15,7 @@ from glassgait.studies.reproduction.page import Section, Table
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 
 DEVIATIONS = (
-    "Experts are trained with 256 robots for 17 to 31 % of the paper's control steps, "
+    "Experts are trained with 256 robots for 17 to 32 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "
     "quarter of the samples; explainable boosting takes larger and fewer steps than interpret's "

@@ -99,8 +99,8 @@ class RefinementConfig(Settings):
         if self.settling and (quiet < QUIET.n_groups or self.n_robots - quiet < groups):
             least = 2 * max(groups, QUIET.n_groups)
             raise InputError(
-                f"refinement: n_robots is {self.n_robots}, and half of them do not fill the "
-                f"scenarios' groups while the others settle; give {least} or more"
+                f"refinement: n_robots is {self.n_robots}, too few for settling, where each half "
+                f"of the robots fills {least // 2} groups of scenarios; give {least} or more"
             )
 
     def n_terms(self, update: int, at_first: int) -> int:
