@@ -261,7 +261,7 @@ def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0)
 
 
 class Clearances(NamedTuple):
-    """Heights above the ground of what may touch it, and how upright the trunk is.
+    """Heights above the ground of what may touch it and of the trunk, and how upright that is.
 
     Attributes:
         body: Lowest points of the trunk's, the four thighs' and the four calves' boxes (..., 9; m).
