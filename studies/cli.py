@@ -148,25 +148,8 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "take to a robot": {
         "export": (
-            "deployment.export.command:Export",
+            "export.command:Export",
             "Write a controller as one C file, or its policy as ONNX, and check it against Python.",
-        ),
-        "drive controller": (
-            "deployment.drive.command:DriveController",
-            "Answer what a robot in another process senses, until Ctrl-C.",
-        ),
-        "drive simulator": (
-            "deployment.drive.command:DriveSimulator",
-            "Simulate a robot at real time that a controller in another process moves, until "
-            "Ctrl-C.",
-        ),
-        "drive packet-loss": (
-            "deployment.drive.command:DrivePacketLoss",
-            "Lose messages on purpose, in one process and simulated time, and count what happens.",
-        ),
-        "drive dropout": (
-            "deployment.drive.command:DriveDropout",
-            "Silence controllers for good at many moments of the stride, and count the falls.",
         ),
     },
     "reproduce": {

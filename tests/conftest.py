@@ -42,8 +42,8 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
-from glassgait.studies.deployment.export import files
-from glassgait.studies.deployment.export.files import has_compiler, load_controller
+from glassgait.studies.export import files
+from glassgait.studies.export.files import has_compiler, load_controller
 from glassgait.systems.meshcat_request import request_button
 
 A1 = load_robot()

@@ -20,7 +20,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.terrain import PLANE, Terrain
-from glassgait.studies.deployment.export.files import has_compiler, load_controller
+from glassgait.studies.export.files import has_compiler, load_controller
 
 N_STEPS = 60
 

@@ -33,7 +33,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.day import REQUESTS, load_day, lying_state
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.request import RequestGate
-from glassgait.studies.deployment.export.files import (
+from glassgait.studies.export.files import (
     CFile,
     Deployment,
     has_compiler,

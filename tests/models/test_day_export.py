@@ -15,8 +15,8 @@ from glassgait.models.task.day import REQUESTS, load_day
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.episode import episode, give, lie, request_mode
-from glassgait.studies.deployment.export.agreement import RecordedMoments
-from glassgait.studies.deployment.export.files import has_compiler, load_controller
+from glassgait.studies.export.agreement import RecordedMoments
+from glassgait.studies.export.files import has_compiler, load_controller
 
 DAY = load_day()
 DAMPED, REST = DAY.names.index("damped"), DAY.names.index("rest")

@@ -45,12 +45,12 @@ from glassgait.models.task.contact import UNCHANGED_STEPS
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.deployment.export.agreement import (
+from glassgait.studies.export.agreement import (
     Agreement,
     compare_controllers,
     random_sequences,
 )
-from glassgait.studies.deployment.export.files import has_compiler, load_controller
+from glassgait.studies.export.files import has_compiler, load_controller
 
 A1 = load_robot()
 

@@ -23,12 +23,12 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
-from glassgait.studies.deployment.export.agreement import (
+from glassgait.studies.export.agreement import (
     compare_controllers,
     random_sequences,
     recorded_sequences,
 )
-from glassgait.studies.deployment.export.files import has_compiler, load_controller
+from glassgait.studies.export.files import has_compiler, load_controller
 
 A1 = load_robot()
 WRITTEN = {"name": "tested", "policy_name": "tested", "version": "0"}
@@ -203,8 +203,8 @@ def test_formulas_of_what_an_imu_measures_keep_their_file_and_their_mirror(trot,
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_a_graph_reads_the_estimate_that_odometry_makes(kind, real, trot, small_expert):
     from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: PLC0415
-    from glassgait.studies.deployment.export.files import Deployment  # noqa: PLC0415
-    from glassgait.studies.deployment.export.onnx_file import (  # noqa: PLC0415
+    from glassgait.studies.export.files import Deployment  # noqa: PLC0415
+    from glassgait.studies.export.onnx_file import (  # noqa: PLC0415
         OnnxFile,
         compare_graph,
         random_rows,

@@ -18,7 +18,6 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.deployment.export.files import has_compiler
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
     EbmSettings,
@@ -27,6 +26,7 @@ from glassgait.studies.distillation.students.boosting import (
 )
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.export.files import has_compiler
 from glassgait.studies.reproduction.benchmark import command, controllers, python_times
 from glassgait.studies.reproduction.benchmark.controllers import Times, call_times, fastest
 from glassgait.studies.reproduction.benchmark.python_times import (

@@ -88,7 +88,7 @@ def test_an_earlier_command_is_refused_with_where_it_is_now(name, refused):
     assert MOVED[name] in COMMANDS
 
 
-@pytest.mark.parametrize("group", ["evaluate", "explain", "verify", "drive"])
+@pytest.mark.parametrize("group", ["evaluate", "explain", "verify"])
 def test_help_of_a_group_lists_its_commands(group, capsys):
     main([group, "--help"])
     listed = re.findall(r"^  (.+?)  ", capsys.readouterr().out, flags=re.MULTILINE)

@@ -27,16 +27,16 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.export import closed_loop, files
-from glassgait.studies.deployment.export.agreement import (
+from glassgait.studies.export import closed_loop, files
+from glassgait.studies.export.agreement import (
     compare_controllers,
     drawn_requests,
     random_sequences,
     recorded_sequences,
 )
-from glassgait.studies.deployment.export.closed_loop import by_controller, walk_both
-from glassgait.studies.deployment.export.command import controller_name
-from glassgait.studies.deployment.export.files import (
+from glassgait.studies.export.closed_loop import by_controller, walk_both
+from glassgait.studies.export.command import controller_name
+from glassgait.studies.export.files import (
     FLAGS,
     compile_c,
     has_compiler,
@@ -49,7 +49,7 @@ A1 = load_robot()
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
-PAGE = Path(__file__).parents[2] / "studies" / "deployment" / "README.md"
+PAGE = Path(__file__).parents[2] / "studies" / "export" / "README.md"
 
 SEVERAL = ["--gait", "trot", "walk"]
 

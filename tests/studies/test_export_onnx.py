@@ -22,10 +22,10 @@ onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
 
 from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: E402
-from glassgait.studies.deployment.export import onnx_file  # noqa: E402
-from glassgait.studies.deployment.export.closed_loop import by_graph, walk_both  # noqa: E402
-from glassgait.studies.deployment.export.files import Deployment  # noqa: E402
-from glassgait.studies.deployment.export.onnx_file import (  # noqa: E402
+from glassgait.studies.export import onnx_file  # noqa: E402
+from glassgait.studies.export.closed_loop import by_graph, walk_both  # noqa: E402
+from glassgait.studies.export.files import Deployment  # noqa: E402
+from glassgait.studies.export.onnx_file import (  # noqa: E402
     OnnxFile,
     check_graph,
     compare_graph,
@@ -150,7 +150,7 @@ def test_without_onnx_a_sentence_names_what_to_install(tmp_path, monkeypatch, re
     imported = builtins.__import__
 
     def without(name, *arguments, **options):
-        if name.startswith("glassgait.studies.deployment.export.onnx_file"):
+        if name.startswith("glassgait.studies.export.onnx_file"):
             raise ImportError("No module named 'onnx'")
         return imported(name, *arguments, **options)
 

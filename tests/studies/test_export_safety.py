@@ -32,8 +32,8 @@ from glassgait.models.task.command import Command, on_the_spot
 from glassgait.models.task.contact import UNREAD
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.imu import ImuReading
-from glassgait.studies.deployment.export.agreement import random_sequences
-from glassgait.studies.deployment.export.files import (
+from glassgait.studies.export.agreement import random_sequences
+from glassgait.studies.export.files import (
     compile_c,
     has_compiler,
     load_controller,

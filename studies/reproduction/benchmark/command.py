@@ -22,10 +22,10 @@ from glassgait.studies.common.run_folder import (
     refuse_run,
 )
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.deployment.export.files import has_compiler
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.export.files import has_compiler
 from glassgait.studies.reproduction.benchmark.controllers import controller_times, switching_times
 from glassgait.studies.reproduction.benchmark.python_times import (
     action_times,

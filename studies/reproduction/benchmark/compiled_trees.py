@@ -21,7 +21,7 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
-from glassgait.studies.deployment.export.files import FLAGS, compile_c, write_source
+from glassgait.studies.export.files import FLAGS, compile_c, write_source
 from glassgait.studies.reproduction.benchmark.controllers import (
     COUNT,
     compile_harness,

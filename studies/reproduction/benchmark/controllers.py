@@ -21,8 +21,8 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.pages import page_template
 from glassgait.studies.common.policies import ALL, Policies
-from glassgait.studies.deployment.export.command import controller_name
-from glassgait.studies.deployment.export.files import FLAGS, compile_c, write_source
+from glassgait.studies.export.command import controller_name
+from glassgait.studies.export.files import FLAGS, compile_c, write_source
 
 COUNT = 20_000
 """Steps that are timed."""

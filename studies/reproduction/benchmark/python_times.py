@@ -24,11 +24,6 @@ from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
 from glassgait.studies.common.policies import EXPERT, Policies
-from glassgait.studies.deployment.export.agreement import (
-    recorded_observations,
-    recorded_sequences,
-)
-from glassgait.studies.deployment.export.files import Deployment
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import EBM, GBM
@@ -36,6 +31,11 @@ from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Data
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.student import TrainingSet
+from glassgait.studies.export.agreement import (
+    recorded_observations,
+    recorded_sequences,
+)
+from glassgait.studies.export.files import Deployment
 from glassgait.studies.reproduction.benchmark.controllers import call_times, fastest
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def _graph(deployment: Deployment) -> "LoadedGraph | None":
     try:
         # Imported here: ONNX and its runtime are an extra.
         from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: PLC0415
-        from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: PLC0415
+        from glassgait.studies.export.onnx_file import OnnxFile  # noqa: PLC0415
     except ImportError:
         say("ONNX Runtime is not timed: run pip install 'glassgait[onnx]'")
         return None

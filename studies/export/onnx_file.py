@@ -24,13 +24,13 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, OVERDUE, proprioception
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
-from glassgait.studies.deployment.export.agreement import (
+from glassgait.studies.export.agreement import (
     SEQUENCE_STEPS,
     random_readings,
     recorded_observations,
 )
-from glassgait.studies.deployment.export.closed_loop import by_graph
-from glassgait.studies.deployment.export.files import Deployment, Effort, Exported
+from glassgait.studies.export.closed_loop import by_graph
+from glassgait.studies.export.files import Deployment, Effort, Exported
 
 MOST = 1e-6
 """Greatest difference of a joint target (rad), or of an estimate, with which a graph is written."""

@@ -25,13 +25,13 @@ from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import say
-from glassgait.studies.deployment.export.agreement import (
+from glassgait.studies.export.agreement import (
     compare_controllers,
     random_sequences,
     recorded_sequences,
     with_requested_modes,
 )
-from glassgait.studies.deployment.export.closed_loop import Maker, by_controller, walk_both
+from glassgait.studies.export.closed_loop import Maker, by_controller, walk_both
 
 COMPILER = "cc"
 

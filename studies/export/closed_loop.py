@@ -24,7 +24,7 @@ from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.episode import BoolArray, Episode, Event, IntArray, episode
 from glassgait.studies.common.observers import Log, Snapshots
 from glassgait.studies.common.scores import score_rollouts
-from glassgait.studies.deployment.export.agreement import Moment, asking, drawn_requests, moments
+from glassgait.studies.export.agreement import Moment, asking, drawn_requests, moments
 
 WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}
 """Scenario of each engine."""

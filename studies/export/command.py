@@ -21,8 +21,8 @@ from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.deployment.export.files import CFile, Deployment, Effort, Exported
 from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.export.files import CFile, Deployment, Effort, Exported
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Export(PolicySource):
             return CFile(deployment, self.precision)
         try:
             # Imported here: ONNX and its runtime are an extra.
-            from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: PLC0415
+            from glassgait.studies.export.onnx_file import OnnxFile  # noqa: PLC0415
         except ImportError as error:
             raise InputError(
                 "--format onnx: ONNX is not installed; run pip install 'glassgait[onnx]'"

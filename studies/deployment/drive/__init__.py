@@ -1,1 +1,0 @@
-"""A controller and a robot in two processes: run, and measured."""
