@@ -1,6 +1,5 @@
 """The batch simulator's physics by MuJoCo, a second opinion on what Drake's says."""
 
-from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
@@ -9,26 +8,18 @@ from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 from pydrake.common import Parallelism
 
-from glassgait.diagrams.description_reader import parse_description, read_description
 from glassgait.diagrams.ground import PATCH
 from glassgait.diagrams.physics import EnginePhysics, Held
 from glassgait.diagrams.station import PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.found_robot import FoundRobot
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import Terrain
 
 LIMIT_TIME_CONSTANT = 0.004
 """Time in which a joint's limit gives way (s). MuJoCo's own limits are so soft that joints leave
 their ranges, which counts as a failure."""
-
-MOST_OFFSET = 0.05
-"""Greatest difference of the angle at which a leg of another description hangs straight (rad)."""
-
-MOST_DIFFERENCE = 0.01
-"""Greatest difference of a length from that of another description (m)."""
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
@@ -125,10 +116,10 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     """Builds MuJoCo's model of the station: the same description, motors, ground and load.
 
     Raises:
-        InputError: if the station names another description, and that is of no such robot.
+        InputError: if MuJoCo refuses the robot's description.
     """
     station.terrain.check(robot)
-    spec = _robot_spec(robot, station)
+    spec = mujoco.MjSpec.from_string(_plain_description(robot))
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -150,77 +141,12 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     try:
         model = spec.compile()
     except ValueError as error:
-        what = robot.urdf_path if station.description is None else station.description
-        raise InputError(f"{what}: MuJoCo refuses it ({error}); mend the file") from error
+        raise InputError(
+            f"{robot.urdf_path}: MuJoCo refuses it ({error}); mend the file"
+        ) from error
     model.geom_solref[:, 0] = station.contact_time
     _set_friction(model, station.terrain, station.friction)
     return model
-
-
-def _robot_spec(robot: Robot, station: StationConfig) -> mujoco.MjSpec:
-    """Returns the robot alone, its joints, calves and feet by our names."""
-    if station.description is None:
-        return mujoco.MjSpec.from_string(_plain_description(robot))
-    path = Path(station.description)
-    found, spec = read_description(path), parse_description(path)
-    _refuse_another(found, robot)
-    # What the station brings itself, and what would act on the robot besides.
-    for part in [
-        *(*spec.actuators, *spec.sensors, *spec.sites, *spec.worldbody.geoms),
-        *(*spec.equalities, *spec.excludes, *spec.pairs, *spec.tendons),
-    ]:
-        spec.delete(part)
-    for body in spec.bodies:
-        body.gravcomp = 0.0
-    spec.option.density = spec.option.viscosity = 0.0
-    spec.option.wind = np.zeros(3)
-    # Found by their names before any is given another, which may be one of theirs.
-    names = [(spec.body(found.trunk), "trunk")]
-    for leg, own in found.legs.items():
-        turned = np.flatnonzero((own.sign < 0.0) | (np.abs(own.offset) > MOST_OFFSET))
-        if len(turned):
-            raise InputError(
-                f"{path}: {leg}_{quadruped.LEG_JOINTS[turned[0]]} turns otherwise, or hangs at "
-                f"another angle; give a description whose angles are those of {robot.name}"
-            )
-        foot = spec.geom(own.foot) if own.foot else _add_foot(spec.body(own.foot_body), robot)
-        names.append((foot, f"{leg}_foot"))
-        for kind, joint, body in zip(quadruped.LEG_JOINTS, own.joints, own.bodies, strict=True):
-            names += [(part, f"{leg}_{kind}") for part in (spec.joint(joint), spec.body(body))]
-    for number, (part, _) in enumerate(names):
-        part.name = f"own_{number}"
-    for part, name in names:
-        part.name = name
-    return spec
-
-
-def _refuse_another(found: FoundRobot, robot: Robot) -> None:
-    """Refuses the description of a robot of other sizes, or whose trunk's frame is elsewhere."""
-    if np.abs(found.middle).max() > MOST_DIFFERENCE:
-        raise InputError(
-            f"{found.path}: the middle of the hip joints is at {found.middle.round(3).tolist()} m "
-            "of the trunk's frame; give a description whose trunk's frame is there"
-        )
-    for leg, own in found.legs.items():
-        number = quadruped.LEGS.index(leg)
-        sizes = {
-            "hip_offset": own.hip - robot.hip_origin[number],
-            "thigh_offset": own.outward - robot.thigh_offsets[number],
-            "thigh_length": own.thigh_length - robot.thigh_length,
-            "calf_length": own.calf_length - robot.calf_length,
-        }
-        for key, difference in sizes.items():
-            if np.abs(difference).max() > MOST_DIFFERENCE:
-                raise InputError(
-                    f"{found.path}: the leg {leg} differs from {robot.name}'s by "
-                    f"{np.abs(difference).max():.3f} m in {key!r}; give a description of this robot"
-                )
-
-
-def _add_foot(body: "mujoco.MjsBody", robot: Robot) -> "mujoco.MjsGeom":
-    """Adds a foot to a description whose feet were meshes."""
-    sphere, radius = mujoco.mjtGeom.mjGEOM_SPHERE, robot.foot_radius
-    return body.add_geom(type=sphere, size=[radius, 0.0, 0.0], mass=0.0)
 
 
 def _add_ground(spec: "mujoco.MjSpec", terrain: Terrain) -> None:

@@ -239,13 +239,7 @@ class Scenario(Settings):
 
     def digest(self) -> str:
         """Returns what differs where scenarios differ in anything."""
-        text = json.dumps(self.to_plain())
-        if self.station.description is not None:
-            # Imported here: MuJoCo is not for scenarios of Drake alone.
-            from glassgait.diagrams.description_reader import parse_description  # noqa: PLC0415
-
-            text += parse_description(Path(self.station.description)).to_xml()
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return hashlib.sha256(json.dumps(self.to_plain()).encode()).hexdigest()[:16]
 
 
 def scenario_names(group: str = "all") -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 import numpy as np
 
 from glassgait.diagrams.engines import make_physics
-from glassgait.diagrams.standing import settle
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.link.self_test import (
@@ -48,8 +47,9 @@ def measure_self_test(robot: Robot, station: StationConfig, targets: Array) -> l
     physics.set_friction(np.array([station.friction]))
     stance = np.tile(robot.default_stance, (len(targets), 1))
     standing = kinematics.standing_state(robot, stance)
-    *_, settled = settle(robot, physics, standing, SETTLING_STEPS)
-    states = settled.states
+    states = standing
+    for _ in range(SETTLING_STEPS):
+        states = physics.step(states, stance).states
     moved, touching, imu = [], [], []
     for now in targets.swapaxes(0, 1):
         before = states[:, quadruped.LINEAR_VELOCITY]

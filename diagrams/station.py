@@ -59,7 +59,7 @@ MOST_STEPS = 2000
 OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
 """Settings of a station that MuJoCo has no counterpart of."""
 
-OF_MUJOCO = ("contact_force", "contact_time", "description")
+OF_MUJOCO = ("contact_force", "contact_time")
 """Settings of a station that Drake has no counterpart of."""
 
 LEAST_FORCE = 1e-3
@@ -112,9 +112,6 @@ class StationConfig(Settings):
         contact_time: Time constant with which a contact pushes out what has sunk in (s), of MuJoCo
             alone, which takes two time steps at least. Its own 0.02 s lets feet sink in by 7 mm and
             rise for the whole stance; 0.01 s is as stiff as Drake's ground here.
-        description: Another description of the robot in URDF or MJCF, which MuJoCo simulates in
-            place of the robot's own, with its masses, shapes and joints' friction but without its
-            motors and meshes.
     """
 
     title: ClassVar[str] = "station"
@@ -136,7 +133,6 @@ class StationConfig(Settings):
     engine: Engine = "drake"
     contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = LEAST_FORCE
     contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
-    description: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -43,15 +43,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "gait": (
             "training.gait_command:ShowGait",
-            "Check a gait file, or a robot's day, and draw its state machine.",
+            "Check a gait file and draw its reward machine.",
         ),
         "robot": (
-            "training.robot_command:MakeRobot",
-            "Make a robot of a description in URDF or MJCF, or check one, and let it stand.",
-        ),
-        "transfer": (
-            "training.transfer_command:Transfer",
-            "Write the expert and the formulas of one robot anew for another; nothing is learned.",
+            "training.robot_command:CheckRobot",
+            "Check a robot description, robot.yaml and URDF, and let the robot stand.",
         ),
     },
     "measure": {

@@ -17,8 +17,7 @@ import yaml
 
 from glassgait.models.certificates.claims import load_claims
 from glassgait.models.policies.library import load_policy
-from glassgait.models.robots.description import urdf
-from glassgait.models.robots.library import load_robot, read_robot
+from glassgait.models.robots.library import read_robot
 from glassgait.models.task.gait import load_gait, parse_gait
 from glassgait.studies.cli import COMMANDS, command_class, main
 from glassgait.studies.common.policies import OneGait, find_policies
@@ -39,9 +38,6 @@ LONGEST_README = 120
 """Lines: a front page is read in one go."""
 
 LONGEST_LINE = 150
-
-LONGEST_ROBOT = 40
-"""Lines of the file of a robot."""
 
 NEEDS_A_DISTILLATION = ("distill", "--sweep")
 """Beginning of the command that reads the samples of one."""
@@ -254,10 +250,7 @@ def test_files_that_are_shown_are_accepted(page, tmp_path):
             case {"claims": _}:
                 assert load_claims(path)
             case {"hip_offset": _}:
-                robot = read_robot(path)
-                robot.urdf_path.write_text(urdf(robot))
-                assert load_robot(path).mass == robot.mass
-                assert len(text.splitlines()) <= LONGEST_ROBOT
+                assert read_robot(path)
             case _:
                 resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
 

@@ -1,7 +1,7 @@
 """A robot as data: what differs from one quadruped to another, as `quadruped` lays one out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,6 @@ from pydantic import StringConstraints
 from glassgait.models.arrays import Array, clip
 from glassgait.models.errors import InputError, shown
 from glassgait.models.robots.foot_force import FootForce
-from glassgait.models.robots.inertial import Inertial, Triple
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
 from glassgait.models.settings import DISTINCT, Positive, Range, Settings
 
@@ -29,6 +28,7 @@ NAME = r"^[a-z][a-z0-9_]{0,39}$"
 RobotName = Annotated[str, StringConstraints(pattern=NAME)]
 Length = Annotated[float, Gt(0.0), Le(10.0)]
 Box = tuple[Length, Length, Length]
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,6 @@ class Robot(Settings):
         action_scale: What an action of 1 adds to a joint's target (rad).
         motor_order: Legs in the order in which the vendor's controller numbers their motors.
         foot_force: How the feet's force sensors are read; only Unitree's messages have them.
-        inertias: Inertias of the trunk and of the front left leg's hip, thigh, calf and, where the
-            calf's is without it, foot; only `description` reads them.
         path: Where it was loaded from.
     """
 
@@ -86,7 +84,6 @@ class Robot(Settings):
     action_scale: Positive
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
     foot_force: FootForce | None = None
-    inertias: dict[str, Inertial] = field(default_factory=dict)
     path: str = ""
 
     def __post_init__(self) -> None:
@@ -94,8 +91,6 @@ class Robot(Settings):
         for key in ("position_limits", "effort_limits", "velocity_limits"):
             _refuse_other_keys(key, getattr(self, key), {*LEG_JOINTS, *JOINTS})
             self._of_joints(key)
-        for name, body in self.inertias.items():
-            body.check(name)
         for key, legs in (("stance", self.stance), ("motor_order", self.motor_order)):
             if sorted(legs) != sorted(LEGS):
                 raise InputError(f"{key} is of {', '.join(legs)}; name {', '.join(LEGS)}")

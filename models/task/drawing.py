@@ -1,15 +1,13 @@
-"""Drawings of state machines, a gait's and a day's: Graphviz and Mermaid text.
+"""Drawings of reward machines as Graphviz and Mermaid text.
 
 Names are a person's own words, so they are quoted as each language asks.
 """
 
 import re
-from itertools import cycle
 from typing import NamedTuple
 
-from glassgait.models.task.day import DAMP, POLICY, Day
 from glassgait.models.task.gait import Gait, Transition
-from glassgait.models.task.palette import COLORS, FAULT_COLORS, state_colors
+from glassgait.models.task.palette import state_colors
 
 
 class _Arrow(NamedTuple):
@@ -32,9 +30,9 @@ class _Graph(NamedTuple):
     arrows: list[_Arrow]
 
 
-def to_graphviz(machine: Gait | Day) -> str:
-    """Draws a gait's reward machine, or a day, in Graphviz's language."""
-    graph = _graph(machine)
+def to_graphviz(gait: Gait) -> str:
+    """Draws a gait's reward machine in Graphviz's language."""
+    graph = _graph(gait)
     lines = [
         f"digraph {_quoted(graph.name)} {{",
         "  rankdir=LR;",
@@ -53,9 +51,9 @@ def to_graphviz(machine: Gait | Day) -> str:
     return "\n".join([*lines, "}"]) + "\n"
 
 
-def to_mermaid(machine: Gait | Day) -> str:
-    """Draws a gait's reward machine, or a day, in Mermaid's language."""
-    graph = _graph(machine)
+def to_mermaid(gait: Gait) -> str:
+    """Draws a gait's reward machine in Mermaid's language."""
+    graph = _graph(gait)
     # Some names, such as "end", are words of the language, so that states go by their numbers.
     ids = {state: f"s{i}" for i, state in enumerate(graph.colors)}
     lines = ["stateDiagram-v2", "  direction LR"]
@@ -67,39 +65,13 @@ def to_mermaid(machine: Gait | Day) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _graph(machine: Gait | Day) -> _Graph:
-    return _of_day(machine) if isinstance(machine, Day) else _of_gait(machine)
-
-
-def _of_gait(gait: Gait) -> _Graph:
+def _graph(gait: Gait) -> _Graph:
     arrows = [
         _Arrow(edge.source, edge.target, edge.when.text, _conditions(gait, edge))
         for edge in gait.transitions
     ]
     colors = dict(zip(gait.states, state_colors(gait), strict=True))
     return _Graph(gait.name, gait.initial, colors, gait.faults, arrows)
-
-
-def _of_day(day: Day) -> _Graph:
-    """Draws the fault as an edge of the mode in which the day begins alone, and says so."""
-    holding, damping = cycle(COLORS), cycle(FAULT_COLORS)
-    colors = {
-        name: next(damping if mode.joints == DAMP else holding) for name, mode in day.modes.items()
-    }
-    arrows = [
-        _Arrow(edge.source, edge.target, edge.when.text, _duration(day, edge.target))
-        for edge in day.edges
-    ]
-    (damped, fault), *_ = day.fault.items()
-    arrows.append(_Arrow(day.initial, damped, fault, "so from every mode, before all else"))
-    return _Graph("day", day.initial, colors, (damped,), arrows)
-
-
-def _duration(day: Day, mode: str) -> str:
-    """Says what the joints do in the mode that is entered."""
-    own = day.modes[mode]
-    what = {POLICY: "policy acts", DAMP: "damped"}.get(own.joints, f"to {own.joints}")
-    return f"{what} in {own.seconds:g} s" if own.seconds else what
 
 
 def _quoted(name: str) -> str:

@@ -1,222 +1,110 @@
-"""`glassgait robot`: makes a robot of a description, or checks one, and lets it stand."""
+"""`glassgait robot`: checks a robot's description and lets the robot stand."""
 
-import re
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 import pandas as pd
 import tyro
 
-from glassgait.diagrams.description_reader import FORMATS, read_description
-from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.rollout import make_simulator
-from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.standing import STATIONS, Standing, stand
-from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.arrays import Array
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.files import read_text, write_atomically
-from glassgait.models.robots import quadruped
-from glassgait.models.robots.description import WRITTEN, urdf
-from glassgait.models.robots.found_robot import FoundRobot
-from glassgait.models.robots.library import ROBOT_FILE, load_robot, read_robot, robot_names
-from glassgait.models.robots.proposal import (
-    MOMENTS,
-    Entry,
-    mean_of_legs,
-    propose,
-    robot_text,
-)
-from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
-from glassgait.models.robots.robot import DEFAULT_ROBOT, NAME, Robot, RobotName
-from glassgait.models.robots.urdf_comparison import LARGEST_DESCRIPTION
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.console import console, say
-from glassgait.studies.common.play import first_interrupt
 from glassgait.studies.common.tables import print_table
 
-NEGLIGIBLE, SMALL = 1e-3, 1e-3
-"""Greatest relative difference of numbers that count as equal, and what the least ones are taken
-for: files round them."""
+STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))
+"""Physics in which a robot must stand."""
+
+DROP = 0.03
+"""Height from which a robot is dropped (m)."""
+
+STEPS = round(4.0 / CONTROL_PERIOD)
+"""Control steps until it must be at rest."""
+
+MOST_SAG = 0.2
+"""Greatest share of the stance's height by which a standing robot may sag."""
+
+MOST_SWAY = 5e-3
+"""Greatest vertical movement of the trunk in the last second (m)."""
+
+MOST_LEAN = 10.0
+"""Greatest lean of the trunk (°)."""
 
 
 @dataclass(frozen=True)
-class MakeRobot(Settings):
-    """Make a robot of a description in URDF or MJCF, or check one, and let it stand.
+class CheckRobot(Settings):
+    """Check a robot description, robot.yaml and URDF, and let the robot stand.
 
     Attributes:
-        robot: Description of a quadruped in URDF or MJCF, of which a robot.yaml is made; or a
-            robot.yaml, or the name of a robot that ships, which is checked.
-        name: Name of the robot that is made; that of the description by default.
-        output: Folder of the robot that is made; robots/<name> by default.
-        against: Another robot, or another description: its numbers stand beside.
-        meshcat: Show the robot as it stands in Meshcat, until Ctrl-C.
+        robot: Path of a robot.yaml, or name of a robot that ships.
     """
 
     title: ClassVar[str] = "robot"
 
     robot: Annotated[str, tyro.conf.Positional] = DEFAULT_ROBOT
-    name: RobotName | None = None
-    output: Path | None = None
-    against: str | None = None
-    meshcat: bool = False
 
     def run(self) -> None:
-        """Makes, checks, compares and shows the robot."""
-        path = Path(self.robot)
-        if path.suffix.lower() in FORMATS:
-            path = self._make(path)
-        elif self.name is not None or self.output is not None:
-            raise InputError(
-                f"{self.robot}: --name and --output are of robots that are made of a description; "
-                "leave them out, or give a URDF or an MJCF"
-            )
-        robot = _checked(str(path))
-        if self.against is not None:
-            _compare(robot, self.against)
-        _stands(robot)
-        if self.meshcat:
-            _show(robot)
+        """Checks the files, and drops the robot in its default stance.
 
-    def _make(self, description: Path) -> Path:
-        """Writes the robot's file, and returns its path."""
-        name = self.name or re.sub("[^a-z0-9_]", "_", description.stem.lower())
-        if not re.match(NAME, name):
-            raise InputError(
-                f"{description}: its name does not begin with a letter, or is longer than 40; give "
-                "one with --name"
-            )
-        if name in robot_names():
-            raise InputError(f"--name {name}: is a robot that ships; give another name")
-        folder = self.output or Path("robots") / name
-        path = folder / ROBOT_FILE
-        if path.exists():
-            raise InputError(
-                f"{path}: is there already; check it by 'glassgait robot {path}', or give another "
-                "--output"
-            )
-        found = read_description(description)
-        entries = propose(found, name)
-        write_atomically(path, robot_text(found, entries))
-        print_table(f"{name}: read from {description}", _table_of(entries))
-        console.print(f"written to {path}")
-        if missing := [entry.key for entry in entries if entry.source == "missing"]:
-            raise InputError(
-                f"{path}: {', '.join(missing)} are not in {description.name}; fill them in, then "
-                f"'glassgait robot {path}'"
-            )
-        return path
+        Raises:
+            InputError: if the files break a rule, or the robot does not stand.
+        """
+        robot = load_robot(self.robot)
+        rows = [stand(robot, station) for station in STATIONS]
+        print_table(f"{robot.full_name}: dropped in its stance", pd.DataFrame(rows))
+        for row in rows:
+            if problem := problem_of(row):
+                raise InputError(
+                    f"{robot.path}: the robot does not stand in {row['physics']}: {problem}"
+                )
 
 
-def _table_of(entries: list[Entry]) -> pd.DataFrame:
-    rows = [
-        {"key": own.key, "value": own.value.strip() if "\n" not in own.value else "…"}
-        | {"source": own.source, "unit": own.comment}
-        for own in entries
-    ]
-    return pd.DataFrame(rows)
-
-
-def _checked(robot: str) -> Robot:
-    """Loads a robot; writes its URDF first, where that is missing or was written here."""
-    path = Path(robot)
-    if path.suffix in (".yaml", ".yml"):
-        own = read_robot(path.resolve())
-        described = own.urdf_path
-        if not described.exists() or WRITTEN in read_text(described, LARGEST_DESCRIPTION):
-            write_atomically(described, urdf(own))
-            say(f"written to {described}")
-    return load_robot(robot)
-
-
-def _stands(robot: Robot) -> None:
-    standings = [stand(robot, station) for station in STATIONS]
-    print_table(f"{robot.full_name}: dropped in its stance", _table_of_standing(standings))
-    for standing in standings:
-        if standing.failure:
-            raise InputError(
-                f"{robot.path}: the robot does not stand in {standing.engine}: {standing.failure}"
-            )
-
-
-def _table_of_standing(standings: list[Standing]) -> pd.DataFrame:
-    titles = {
-        "engine": "physics",
-        "height": "height (m)",
-        "sag": "sag (m)",
-        "sway": "sway (m)",
-        "lean": "lean (°)",
-        "torque": "torque / greatest",
-        "feet": "feet",
-        "failure": "failure",
+def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
+    """Drops a robot in its default stance and measures how it stands in the end."""
+    state = kinematics.standing_state(robot)[None]
+    stance = state[0, quadruped.POSITION][2]
+    state[:, quadruped.POSITION.stop - 1] += DROP
+    physics = make_physics(robot, station)
+    physics.set_friction(np.array([station.friction]))
+    heights = []
+    for _ in range(STEPS):
+        state, touching = physics.step(state, robot.default_stance[None])
+        heights.append(state[0, quadruped.POSITION][2])
+    torque = robot.joint_torque(
+        target=robot.default_stance,
+        position=state[0, quadruped.JOINT_POSITION],
+        velocity=state[0, quadruped.JOINT_VELOCITY],
+        gains=station.gains(robot),
+    )
+    return {
+        "physics": station.engine,
+        "height (m)": float(heights[-1]),
+        "sag / height": float(1.0 - heights[-1] / stance),
+        "sway (m)": float(np.ptp(heights[-round(1.0 / CONTROL_PERIOD) :])),
+        "lean (°)": float(kinematics.lean(state[0, quadruped.QUATERNION])),
+        "torque / greatest": float(np.max(np.abs(torque) / robot.effort)),
+        "feet": int(touching[0].sum()),
     }
-    return pd.DataFrame([asdict(own) for own in standings]).rename(columns=titles)
 
 
-def _compare(robot: Robot, other: str) -> None:
-    """Prints the numbers that differ between a robot's description and another one."""
-    path = Path(other)
-    theirs_at = path if path.suffix.lower() in FORMATS else load_robot(other).urdf_path
-    ours, theirs = (_numbers(read_description(own)) for own in (robot.urdf_path, theirs_at))
-    silent = sorted({key.partition(",")[2] or key for key in ours if np.isnan(theirs[key]).all()})
-    rows = []
-    for key, own in ours.items():
-        differs = np.abs(theirs[key] - own) > NEGLIGIBLE * np.maximum(np.abs(own), SMALL)
-        if not differs.any():
-            continue
-        alike = np.ptp(own) == np.ptp(theirs[key]) == 0.0
-        for leg, pair in zip(LEGS, zip(own, theirs[key], strict=True), strict=False):
-            label = key if alike else f"{leg}, {key}"
-            rows.append({"number": label, robot.name: pair[0], other: pair[1]})
-            if alike:
-                break
-    print_table(f"what differs, of {len(ours)} kinds of numbers", pd.DataFrame(rows))
-    if silent:
-        say(f"{other} is silent on:{','.join(silent)}")
-
-
-def _numbers(found: FoundRobot) -> dict[str, Array]:
-    """Returns what a description says, of the robot (1,) or of each leg (4,); NaN for nothing."""
-    numbers = {"mass (kg)": found.mass}
-    bodies = {"trunk": found.trunk_inertia}
-    bodies |= {kind: mean_of_legs(found, part) for part, kind in enumerate(LEG_JOINTS)}
-    for name, body in bodies.items():
-        numbers[f"{name}, mass (kg)"] = body.mass
-        for axis, own in zip("xyz", body.center, strict=True):
-            numbers[f"{name}, centre {axis} (m)"] = own
-        numbers |= {f"{name}, {key} (kg·m²)": getattr(body, key) for key in MOMENTS}
-    legs = list(found.legs.values())
-    each: dict[str, list[float | None]] = {
-        "hip offset x (m)": [abs(leg.hip[0]) for leg in legs],
-        "hip offset y (m)": [abs(leg.hip[1]) for leg in legs],
-        "thigh offset (m)": [abs(leg.outward) for leg in legs],
-        "thigh length (m)": [leg.thigh_length for leg in legs],
-        "calf length (m)": [leg.calf_length for leg in legs],
-        "foot radius (m)": [leg.foot_radius for leg in legs],
-    }
-    for part, kind in enumerate(LEG_JOINTS):
-        each |= {
-            f"{kind}, least angle (rad)": [leg.limits[part, 0] for leg in legs],
-            f"{kind}, greatest angle (rad)": [leg.limits[part, 1] for leg in legs],
-            f"{kind}, torque (N·m)": [leg.effort[part] for leg in legs],
-            f"{kind}, velocity (rad/s)": [leg.velocity[part] for leg in legs],
-        }
-    return {key: np.atleast_1d(np.array(own, float)) for key, own in (numbers | each).items()}
-
-
-def _show(robot: Robot) -> None:
-    """Lets the robot stand in Meshcat at real time, until Ctrl-C."""
-    meshcat = open_meshcat()
-    scenario = replace(Scenario(), robot=robot.source)
-    diagram = MakeLocomotion(load_gait("trot"), scenario, meshcat=meshcat)
-    simulator = make_simulator(diagram, realtime_rate=1.0)
-    port = diagram.GetInputPort("actions")
-    port.FixValue(simulator.get_mutable_context(), np.zeros(quadruped.N_JOINTS))
-    say(f"open {meshcat.web_url()}; Ctrl-C ends")
-    with first_interrupt() as interrupted:
-        while not interrupted():
-            simulator.AdvanceTo(simulator.get_context().get_time() + CONTROL_PERIOD)
+def problem_of(row: dict[str, str | float]) -> str:
+    """Returns what keeps a robot from standing and how to mend it; empty if it stands."""
+    height, sag, sway, lean, feet = (
+        float(row[key]) for key in ("height (m)", "sag / height", "sway (m)", "lean (°)", "feet")
+    )
+    if not np.isfinite(height):
+        return "the physics cannot be computed; check masses and inertias in the URDF"
+    if lean > MOST_LEAN:
+        return f"it leans by {lean:.0f}°; move the stance's feet below its weight"
+    if sag > MOST_SAG:
+        return f"it sags by {sag:.0%} of its height; give more stiffness"
+    if sway > MOST_SWAY:
+        return f"it moves by {sway:.3f} m a second; give more damping"
+    if feet < quadruped.N_LEGS:
+        return f"{feet:.0f} of {quadruped.N_LEGS} feet touch; make the legs' stances alike"
+    return ""

@@ -1,7 +1,6 @@
-"""Every robot that ships: it stands, moves alike in both executions, and in MuJoCo."""
+"""Every robot that ships: it moves alike in both executions."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,36 +11,16 @@ from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.standing import STATIONS, stand
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot, robot_names
-from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import failures
-
-HOUSE = Path(__file__).parents[2]
-
-
-@pytest.mark.parametrize("name", robot_names())
-@pytest.mark.parametrize("station", STATIONS, ids=lambda station: station.engine)
-def test_a_robot_dropped_in_its_stance_stands_steadily(name, station):
-    robot = load_robot(name)
-    standing = stand(robot, station)
-    assert not standing.failure
-    # With a PD law of these gains the trunk's weight lowers it by some centimetres.
-    assert 0.0 < standing.sag < 0.06
-    assert standing.feet == 4 and standing.torque < 0.5
-
-
-def test_a_robot_without_strength_does_not_stand():
-    weak = replace(STATIONS[0], motor_strength=0.1)
-    assert "sags" in stand(load_robot(), weak).failure
 
 
 def test_a_robot_that_starts_as_it_stands_shows_no_failure():
@@ -109,18 +88,3 @@ def test_a_policy_moves_its_own_robot_and_no_other():
         TaskConfig.of_scenario(gait, Scenario(robot="a1"), policy)
     with pytest.raises(InputError, match="'b2'"):
         Scenario(robot="b2")
-
-
-def test_no_file_above_the_models_names_a_robot():
-    """The default robot's name stands in one place; pages may name robots in prose."""
-    robots = set(robot_names())
-    named = [
-        path.relative_to(HOUSE)
-        for folder in ("systems", "diagrams", "studies")
-        for path in (HOUSE / folder).rglob("*")
-        if path.suffix in {".py", ".c", ".h", ".html", ".j2", ".css", ".js"}
-        for word in path.read_text().replace("_", " ").replace("-", " ").split()
-        if word.strip("\"'`.,:;()[]{}<>*").lower() in robots
-    ]
-    assert named == []
-    assert DEFAULT_ROBOT in robots

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.self_test import measure_self_test, predict_self_test
-from glassgait.diagrams.standing import STATIONS
 from glassgait.models.link.self_test import (
     N_STEPS,
     REST_STEPS,
@@ -20,6 +19,7 @@ from glassgait.models.link.self_test import (
 from glassgait.models.robots.library import load_robot, robot_names
 from glassgait.models.robots.quadruped import JOINTS, LEGS, N_JOINTS
 from glassgait.models.task.imu import IMU_NOISE
+from glassgait.studies.training.robot_command import STATIONS
 
 DRAKE, MUJOCO = STATIONS
 DEGREES = 180.0 / np.pi

@@ -10,7 +10,6 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.day import DAY_DIRECTORY, REQUESTS, load_day
-from glassgait.models.task.drawing import to_graphviz, to_mermaid
 from glassgait.models.task.mode_machine import ModeMachine, ModeReadings, eased
 
 A1, GO2 = load_robot(), load_robot("go2")
@@ -208,12 +207,3 @@ def test_postures_beyond_a_joints_range_are_refused(tmp_path):
 def test_unknown_days_are_refused():
     with pytest.raises(InputError, match="unknown day 'night'; there is day"):
         load_day("night")
-
-
-def test_every_mode_and_change_is_drawn():
-    mermaid, graphviz = to_mermaid(DAY), to_graphviz(DAY)
-    for edge in DAY.edges:
-        source, target = (DAY.names.index(name) for name in (edge.source, edge.target))
-        assert f"s{source} --> s{target}: {edge.when.text}" in mermaid
-        assert f'"{edge.source}" -> "{edge.target}" [label="{edge.when.text}' in graphviz
-    assert "s0 --> s6: leaning | blind, so from every mode" in mermaid
