@@ -1,6 +1,5 @@
 """Both ends of Unitree's wire: the robot rises, walks, and is damped when anything is wrong."""
 
-
 import numpy as np
 import pytest
 from pydrake.lcm import DrakeLcm
