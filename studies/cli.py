@@ -158,14 +158,6 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Distil, evaluate and explain the shipped experts, and write one report beside the "
             "paper.",
         ),
-        "reproduce curricula": (
-            "reproduction.curricula:Curricula",
-            "Distil by other curricula with as many samples, and let the students walk alone.",
-        ),
-        "reproduce convergence": (
-            "reproduction.convergence:Convergence",
-            "Drop the robot and roll an expert out with every contact solver and time step.",
-        ),
         "reproduce benchmark": (
             "reproduction.benchmark.command:Benchmark",
             "Measure training throughput and the time of one action, as ratios.",
@@ -195,8 +187,6 @@ MOVED = {
     "rollout": "view",
     "pareto": "distill --sweep terms",
     "report": "reproduce report",
-    "curricula": "reproduce curricula",
-    "convergence": "reproduce convergence",
     "benchmark": "reproduce benchmark",
 }
 """Where the commands of an earlier version are now."""

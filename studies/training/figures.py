@@ -1,4 +1,4 @@
-"""Figures of training: learning curves, and what single ingredients are worth."""
+"""Draws learning curves."""
 
 from collections.abc import Mapping
 
@@ -30,18 +30,6 @@ def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
     """
     columns = ("plain_reward", "reward", "rhythm", "difficulty", "failure_rate")
     return _curves(curves, columns)
-
-
-@styled
-def ablation_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
-    """Draws runs that differ in an ingredient, over equal budgets.
-
-    Args:
-        curves: Curves as training writes them, by the name of their line.
-    """
-    budget = min(curve["control_steps"].max() for curve in curves.values())
-    same = {name: curve[curve["control_steps"] <= budget] for name, curve in curves.items()}
-    return _curves(same, ("plain_reward", "rhythm", "difficulty", "failure_rate"))
 
 
 def _curves(curves: Mapping[str, pd.DataFrame], columns: tuple[str, ...]) -> Figure:

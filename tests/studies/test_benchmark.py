@@ -13,7 +13,6 @@ from sklearn.linear_model import LinearRegression
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.files import write_record
-from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
@@ -165,38 +164,12 @@ def test_the_same_policies_are_timed_elsewhere(learned_expert, monkeypatch, caps
     assert "pip install 'glassgait[onnx]'" in capsys.readouterr().out
 
 
-@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
-def test_trees_by_tl2cgen_give_what_ours_give(trot, generator):
-    pytest.importorskip("tl2cgen")
-    trees = pytest.importorskip("glassgait.studies.reproduction.benchmark.compiled_trees")
-    names = load_expert("trot").observation_names
-    thresholds = generator.normal(size=(12, 3, 3))
-    thresholds[:, 0, 0] = np.inf
-    policy = BoostedTreesPolicy(
-        "trot",
-        names,
-        features=generator.integers(len(names), size=(12, 3, 3)),
-        thresholds=thresholds,
-        leaves=generator.normal(size=(12, 3, 4)),
-        intercepts=generator.normal(size=12),
-        importances=np.zeros((12, len(names))),
-    )
-    rows = generator.normal(size=(50, len(names)))
-    table = trees.tree_times(trot, policy, load_expert("trot"), rows, count=1000)
-    assert table["trees by"].tolist() == ["glassgait", "tl2cgen"]
-    assert (table["greatest difference"] < 1e-12).all()
-    assert (table[["action (µs)", "program (kB)"]] > 0).all(axis=None)
-
-
 def test_parts_are_measured_as_asked(tmp_path, monkeypatch):
     table = pd.DataFrame({"policy": ["sparse_formula"], "step (µs)": [1.0]})
     for name in ("controller_times", "peer_times"):
         monkeypatch.setattr(command, name, lambda found: table)
     monkeypatch.setattr(command, "has_compiler", lambda: True)
-    monkeypatch.setitem(
-        sys.modules, "glassgait.studies.reproduction.benchmark.compiled_trees", None
-    )
-    parts = ["--parts", "controllers", "inference", "trees"]
+    parts = ["--parts", "controllers", "inference"]
     main(["reproduce", "benchmark", *parts, "--output", str(tmp_path / "run")])
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert set(metrics) == {"controllers", "peers", "inference", "peak_memory_mb"}

@@ -116,11 +116,6 @@ REFUSED = {
     "demo --n-robots -1": "n_robots is -1",
     "reproduce benchmark --repeats 0": "repeats is 0",
     "reproduce benchmark --gym-steps 0": "gym_steps is 0",
-    "reproduce convergence --n-steps 0": "n_steps is 0",
-    "reproduce curricula --rollouts.n-seeds 0": "n_seeds is 0",
-    "reproduce curricula --episodes 2 --alone-rounds 1 --episodes-per-round 2": (
-        "of fewer than 5 episodes none is held out"
-    ),
 }
 
 

@@ -34,8 +34,7 @@ from glassgait.studies.importance.figures import (
     importance_map,
     loss_figure,
 )
-from glassgait.studies.reproduction.curricula import curricula_figure
-from glassgait.studies.training.figures import ablation_curves, learning_curves
+from glassgait.studies.training.figures import learning_curves
 from glassgait.studies.view.stills import gait_strip, last_cycle
 
 A1 = load_robot()
@@ -89,7 +88,6 @@ def titled_figures(curve):
     lost = pd.concat([lost, lost.assign(without="b", lost=0.2)])
     front = pd.DataFrame({"family": ["mirrored"], "terms": [90], "share": [0.9]})
     front = front.assign(share_ci=0.1, fall_rate=0.0, fall_rate_low=0.0, fall_rate_high=0.1, r2=0.9)
-    curricula = pd.DataFrame({"student": ["linear"], "curriculum": ["half"], "share": [0.9]})
     world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
     sides = pd.DataFrame({"policy": [HOSTILE], "joint": ["hip"], "left": [0.1], "right": [0.0]})
@@ -107,7 +105,6 @@ def titled_figures(curve):
         "losses": loss_figure(lost, HOSTILE),
         "faithfulness": faithfulness_figure(ranks, lost, HOSTILE),
         "pareto": pareto_figure({HOSTILE: front}),
-        "curricula": curricula_figure(curricula.assign(share_ci=0.1, fall_rate=0.0), HOSTILE),
         "falls": fall_map(falls, HOSTILE),
         "symmetry": symmetry_figure(sides[["policy"]].assign(r2=0.5), sides, HOSTILE),
         "learning": learning_curves({HOSTILE: curve}),
@@ -179,10 +176,3 @@ def test_learning_curves_have_a_line_for_each_run(curve):
     figure = learning_curves({"trot": curve, "walk": curve})
     for panel in figure.axes:
         assert [line.get_label() for line in panel.get_lines()] == ["trot", "walk"]
-
-
-def test_curricula_are_compared_over_equal_budgets(curve):
-    figure = ablation_curves({"with it": curve, "without": curve.head(100)})
-    for panel in figure.axes:
-        ends = {line.get_xdata()[-1] for line in panel.get_lines()}
-        assert ends == {curve["control_steps"][99] / 1e6}

@@ -58,7 +58,6 @@ LEARN = ["--updates", "6", "--checkpoint-updates", "2", "--friction-updates", "2
 LEARN += ["--n-robots", "8", "--n-groups", "2", "--fine-steps"]
 COLLECT = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-workers", "1"]
 ROLL_OUT = ["--n-robots", "2", "--n-steps", "60"]
-FEW = [f"--rollouts.{name.removeprefix('--')}" if "--" in name else name for name in ROLL_OUT]
 LOOK = ["--n-samples", "20", "--repeats", "2", "--policy", "statewise_linear"]
 
 
@@ -93,7 +92,6 @@ COMMANDS = {
         "--samples",
         "{distilled}/statewise_symbolic",
     ],
-    "reproduce curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--source", "{distilled}"],
     "demo": ["--n-robots", "2"],
 }

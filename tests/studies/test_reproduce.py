@@ -232,7 +232,7 @@ def test_command_does_everything_in_small_and_resumes(small, tmp_path, refused, 
     "command",
     [
         "demo",
-        *(f"reproduce {name}" for name in ("report", "curricula", "convergence", "benchmark")),
+        *(f"reproduce {name}" for name in ("report", "benchmark")),
     ],
 )
 def test_robots_without_an_expert_and_folders_are_refused(

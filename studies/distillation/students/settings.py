@@ -3,8 +3,8 @@
 A module of its own, read after the registry is filled: students of one's own have settings too.
 """
 
-from dataclasses import dataclass, field, fields, make_dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from dataclasses import dataclass, field, make_dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from glassgait.models.settings import Settings
 from glassgait.studies.distillation.students.registry import STUDENTS
@@ -18,15 +18,6 @@ class _EveryStudent(Settings):
     def of(self, name: str) -> StudentSettings:
         """Returns the settings of a student, by its name."""
         return getattr(self, name, STUDENTS[name].settings)
-
-    def with_alone_episodes(self, count: int) -> Self:
-        """Returns the settings with as many episodes alone for every student that has its own."""
-        own = {
-            each.name: replace(self.of(each.name), alone_episodes=count)
-            for each in fields(self)
-            if self.of(each.name).alone_episodes is not None
-        }
-        return replace(self, **own)
 
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Literal
 
 import pandas as pd
 
-from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Count
@@ -23,7 +22,6 @@ from glassgait.studies.common.run_folder import (
 )
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.export.files import has_compiler
 from glassgait.studies.reproduction.benchmark.controllers import controller_times, switching_times
@@ -31,7 +29,6 @@ from glassgait.studies.reproduction.benchmark.python_times import (
     action_times,
     compiled_against_library,
     expert_samples,
-    observed,
     peer_times,
     study_against_naive_loop,
 )
@@ -41,15 +38,14 @@ from glassgait.studies.training.config import TrainingConfig
 Tables = dict[str, tuple[str, pd.DataFrame]]
 """What was measured: for each file of a table, its title and the table."""
 
-Part = Literal["throughput", "inference", "controllers", "gaits", "trees", "students"]
+Part = Literal["throughput", "inference", "controllers", "gaits", "students"]
 """What can be measured."""
 
-PARTS: tuple[Part, ...] = ("throughput", "inference", "controllers", "gaits", "trees", "students")
+PARTS: tuple[Part, ...] = ("throughput", "inference", "controllers", "gaits", "students")
 
 IN_C = {
     "controllers": "controllers in C, and the same policies in Python",
     "gaits": "controllers of several gaits in C",
-    "trees": "trees in C",
 }
 """Parts that need a C compiler, and what they time."""
 
@@ -63,8 +59,8 @@ class Benchmark(OneGait):
 
     Attributes:
         parts: What is measured: training, actions in Python, controllers in C beside Python and
-            ONNX Runtime, controllers in C of walk, trot, pace and bound together, trees in C beside
-            tl2cgen's, students beside their libraries; all by default.
+            ONNX Runtime, controllers in C of walk, trot, pace and bound together, students beside
+            their libraries; all by default.
         training: Folder of a training run to continue in memory, so that robots walk rather than
             fall; from the beginning by default.
         updates: Updates that are timed at once.
@@ -96,7 +92,6 @@ class Benchmark(OneGait):
             "inference": self._inference,
             "controllers": self._controllers,
             "gaits": self._gaits,
-            "trees": self._trees,
             "students": self._students,
         }
         metrics: dict[str, Any] = {}
@@ -136,21 +131,6 @@ class Benchmark(OneGait):
     def _gaits(self) -> Tables:
         several = [find_policies(load_gait(name), robot=self.robot) for name in GAITS]
         return {"gaits": ("Controllers of several gaits in C, one step", switching_times(several))}
-
-    def _trees(self) -> Tables:
-        try:
-            # Imported here: tl2cgen and treelite are an extra.
-            from glassgait.studies.reproduction.benchmark.compiled_trees import tree_times  # noqa: PLC0415
-        except ImportError:
-            say("trees by tl2cgen are not timed: run pip install 'glassgait[tl2cgen]'")
-            return {}
-        found = self._found
-        trees = found.policy(GBM.name)
-        if not isinstance(trees, BoostedTreesPolicy):
-            return {}
-        say("compiling trees by tl2cgen, which takes minutes")
-        table = tree_times(found.gait, trees, found.expert, observed(found))
-        return {"trees": ("GBM in C, one action", table)}
 
     def _students(self) -> Tables:
         """Times students beside their libraries' models, which are fitted for it."""
