@@ -9,7 +9,6 @@ from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import (
     AlternatingController,
-    AssuredController,
     Controller,
     Estimator,
     alone,
@@ -27,7 +26,6 @@ from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
-from glassgait.systems.assurance_monitor import AssuranceMonitor
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.contact_trust import ContactTrustSystem
 from glassgait.systems.mode_machine import ModeMachineSystem
@@ -212,11 +210,11 @@ def AddPolicies(  # noqa: N802
 
     Args:
         builder: Where they are added.
-        controller: An alternation or an assured controller.
+        controller: An alternation.
         observation: What the policies observe.
 
     Returns:
-        `actions` (12); under assurance also `expert_acts` (1) and `overrun` (1).
+        `actions` (12).
 
     Raises:
         InputError: if it is another controller, which no system here acts as.
@@ -232,28 +230,16 @@ def AddPolicies(  # noqa: N802
     # A policy that never acts has no port, and is never chosen.
     only = next(iter(ports.values()))
     expert, student = ports.get("expert", only), ports.get("student", only)
-    outputs = {"actions": switch.get_output_port()}
-    match controller:
-        case AssuredController():
-            monitor = AssuranceMonitor(controller.region, controller.hysteresis, expert, student)
-            builder.AddNamedSystem("assurance_monitor", monitor)
-            builder.Connect(observation, monitor.get_observation_input_port())
-            selector = monitor.get_port_selector_output_port()
-            outputs["expert_acts"] = monitor.get_expert_acts_output_port()
-            outputs["overrun"] = monitor.get_overrun_output_port()
-        case AlternatingController():
-            schedule = AlternationSchedule(
-                controller.period, expert_port=expert, student_port=student
-            )
-            builder.AddNamedSystem("alternation_schedule", schedule)
-            selector = schedule.get_port_selector_output_port()
-        case _:
-            raise InputError(
-                f"a diagram has no system for a controller of type {type(controller).__name__}; "
-                "choose a discrete scenario, which the batch simulator plays"
-            )
+    if not isinstance(controller, AlternatingController):
+        raise InputError(
+            f"a diagram has no system for a controller of type {type(controller).__name__}; "
+            "choose a discrete scenario, which the batch simulator plays"
+        )
+    schedule = AlternationSchedule(controller.period, expert_port=expert, student_port=student)
+    builder.AddNamedSystem("alternation_schedule", schedule)
+    selector = schedule.get_port_selector_output_port()
     builder.Connect(selector, switch.get_port_selector_input_port())
-    return outputs
+    return {"actions": switch.get_output_port()}
 
 
 def _connect_proprioception(

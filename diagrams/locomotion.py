@@ -63,8 +63,6 @@ def MakeLocomotion(  # noqa: N802
         - commanded_dwell
         - state
         - imu
-        - expert_acts
-        - overrun
         - mode
         - acts
         - damped
@@ -79,8 +77,7 @@ def MakeLocomotion(  # noqa: N802
     (13). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
     foot_contact (4), foot_height (4, m). failures (7). command (2) and commanded_dwell (1), by
     which the robot goes. state (37), the plant's. imu (9), the IMU's reading, only where it is
-    needed. Of a policy under assurance alone, expert_acts (1) and overrun (1); see
-    `AssuranceMonitor`. Of a day alone, mode (1), acts (1) and damped (1).
+    needed. Of a day alone, mode (1), acts (1) and damped (1).
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the

@@ -32,8 +32,6 @@ RECORDED_PORTS = (
     "command",
     "commanded_dwell",
     "state",
-    "expert_acts",
-    "overrun",
     "mode",
     "damped",
 )

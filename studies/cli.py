@@ -51,49 +51,17 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
     },
     "measure": {
-        "evaluate worlds": (
-            "evaluation.worlds:Worlds",
+        "evaluate scenarios": (
+            "evaluation.scenarios:Scenarios",
             "Let policies walk alone in every scenario, and report scores and falls.",
         ),
         "evaluate alternation": (
             "evaluation.alternation:Alternation",
             "Let expert and student act by turns, and report the return at every ratio.",
         ),
-        "evaluate tracking": (
-            "evaluation.tracking:Tracking",
-            "Let robots keep one command each, and report how fast they go and turn.",
-        ),
-        "evaluate estimators": (
-            "evaluation.estimators:Estimators",
-            "Compare what odometry and the expert's own estimator say with the truth.",
-        ),
         "evaluate pushes": (
             "evaluation.pushes:Pushes",
             "Push walking robots from every side, and draw which pushes each policy survives.",
-        ),
-        "evaluate basin": (
-            "evaluation.basin:Basin",
-            "Predict which pushes a policy survives, and count on others how often that is true.",
-        ),
-        "evaluate transitions": (
-            "evaluation.transitions:Transitions",
-            "Change the gait of walking robots, each to each, and report falls and waits.",
-        ),
-        "evaluate day": (
-            "evaluation.day:DayOfRobots",
-            "Let robots rise, stand, walk and lie down, push some over, and report falls by mode.",
-        ),
-        "evaluate stability": (
-            "evaluation.stability:Stability",
-            "Find whether small differences grow or fade from one stride to the next, and test it.",
-        ),
-        "evaluate symmetry": (
-            "evaluation.symmetry:Symmetry",
-            "Measure whether an expert and its students treat left and right alike.",
-        ),
-        "evaluate assurance": (
-            "evaluation.assurance:Assurance",
-            "Let a student act in distribution, and the expert elsewhere, and count falls.",
         ),
         "importance": (
             "importance.command:Importance",
@@ -172,13 +140,9 @@ COMMANDS = {name: entry for commands in PURPOSES.values() for name, entry in com
 TRAINS = ("train", "refine", "reproduce")
 
 MOVED = {
-    "robustness": "evaluate worlds",
-    "compare": "evaluate worlds",
+    "robustness": "evaluate scenarios",
+    "compare": "evaluate scenarios",
     "pushes": "evaluate pushes",
-    "transitions": "evaluate transitions",
-    "stability": "evaluate stability",
-    "symmetry": "evaluate symmetry",
-    "assurance": "evaluate assurance",
     "show": "explain terms",
     "claims": "explain interventions",
     "counterfactual": "explain counterfactual",

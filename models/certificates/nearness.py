@@ -14,7 +14,6 @@ from glassgait.models.certificates.prover import Observed, Verdict
 from glassgait.models.certificates.question import Targets
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.assurance import Region
 from glassgait.models.task.observation import (
     entries_of,
     indices_of,
@@ -91,20 +90,19 @@ def box_of(claim: Claim, boxes: Mapping[str, ObservationBox]) -> ObservationBox:
     return box.taking([box.names[symbols.index(own)] for own in claim.stuck], boxes["physical"])
 
 
-def region_of_box(box: ObservationBox) -> Region:
-    """Returns a box as a region, the machine's state held in each."""
-    held = [box.in_state(state) for state in range(box.n_states)]
-    lower, upper = np.array([(own.lower, own.upper) for own in held]).swapaxes(0, 1)
-    return Region(box.names, lower, upper)
-
-
 def overruns(box: ObservationBox, observations: Array) -> Array:
     """Measures by how much observations (n_steps, n) are outside of a box.
 
     Returns:
         Overruns (n_steps, n) in widths of the ranges; 0 inside.
     """
-    found = region_of_box(box).overruns(observations)
+    held = [box.in_state(state) for state in range(box.n_states)]
+    state = np.argmax(observations[..., machine_state_entries(box.names)], axis=-1)
+    lower, upper = np.array([(one.lower, one.upper) for one in held]).swapaxes(0, 1)[:, state]
+    excess = np.maximum(lower - observations, observations - upper)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        widths = np.where(excess <= 0.0, 0.0, excess / (upper - lower))
+    found = np.where(np.isfinite(excess), widths, np.inf)
     return np.where(found > TOLERANCE, found, 0.0)
 
 

@@ -1,9 +1,8 @@
 """Controllers: one policy alone, or an expert and a student that take turns at acting."""
 
-import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,13 +14,6 @@ from glassgait.models.policies.policy import Policy, refuse_other_expert
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.alternation import expert_acts
-from glassgait.models.task.assurance import (
-    Hysteresis,
-    MonitorState,
-    Region,
-    initial_monitor,
-    step_monitor,
-)
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
 
@@ -186,61 +178,6 @@ def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController
     if is_own and expert.observation_names != policy.observation_names:
         return AlternatingController(policy)
     return AlternatingController(expert, policy, period=0)
-
-
-@dataclass(frozen=True)
-class AssuredController(Controller):
-    """A student under runtime assurance: the expert acts for robots outside of a region.
-
-    Attributes:
-        expert: Acts outside of the region; its estimator, if it has one, observes for both.
-        student: Acts inside.
-        region: Where the student may act.
-        hysteresis: When the expert takes over, and when it hands back.
-    """
-
-    expert: Policy
-    student: Policy
-    region: Region
-    hysteresis: Hysteresis
-
-    def __post_init__(self) -> None:
-        """
-        Raises:
-            InputError: if the region is of other observations than the student's, or the student
-                observes by the estimator of another expert, or its joints have other gains.
-        """
-        refuse_other_expert(self.expert, self.student, both_act=True)
-        if self.region.names != self.student.observation_names:
-            raise InputError(
-                "assurance: the region is of other observations than the student's; measure it "
-                f"with robots of the {self.student.gait}"
-            )
-
-    @property
-    def policies(self) -> dict[str, Policy]:
-        return {"expert": self.expert, "student": self.student}
-
-    def begin(self, n_robots: int) -> MonitorState:
-        return initial_monitor((n_robots,))
-
-    def advance(self, step: int, observation: Array, memory: MonitorState) -> ControllerOutput:
-        """Acts by the student where the monitor leaves a robot to it, otherwise by the expert."""
-        memory = step_monitor(memory, self.region.overrun(observation), self.hysteresis)
-        called = memory.expert_acts
-        action = np.array(self.student(observation))
-        if called.any():
-            action[called] = self.expert(observation[called])
-        return ControllerOutput(action, called, memory)
-
-    def settings(self) -> dict[str, Any]:
-        corners = np.ascontiguousarray([self.region.lower, self.region.upper])
-        own = {
-            "hysteresis": asdict(self.hysteresis),
-            "region": hashlib.sha256(corners.tobytes()).hexdigest()[:16],
-        }
-        disagreement = self.region.disagreement
-        return own | {"usual_disagreement": disagreement.usual.tolist()} if disagreement else own
 
 
 @dataclass(frozen=True)

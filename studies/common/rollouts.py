@@ -195,7 +195,5 @@ def _to_log(
 
 def _expert_acts(rollout: Rollout, controller: Controller) -> NDArray[np.bool_]:
     """Returns at which steps (T) the expert acted."""
-    if isinstance(controller, AlternatingController):
-        acts = expert_acts(np.arange(len(rollout.time) - 1), controller.period)
-        return np.asarray(acts)
-    return rollout["expert_acts"][:-1, 0] > 0.5
+    assert isinstance(controller, AlternatingController)
+    return np.asarray(expert_acts(np.arange(len(rollout.time) - 1), controller.period))

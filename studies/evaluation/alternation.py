@@ -17,7 +17,7 @@ from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import ALL, EXPERT
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
-from glassgait.studies.evaluation.worlds import falls_of, with_interval
+from glassgait.studies.evaluation.scenarios import falls_of, with_interval
 
 RATIOS = tuple(map(ratio_title, PERIODS))
 """The alternation ratios."""

@@ -2,14 +2,14 @@
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Annotated, Any, ClassVar
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from annotated_types import Ge, Le, MinLen
+from annotated_types import Ge, Gt, Le, MinLen
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -19,30 +19,46 @@ from matplotlib.patches import FancyBboxPatch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import PercentFormatter
 
+from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count
 from glassgait.studies.common.cases import Case
-from glassgait.studies.common.experiment import Report
+from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import styled
 from glassgait.studies.common.scores import wilson_interval
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.evaluation.push_experiment import PushExperiment, PushSpeed
 from glassgait.studies.evaluation.pushing import Basin, PushGrid, failure_counts, push_everywhere
+
+PushSpeed = Annotated[float, Gt(0.0), Le(20.0)]
+
+Steps = Annotated[int, Ge(50), Le(450)]
+"""Control steps from the push to the end: at least a second, in which a robot must walk; a new
+command comes after ten seconds."""
 
 
 @dataclass(frozen=True)
-class Pushes(PushExperiment):
+class Pushes(Experiment):
     """Push walking robots from every side, and draw which pushes each policy survives.
 
     Attributes:
+        command: What the robots are commanded.
+        n_phases: Instants of the gait's cycle in which robots are pushed.
+        n_steps: Control steps from the push until a robot must still walk.
         n_directions: Directions of pushes, equally far apart.
         speeds: What a push adds to the trunk's velocity (m/s).
     """
 
     title: ClassVar[str] = "evaluate pushes"
+    one: ClassVar[tuple[str, ...]] = ("scenario",)
+    discrete: ClassVar[bool] = True
+    n_robots: ClassVar[int] = 1
+    n_seeds: ClassVar[int] = 1
 
+    command: FixedCommand = field(default_factory=FixedCommand)
+    n_phases: Annotated[Count, Le(1000)] = 8
+    n_steps: Steps = 250
     n_directions: Annotated[Count, Ge(3), Le(360)] = 12
     speeds: Annotated[tuple[PushSpeed, ...], MinLen(1), FEW, DISTINCT] = (
         0.3,
@@ -67,7 +83,7 @@ class Pushes(PushExperiment):
         pushed = push_everywhere(
             case.gait,
             case.alone,
-            self.commanded(case),
+            replace(case.scenario, command=self.command),
             self._grid(),
             n_steps=self.n_steps,
             seed=case.seed,

@@ -104,7 +104,7 @@ class Demo(Settings):
     """Distil the trot's expert quickly, compare, and write runs/demo/report.html.
 
     A replay of formulas that ship is there within a minute, and the report grows from then on. It
-    lists what is smaller here than in `glassgait distill` and `glassgait evaluate worlds`: fewer
+    lists what is smaller here than in `glassgait distill` and `glassgait evaluate scenarios`: fewer
     samples, which one student collects for all, smaller ensembles, robots of one seed, three
     alternation ratios. Students that do not collect have met none of their own mistakes, and
     intervals are wider.

@@ -16,7 +16,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, AssuredController, alone
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import (
     EXPERT_DIRECTORY,
     STUDENT_DIRECTORY,
@@ -28,7 +28,6 @@ from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.randomization import NOMINAL
@@ -278,39 +277,6 @@ def test_they_agree_where_a_planner_commands(trot):
     beside = batch_of_one(trot, state, COMMAND_OF_ONE, CALM, policy.estimator, policy)
     beside.set_command(COMMAND_OF_ONE)
     assert assert_same_steps(beside, rollout, policy) > 10
-
-
-def test_they_agree_while_expert_and_student_act_under_assurance(trot):
-    expert, student = load_expert("trot"), load_student("trot", "sparse_formula")
-    names = expert.observation_names
-    upper = np.full((2, len(names)), 100.0)
-    # So narrow that the robot, which sways, leaves it and comes back again and again.
-    upper[:, names.index("Base Ang Vel X")] = 0.08
-    hysteresis = Hysteresis(0.05, 0.02, return_steps=3)
-    policy = AssuredController(expert, student, Region(names, -upper, upper), hysteresis)
-    scenario = replace(CALM, command=COMMAND)
-    (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5))
-    diagram = MakeLocomotion(trot, scenario, policy=policy)
-    rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
-    simulator = batch_of_one(trot, state, COMMAND_OF_ONE, scenario, policy.estimator, policy)
-    memory = policy.begin(1)
-    for step in range(N_STEPS + 1):
-        observation = simulator.observe()
-        output = policy.advance(step, observation, memory)
-        memory = output.memory
-        assert output.expert_acts[0] == rollout["expert_acts"][step, 0], f"step {step}"
-        for found, port in [
-            (simulator.state.plant, "state"),
-            (observation, "observations"),
-            (simulator.limited(output.action), "actions"),
-            (policy.region.overrun(observation), "overrun"),
-        ]:
-            np.testing.assert_allclose(
-                found[0], np.squeeze(rollout[port][step]), rtol=0, atol=TOLERANCE, err_msg=port
-            )
-        simulator.step(output.action)
-    turns = np.flatnonzero(np.diff(rollout["expert_acts"][:, 0]))
-    assert len(turns) > 10
 
 
 def test_they_agree_on_contact_sensors_that_are_always_wrong(trot):

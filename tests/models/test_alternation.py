@@ -6,14 +6,12 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import (
     AlternatingController,
-    AssuredController,
     alone,
     estimator_in_loop,
 )
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task.alternation import expert_acts, ratio_title
-from glassgait.models.task.assurance import Hysteresis, Region
 
 PAGES = ("trot", "bound", "walk")
 
@@ -125,10 +123,6 @@ def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_e
     message = f"the expert {expert.digest()}, not by that of {other.digest()}"
     with pytest.raises(InputError, match=message):
         alone(trees, other)
-    names = trees.observation_names
-    region = Region(names, np.zeros((2, len(names))), np.ones((2, len(names))))
-    with pytest.raises(InputError, match=message):
-        AssuredController(other, trees, region, Hysteresis(0.1, 0.05, return_steps=3))
 
 
 def test_a_policy_does_not_observe_by_an_expert_of_another_gait():

@@ -39,7 +39,7 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     assert load_policy(path, expert.robot).robot is expert.robot
     main(["view", *own, "--n-steps", "10", "--output", "seen"])
     main(["explain", "page", *own, "--n-steps", "10", "--output", "explained"])
-    main(["evaluate", "worlds", *own, "--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"])
+    main(["evaluate", "scenarios", *own, "--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"])
     main(["export", *own, "--n-steps", "200", "--output", "exported"])
     (source,) = (tmp_path / "exported").glob("*.c")
     assert "Unitree Go2" in source.read_text()

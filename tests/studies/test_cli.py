@@ -19,7 +19,7 @@ def test_bad_input_is_refused_in_one_sentence(refused, tmp_path):
     assert "is not an alternation ratio" in refused(["view", "--ratio", "2/3"])
     assert "name one with --policy" in refused(["view", "--ratio", "1/4"])
     assert "time_step is -0.1" in refused(["train", "--station.time-step", "-0.1"])
-    assert "n_robots is 0" in refused(["evaluate", "worlds", "--n-robots", "0"])
+    assert "n_robots is 0" in refused(["evaluate", "scenarios", "--n-robots", "0"])
     assert "do not fit in n_groups" in refused(
         ["train", "--n-groups", "1", "--fine-steps", "0.005", "0.0025"]
     )
@@ -32,12 +32,12 @@ def test_bad_input_is_refused_in_one_sentence(refused, tmp_path):
     assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
-    assert "scenario is empty" in refused(["evaluate", "worlds", "--scenario"])
+    assert "scenario is empty" in refused(["evaluate", "scenarios", "--scenario"])
     assert "terms is empty" in refused(["distill", "--sweep", "terms", "--terms"])
     assert "terms is (8, 0)" in refused(["distill", "--sweep", "terms", "--terms", "8", "0"])
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
-    assert "--gait" in refused(["evaluate", "worlds", "--gait", "all", "--source", "x"])
-    assert "oracle" in refused(["evaluate", "worlds", "--policy", "oracle"])
+    assert "--gait" in refused(["evaluate", "scenarios", "--gait", "all", "--source", "x"])
+    assert "oracle" in refused(["evaluate", "scenarios", "--policy", "oracle"])
     assert "holds no policies" in refused(["view", "--source", str(tmp_path)])
     assert "--source" in refused(["evaluate", "alternation", "--source", str(tmp_path)])
 
@@ -100,17 +100,14 @@ REFUSED = {
     "distill --symbolic.population 1": "population is 1; it must be 2 or more",
     "distill --symbolic.max-samples 0": "max_samples is 0",
     "distill --symbolic.generations 0": "generations is 0",
-    "evaluate worlds --n-steps 0": "n_steps is 0",
-    "evaluate worlds --seed -1": "seed is -1; it must be 0 or more",
-    "evaluate worlds --speed-range 1 0": "it must be the least, then the greatest",
-    "evaluate worlds --speed-range 0 inf": "it must be a finite number",
-    "evaluate worlds --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
-    "evaluate worlds --scenario training training": "it must be a list that names nothing twice",
-    "evaluate worlds --n-robots 0": "n_robots is 0; it must be 1 or more",
+    "evaluate scenarios --n-steps 0": "n_steps is 0",
+    "evaluate scenarios --seed -1": "seed is -1; it must be 0 or more",
+    "evaluate scenarios --speed-range 1 0": "it must be the least, then the greatest",
+    "evaluate scenarios --speed-range 0 inf": "it must be a finite number",
+    "evaluate scenarios --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
+    "evaluate scenarios --scenario training training": "it must be a list that names nothing twice",
+    "evaluate scenarios --n-robots 0": "n_robots is 0; it must be 1 or more",
     "importance --n-samples 1": "n_samples is 1; it must be 2 or more",
-    "evaluate symmetry --n-robots 1": "n_robots is 1; it must be 2 or more",
-    "evaluate symmetry --repeats 1": "repeats is 1; it must be 2 or more",
-    "evaluate symmetry --n-samples 1": "n_samples is 1; it must be 2 or more",
     "reproduce report --gait trot trot": "it must be a list that names nothing twice",
     "reproduce report --gait": "gait is empty; name one or more",
     "demo --n-robots -1": "n_robots is -1",
@@ -154,7 +151,7 @@ def test_gait_command_writes_no_drawing_under_a_false_name(refused, tmp_path):
 
 def test_evaluate_writes_its_tables(tmp_path, capsys):
     small = ["--n-robots", "2", "--n-steps", "60", "--policy", "expert", "--scenario", "training"]
-    main(["evaluate", "worlds", *small, "--output", str(tmp_path)])
+    main(["evaluate", "scenarios", *small, "--output", str(tmp_path)])
     message = " ".join(capsys.readouterr().out.split())
     assert (
         "drawn speeds below 0.2 m/s are commands to stand, which the speed error leaves" in message

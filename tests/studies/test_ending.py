@@ -72,7 +72,7 @@ def test_an_unknown_command_is_refused_with_those_there_are(name, refused):
     ("words", "meant"),
     [
         ("exprot", "export"),
-        ("robustnes", "evaluate worlds"),
+        ("robustnes", "evaluate scenarios"),
         ("evaluate push", "evaluate pushes"),
         ("evaluate", "transitions"),
         ("verify --gait trot", "check"),
@@ -358,7 +358,7 @@ def test_an_interrupt_while_importing_is_reported(tmp_path):
 def test_an_interrupt_never_ends_in_a_traceback(moment, tmp_path):
     seconds = random.Random(moment).uniform(0.05, 5.0)
     endless = ["--n-seeds", "9", "--n-steps", "100000", "--scenario", "training"]
-    code, printed = interrupt_after(seconds, ["evaluate", "worlds", *endless], tmp_path)
+    code, printed = interrupt_after(seconds, ["evaluate", "scenarios", *endless], tmp_path)
     assert code == INTERRUPTED
     # Before it there may stand where the policies are from.
     (sentence,) = [line for line in printed.splitlines() if line and not line.startswith("· ")]

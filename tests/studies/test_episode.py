@@ -12,15 +12,13 @@ from glassgait import studies
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import (
-    AssuredController,
     ControllerOutput,
     WrappedController,
     alone,
 )
-from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -97,37 +95,6 @@ def test_a_fallen_robot_rests_and_the_others_go_on(expert):
     assert steps[3].action[0].any()
     steps, _ = play(expert, events=[far(2, [1])], when_fallen="go on")
     assert steps[3].action[1].any()
-
-
-def test_a_robot_that_restarts_is_on_its_feet_and_its_monitor_is_calm(expert):
-    names = expert.observation_names
-    student = load_student("trot", "sparse_formula")
-    everywhere = np.full((2, len(names)), 1e3)
-    region = Region(names, -everywhere, everywhere)
-    assured = AssuredController(expert, student, region, Hysteresis(0.1, 0.1, 50))
-
-    class Called(WrappedController):
-        """The monitor of robot 1 has called the expert."""
-
-        def advance(self, step, observation, memory):
-            if step == 1:
-                acts = memory.expert_acts.copy()
-                acts[1] = True
-                memory = memory._replace(expert_acts=acts)
-            return self.inner.advance(step, observation, memory)
-
-    steps, ended = play(Called(assured), events=[far(2, [1])], when_fallen="restart")
-    assert ended.fell.tolist() == [6, 2, 6]
-    called = [bool(step.output.expert_acts[1]) for step in steps]
-    assert called == [
-        False,
-        True,
-        True,
-        False,
-        False,
-        False,
-    ]
-    assert steps[3].before.steps[1] == 0 and steps[3].before.steps[0] == 3
 
 
 def test_robots_that_fell_are_left_out_from_time_to_time(expert):

@@ -39,15 +39,7 @@ from glassgait.studies.common.scores import (
 )
 from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.evaluation.alternation import return_figure, standalone_table
-from glassgait.studies.evaluation.tracking import (
-    COMMANDED,
-    MEASURED,
-    Tracking,
-    steady_commands,
-    tracking_figure,
-    tracking_table,
-)
-from glassgait.studies.evaluation.worlds import falls_table, scorecard_table
+from glassgait.studies.evaluation.scenarios import falls_table, scorecard_table
 from glassgait.studies.importance.faithfulness import AblatedController
 
 A1 = load_robot()
@@ -116,70 +108,6 @@ def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
     before = digest()
     monkeypatch.setattr(glassgait.studies.common.cases, "SCORES", ("speed_error",))
     assert digest() != before
-
-
-def test_steady_commands_stay_within_the_gait():
-    walk = steady_commands(load_gait("walk"), None)
-    assert walk[walk[:, 1] == 0, 0].tolist() == [-0.5, -0.25, 0.0, 0.25, 0.5]
-    assert walk[walk[:, 1] != 0].tolist() == [[0.5, rate] for rate in (-0.8, -0.4, 0.4, 0.8)]
-    slow = replace(load_gait("trot"), max_speed=0.3, max_yaw_rate=0.5)
-    assert steady_commands(slow, None).tolist() == [
-        [-0.25, 0.0], [0.0, 0.0], [0.25, 0.0], [0.3, -0.4], [0.3, 0.4],
-    ]  # fmt: skip
-    assert steady_commands(load_gait("trot"), (0.2, 0.6))[:, 0].min() == 0.25
-
-
-def test_robots_that_are_commanded_to_go_faster_go_faster(tmp_path):
-    Tracking(n_robots=1, n_steps=120, speed_range=(-0.5, 0.5), output=tmp_path / "run").run()
-    table = pd.read_csv(tmp_path / "run" / "tracking.csv")
-    straight = table[table["commanded yaw rate (rad/s)"] == 0]
-    assert straight["commanded speed (m/s)"].tolist() == [-0.5, -0.25, 0.0, 0.25, 0.5]
-    np.testing.assert_allclose(
-        straight["measured speed (m/s)"], straight["commanded speed (m/s)"], atol=0.2
-    )
-    turns = table[table["commanded yaw rate (rad/s)"] != 0]
-    assert turns["measured yaw rate (rad/s)"].is_monotonic_increasing
-    assert (table["falls"] == 0).all()
-    assert (tmp_path / "run" / "tracking.png").exists()
-
-
-def test_tracking_refuses_continuous_and_several_scenarios(tmp_path):
-    for named in (("cenic_1e-5",), ("training", "push_1.0")):
-        with pytest.raises(InputError, match="--scenario"):
-            Tracking(scenario=named, output=tmp_path / "run").run()
-
-
-def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
-    # The second is slower at the first command that is drawn.
-    commands = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
-    measures = [*MEASURED, "measured speed ±", "measured yaw rate ±"]
-    walk, trot = (
-        rows.assign(**dict.fromkeys(measures, value))
-        for rows, value in ((commands[1:], 0.3), (commands, 0.6))
-    )
-    table = pd.concat([walk.assign(gait="walk"), trot.assign(gait="trot")], ignore_index=True)
-    table = table[["gait", *COMMANDED, *measures]]
-    figure = tracking_figure(table, "title")
-    for axes in figure.axes:
-        lines = {bars.get_label(): bars.lines[0] for bars in axes.containers}
-        assert lines["walk"].get_ydata()[-1] == 0.3
-        assert lines["trot"].get_ydata()[-1] == 0.6
-        assert lines["walk"].get_color() != lines["trot"].get_color()
-    left, right = (
-        {bars.get_label(): bars.lines[0].get_color() for bars in axes.containers}
-        for axes in figure.axes
-    )
-    assert left == right
-
-
-def test_speeds_are_of_robots_that_did_not_fall():
-    commands = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
-    rows = pd.DataFrame({"gait": "trot", **commands, "fell": [False, True, False]})
-    rows["measured speed (m/s)"] = [0.3, np.nan, 0.5]
-    rows["measured yaw rate (rad/s)"] = [0.0, np.nan, 0.0]
-    (row,) = tracking_table(rows, "gait").to_dict(orient="records")
-    assert row["measured speed (m/s)"] == pytest.approx(0.4)
-    assert (row["robots"], row["falls"]) == (3, 1)
 
 
 def test_intervals_are_students():

@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from glassgait.studies.common.sweep import WorkersConfig
-from glassgait.studies.evaluation.worlds import Worlds
-from glassgait.studies.evaluation.worlds_figures import fall_overview
+from glassgait.studies.evaluation.fall_map import fall_overview
+from glassgait.studies.evaluation.scenarios import Scenarios
 
 
 def table_of(falls, robots=10):
@@ -41,7 +41,7 @@ def test_gaits_stand_side_by_side_and_share_their_rows():
 
 
 def test_command_draws_all_its_gaits(tmp_path):
-    Worlds(
+    Scenarios(
         gait=("trot", "pace"),
         policy=("expert", "gbm"),
         scenario=("training",),
@@ -51,8 +51,8 @@ def test_command_draws_all_its_gaits(tmp_path):
         output=tmp_path / "run",
     ).run()
     drawn = {path.stem for path in (tmp_path / "run").glob("*.png")}
-    assert drawn == {"worlds", "worlds_trot", "worlds_pace"}
-    whole = pd.read_csv(tmp_path / "run" / "worlds.csv")
+    assert drawn == {"scenarios", "scenarios_trot", "scenarios_pace"}
+    whole = pd.read_csv(tmp_path / "run" / "scenarios.csv")
     assert whole["gait"].tolist() == ["trot", "trot", "pace", "pace"]
 
 

@@ -25,9 +25,7 @@ from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.distillation.pareto_figure import pareto_figure
 from glassgait.studies.evaluation.alternation import return_figure
-from glassgait.studies.evaluation.symmetry import symmetry_figure
-from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED, tracking_figure
-from glassgait.studies.evaluation.worlds_figures import fall_map
+from glassgait.studies.evaluation.fall_map import fall_map
 from glassgait.studies.importance.figures import (
     contribution_figure,
     faithfulness_figure,
@@ -90,23 +88,15 @@ def titled_figures(curve):
     front = front.assign(share_ci=0.1, fall_rate=0.0, fall_rate_low=0.0, fall_rate_high=0.1, r2=0.9)
     world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
-    sides = pd.DataFrame({"policy": [HOSTILE], "joint": ["hip"], "left": [0.1], "right": [0.0]})
-    sides = sides.assign(left_ci=0.2, right_ci=0.0, agree=True)
-    reported = pd.DataFrame({"gait": [HOSTILE]}).assign(
-        **dict.fromkeys([*COMMANDED, *MEASURED], 0.0)
-    )
-    reported = reported.assign(**{"measured speed ±": 0.1, "measured yaw rate ±": 0.1})
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {
         "return": return_figure(scores, HOSTILE),
-        "tracking": tracking_figure(reported, HOSTILE),
         "contributions": contribution_figure(parts, HOSTILE),
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
         "losses": loss_figure(lost, HOSTILE),
         "faithfulness": faithfulness_figure(ranks, lost, HOSTILE),
         "pareto": pareto_figure({HOSTILE: front}),
         "falls": fall_map(falls, HOSTILE),
-        "symmetry": symmetry_figure(sides[["policy"]].assign(r2=0.5), sides, HOSTILE),
         "learning": learning_curves({HOSTILE: curve}),
     }
 

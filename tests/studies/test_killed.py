@@ -75,7 +75,7 @@ def distilled(tmp_path_factory):
 COMMANDS = {
     "train": LEARN,
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
-    "evaluate worlds": [
+    "evaluate scenarios": [
         *ROLL_OUT,
         "--scenario",
         "training",

@@ -27,7 +27,7 @@ ROAD = {
         *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-workers", "1"],
         *["--source", "runs/train/hop", "--students", "statewise_linear", "statewise_symbolic"],
     ],
-    "evaluate worlds": [*SMALL, "--scenario", "training"],
+    "evaluate scenarios": [*SMALL, "--scenario", "training"],
     "view": ["--policy", "statewise_linear", "--n-steps", "20"],
     "explain page": ["--policy", "statewise_linear", "--n-steps", "20", "--step", "1"],
     "importance": [

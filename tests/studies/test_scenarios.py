@@ -25,7 +25,7 @@ from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.view.command import OwnCommand
 
-EXPERT_ALONE = ["evaluate", "worlds", "--policy", "expert"]
+EXPERT_ALONE = ["evaluate", "scenarios", "--policy", "expert"]
 SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"]
 COMMANDED = FixedCommand(speed=0.3, yaw_rate=0.1, dwell=9)
 CONTINUOUS = Scenario("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
@@ -49,7 +49,7 @@ def test_evaluate_takes_files_beside_names(icy, tmp_path):
     main(
         [
             "evaluate",
-            "worlds",
+            "scenarios",
             "--policy",
             "expert",
             *SMALL,
@@ -71,7 +71,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     run = tmp_path / "run"
     command = [
         "evaluate",
-        "worlds",
+        "scenarios",
         "--policy",
         "expert",
         *SMALL,
@@ -88,7 +88,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     main(
         [
             "evaluate",
-            "worlds",
+            "scenarios",
             "--policy",
             "expert",
             *SMALL,
@@ -107,23 +107,23 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     ("arguments", "reported"),
     [
         (
-            ["evaluate", "worlds", "--policy", "expert", "--scenario", "ice"],
+            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "ice"],
             "unknown scenario 'ice'; the scenarios are training,",
         ),
         (
-            ["evaluate", "worlds", "--policy", "expert", "--scenario", "gone.yaml"],
+            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "gone.yaml"],
             "gone.yaml: cannot be read, no such file",
         ),
         (
-            ["evaluate", "worlds", "--policy", "expert", "--scenario", "bad.yaml"],
+            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "bad.yaml"],
             "bad.yaml: unknown key 'frictoin'; write",
         ),
         (
-            ["evaluate", "worlds", "--policy", "expert", "--scenario", "watched.yaml"],
+            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "watched.yaml"],
             "scenario 'watched': command is of sliders",
         ),
         (
-            ["evaluate", "worlds", "--policy", "expert", "--scenario", "fast.yaml"],
+            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "fast.yaml"],
             "command: speed is 9.0; give -1 to 1",
         ),
         (

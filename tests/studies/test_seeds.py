@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
@@ -18,7 +17,6 @@ from glassgait.studies.common.cases import rollout_cases
 from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.distillation.pareto import smallest_that_walk
-from glassgait.studies.evaluation.assurance import Assurance
 
 GAIT = load_gait("trot")
 
@@ -35,7 +33,7 @@ def seeds_of(value):
     elif is_dataclass(value):
         for own in fields(value):
             inner = getattr(value, own.name)
-            if own.name in ("seed", "calibration_seed"):
+            if own.name == "seed":
                 yield own.name, [inner]
             yield from seeds_of(inner)
 
@@ -56,9 +54,7 @@ def test_every_command_keeps_to_the_seeds(command):
     except TypeError:
         pytest.skip("has settings that must be named, and no seed among the others")
     for name, seeds in seeds_of(own):
-        if name == "calibration_seed":
-            assert {*seeds} <= {*SELECTION_SEEDS}
-        elif name == "rollouts":
+        if name == "rollouts":
             assert {*seeds} <= {*REPORTED_SEEDS}
         else:
             assert not {*seeds} & {*SELECTION_SEEDS}
@@ -94,13 +90,8 @@ def test_what_selects_is_not_reported(expert, refused):
     policy, config = alone(expert), RolloutConfig()
     jobs = rollout_cases({}, GAIT, policy, Scenario(), config)
     assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
-    message = refused(["evaluate", "worlds", "--scenario", "training", "--seed", "500"])
+    message = refused(["evaluate", "scenarios", "--scenario", "training", "--seed", "500"])
     assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in message
-
-
-def test_a_reported_seed_calibrates_nothing():
-    with pytest.raises(InputError, match="calibration_seed"):
-        Assurance(calibration_seed=1003, seed=2000)
 
 
 def test_the_robots_that_choose_are_not_those_that_are_reported():

@@ -85,7 +85,7 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     record = tmp_path / "run" / "distillation.yaml"
     record.write_text(record.read_text().replace(load_expert("trot").digest(), 16 * "f"))
     assert "inputs.expert" in refused(
-        ["evaluate", "worlds", "--policy", "all", "--scenario", "training", "--source", "run"]
+        ["evaluate", "scenarios", "--policy", "all", "--scenario", "training", "--source", "run"]
     )
 
 
@@ -164,11 +164,11 @@ def test_rollout_ends_with_what_the_robot_did_and_saw(expert, tmp_path, monkeypa
 def test_a_student_that_ships_with_some_gaits_is_scored_there(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
-    main(["evaluate", "worlds", "--gait", "all", "--policy", "symbolic", *small])
+    main(["evaluate", "scenarios", "--gait", "all", "--policy", "symbolic", *small])
     table = pd.read_csv(tmp_path / "runs/evaluate/worlds/trot_symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
     assert table["gait"].tolist() == gaits
-    message = refused(["evaluate", "worlds", "--gait", "all", "--policy", "open_loop", *small])
+    message = refused(["evaluate", "scenarios", "--gait", "all", "--policy", "open_loop", *small])
     assert "--policy open_loop" in message
 
 

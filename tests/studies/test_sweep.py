@@ -124,7 +124,7 @@ def test_folders_that_hold_runs_are_refused_before_any_job_is_begun(refused):
     assert not Path("runs/train/trot").exists()
 
 
-@pytest.mark.parametrize("command", ["train", "distill", "evaluate worlds", "reproduce report"])
+@pytest.mark.parametrize("command", ["train", "distill", "evaluate scenarios", "reproduce report"])
 def test_a_gait_that_is_none_is_refused_before_any_work(command, refused):
     assert "gallop" in refused([*command.split(), "--gait", "trot", "gallop"])
     assert not list(Path.cwd().iterdir())

@@ -22,7 +22,6 @@ from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.day import load_day
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -33,7 +32,6 @@ from glassgait.models.task.request import RequestGate
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
-from glassgait.systems.assurance_monitor import AssuranceMonitor
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.command import RandomCommand
 from glassgait.systems.command_receiver import CommandReceiver
@@ -72,7 +70,6 @@ from glassgait.systems.world_state import WorldState
 
 A1, TROT, WALK = load_robot(), load_gait("trot"), load_gait("walk")
 LAYOUT = ObservationLayout(TROT.n_states)
-REGION = Region(LAYOUT.names, np.full((2, 49), -1.0), np.full((2, 49), 1.0))
 POLICY = LinearPolicy("trot", LAYOUT.names, np.ones((12, 49)), np.zeros(12))
 EXPERT, STUDENT = InputPortIndex(1), InputPortIndex(2)
 
@@ -111,11 +108,6 @@ PORTS: dict[Any, Ports] = {
     ),
     AlternationSchedule: Ports(
         lambda: AlternationSchedule(2, EXPERT, STUDENT), {}, {"port_selector": ABSTRACT}
-    ),
-    AssuranceMonitor: Ports(
-        lambda: AssuranceMonitor(REGION, Hysteresis(0.1, 0.05), EXPERT, STUDENT),
-        {"observation": 49},
-        {"port_selector": ABSTRACT, "expert_acts": 1, "overrun": 1},
     ),
     BodyStateSensor: Ports(lambda: BodyStateSensor(A1), {"state": 37}, {"body_state": 7}),
     CommandReceiver: Ports(

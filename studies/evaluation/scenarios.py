@@ -1,7 +1,7 @@
-"""Tables of falls: a row a policy and world, and the worst world of each policy."""
+"""`glassgait evaluate scenarios`: falls, return and tracking of every policy in every scenario."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -13,19 +13,16 @@ from glassgait.models.task.command import DEAD_BAND
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.common.cases import Case, not_finite_lines, score
 from glassgait.studies.common.experiment import Report, RolloutExperiment, ScenarioNames
-from glassgait.studies.common.play import Steps
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.scores import PHYSICAL, SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.evaluation.pair import Pair
-from glassgait.studies.evaluation.worlds_figures import (
+from glassgait.studies.evaluation.fall_map import (
     fall_map,
     fall_overview,
     policies_of,
     worst_first,
 )
-from glassgait.studies.view.command import OwnCommand
 
 TITLES = {
     "policy": "policy",
@@ -167,45 +164,22 @@ def _percents(row: pd.Series) -> str:
 
 
 @dataclass(frozen=True)
-class Worlds(RolloutExperiment):
+class Scenarios(RolloutExperiment):
     """Let policies walk alone in every scenario, and report scores and falls.
 
-    One policy gives a scorecard, several a map of falls; two also give the lines in which they
-    differ, the difference of their joint targets, and one replay of both.
-
-    Attributes:
-        command: Of two policies, the command of targets and replay, in place of the first
-            scenario's; what is left out is the scenario's.
-        replay_steps: Of two policies, the control steps of targets and replay; a fall ends them
-            before.
+    One policy gives a scorecard, several a map of falls.
     """
 
-    title: ClassVar[str] = "evaluate worlds"
+    title: ClassVar[str] = "evaluate scenarios"
     together: ClassVar[bool] = True
-    prepared: ClassVar[tuple[str, ...]] = ("pair",)
 
     scenario: ScenarioNames = ("all",)
-    command: OwnCommand = field(default_factory=OwnCommand)
-    replay_steps: Steps = 500
-
-    @property
-    def pair(self) -> Pair | None:
-        """The two policies, where there are two of one gait.
-
-        Raises:
-            InputError: if no robot can be rolled out for a replay in the first scenario.
-        """
-        (gait, *others), controllers = self.gaits, next(iter(self.controllers.values()))
-        if others or len(controllers) != 2:
-            return None
-        world = self.command.over(next(iter(self.scenarios.values())))
-        return Pair(gait, controllers, world)
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls robots of one seed out, and scores them.
 
         Where any of them falls, they are rolled out once more: the column `fell_physically` holds
-        which of them fall where a physical fall alone ends an episode.
+        which of them fall where only a physical fall ends an episode.
         """
         own = case.with_config(self.rollouts(case))
         scores = score(own)
@@ -214,7 +188,7 @@ class Worlds(RolloutExperiment):
         return scores.assign(**{PHYSICAL: score(lasting)["fell"] if again else scores["fell"]})
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Reports the scores of each policy and scenario, and what sets two policies apart."""
+        """Reports the scores of each policy and scenario."""
         lines = [
             *not_finite_lines(table),
             f"drawn speeds below {DEAD_BAND:g} m/s are commands to stand, which the speed error "
@@ -230,17 +204,15 @@ class Worlds(RolloutExperiment):
         readable = pd.concat(
             [_after_gait(gait, readable_table(own), len(falls)) for gait, own in falls.items()]
         )
-        found = Report(
-            tables={"robots": table, "worlds": readable},
-            metrics={"worlds": json_records(whole)},
+        return Report(
+            tables={"robots": table, "scenarios": readable},
+            metrics={"scenarios": json_records(whole)},
             figures=_maps(falls),
             shown={
                 f"{gait}: where each falls most": worst_table(own) for gait, own in falls.items()
             },
             lines=lines,
         )
-        pair = self.pair
-        return found if pair is None else found.joined(pair.report(self.replay_steps, self.seed))
 
     def _scorecard(self, table: pd.DataFrame, lines: list[str]) -> Report:
         card = scorecard_table(table, self.scenario_titles)
@@ -269,5 +241,6 @@ def _maps(falls: Mapping[str, pd.DataFrame]) -> dict[str, Figure]:
     title = "falls of each policy alone, worst scenario first"
     maps = {gait: fall_map(own, f"{gait.capitalize()}: {title}") for gait, own in falls.items()}
     if len(maps) == 1:
-        return {"worlds": next(iter(maps.values()))}
-    return {f"worlds_{gait}": own for gait, own in maps.items()} | {"worlds": fall_overview(falls)}
+        return {"scenarios": next(iter(maps.values()))}
+    named = {f"scenarios_{gait}": figure for gait, figure in maps.items()}
+    return named | {"scenarios": fall_overview(falls)}

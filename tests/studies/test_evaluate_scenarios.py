@@ -13,17 +13,17 @@ from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
 from glassgait.studies.common.scores import SCORES, wilson_interval
 from glassgait.studies.distillation.students.baselines import untrained_student
-from glassgait.studies.evaluation.worlds import (
-    Worlds,
-    fall_table,
-    worst_table,
-)
-from glassgait.studies.evaluation.worlds_figures import (
+from glassgait.studies.evaluation.fall_map import (
     COLORS,
     fall_map,
     policies_of,
     readable_on,
     worst_first,
+)
+from glassgait.studies.evaluation.scenarios import (
+    Scenarios,
+    fall_table,
+    worst_table,
 )
 
 WORLDS = {"training": "home", "icy": "ice", "late": "delay", "calm": "calm"}
@@ -176,7 +176,7 @@ def test_numbers_stand_out_from_their_cells():
 def test_policies_meet_the_same_robots_by_the_commands_of_the_scenario(tmp_path):
     (tmp_path / "own.yaml").write_text("command: {speed_range: [0.1, 0.2]}\n")
     worlds = ("training", "cenic_1e-5", str(tmp_path / "own.yaml"))
-    study = Worlds(policy=("expert", "statewise_linear"), scenario=worlds, n_seeds=2)
+    study = Scenarios(policy=("expert", "statewise_linear"), scenario=worlds, n_seeds=2)
     cases = study.cases()
     assert len(cases) == 3 * 2 * 2
     # The slow world comes first.
@@ -200,26 +200,26 @@ def run(expert, tmp_path):
     source.mkdir()
     untrained_student(expert).save(source / "linear.safetensors")
     (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
-    small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1", "--replay-steps", "10"]
+    small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1"]
     worlds = ["--scenario", "training", str(tmp_path / "lonely.yaml")]
     own, folder = ["--source", str(source)], tmp_path / "run"
 
     def start(*more):
-        main(["evaluate", "worlds", *small, *worlds, *own, "--output", str(folder), *more])
+        main(["evaluate", "scenarios", *small, *worlds, *own, "--output", str(folder), *more])
         return folder
 
     return start
 
 
-def test_command_writes_table_metrics_map_and_what_sets_two_apart(run, capsys):
+def test_command_writes_table_metrics_and_map(run, capsys):
     folder = run()
     written = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
     both = {
-        f"{name}.{kind}" for name in ("worlds", "targets") for kind in ("csv", "md", "png", "pdf")
-    }
+        "scenarios.csv", "scenarios.md", "scenarios.png", "scenarios.pdf",
+    }  # fmt: skip
     robots = {"robots.csv", "robots.md"}
-    assert written == {"config.yaml", "metrics.json", "cases", "replay.html"} | both | robots
-    table = pd.read_csv(folder / "worlds.csv")
+    assert written == {"config.yaml", "metrics.json", "cases"} | both | robots
+    table = pd.read_csv(folder / "scenarios.csv")
     assert table[["policy", "scenario", "robots"]].to_numpy().tolist() == [
         ["Neural expert", "SAP 10 ms (training)", 2],
         ["Linear", "SAP 10 ms (training)", 2],
@@ -228,12 +228,10 @@ def test_command_writes_table_metrics_map_and_what_sets_two_apart(run, capsys):
     ]
     assert table["share of the expert's return"].tolist()[::2] == [1.0, 1.0]
     metrics = json.loads((folder / "metrics.json").read_text(), parse_constant=pytest.fail)
-    worlds = pd.DataFrame(metrics["worlds"])
+    worlds = pd.DataFrame(metrics["scenarios"])
     assert policies_of(worlds) == ["expert", "linear"]
     # The map can be drawn anew from what the run wrote.
     assert len(cells_of(fall_map(worlds, "trot"))) == 4
-    assert metrics["lines"] is None
-    assert metrics["walks"] == {side: {"fell": False, "seconds": 0.2} for side in "AB"}
     captured = capsys.readouterr()
     assert "where each falls most" in captured.out
     assert str(folder.parent / "source") in captured.err.splitlines()[0]
@@ -274,7 +272,9 @@ def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     run("--resume")
     assert len(rolled_out) == 1
     assert (folder / "metrics.json").read_bytes() == before
-    assert "continue it with --resume" in refused(["evaluate", "worlds", "--output", str(folder)])
+    assert "continue it with --resume" in refused(
+        ["evaluate", "scenarios", "--output", str(folder)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -286,22 +286,20 @@ def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
         (["--gait", "all", "--policy", "open_loop"], "--policy"),
         (["--scenario", "mars"], "mars"),
         (["--speed-range", "0", "3"], "speed_range"),
-        (["--policy", "expert", "gbm", "--scenario", "mujoco"], "--scenario"),
-        (["--policy", "expert", "gbm", "--command.speed", "9"], "speed"),
     ],
 )
 def test_refuses_what_it_cannot_roll_out(arguments, key, refused, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
-    assert key in refused(["evaluate", "worlds", *arguments])
+    assert key in refused(["evaluate", "scenarios", *arguments])
     assert not (tmp_path / "runs").exists()
 
 
 def test_of_all_gaits_those_are_measured_that_have_a_policy(monkeypatch, capsys):
     kept = []
-    monkeypatch.setattr(Worlds, "_run_one", lambda own, folder: kept.append(own.gait))
-    main(["evaluate", "worlds", "--gait", "all", "--policy", "symbolic"])
+    monkeypatch.setattr(Scenarios, "_run_one", lambda own, folder: kept.append(own.gait))
+    main(["evaluate", "scenarios", "--gait", "all", "--policy", "symbolic"])
     assert kept == [("trot",)]
-    main(["evaluate", "worlds", "--gait", "trot", "walk", "--policy", "expert", "symbolic"])
+    main(["evaluate", "scenarios", "--gait", "trot", "walk", "--policy", "expert", "symbolic"])
     assert kept[1] == ("trot", "walk")
     assert "walk: has no policy symbolic" in capsys.readouterr().out
