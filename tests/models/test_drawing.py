@@ -7,13 +7,14 @@ import subprocess
 from dataclasses import replace
 from itertools import pairwise
 
-import pydot
 import pytest
 
 from glassgait.models.task.drawing import to_graphviz, to_mermaid
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, gait_names, load_gait
 from glassgait.models.task.palette import FAULT_COLORS, state_colors
+
+pydot = pytest.importorskip("pydot")
 
 HOSTILE = [
     'say "x"', "back\\", '\\"', "a; b", "{a}", "a -> b", "end", "start", "[*]", "s0", "a:b", "%% x",

@@ -57,7 +57,7 @@ def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     """Opens Chromium; skips where it, its driver or Selenium is not installed."""
-    webdriver = pytest.importorskip("selenium.webdriver", reason="needs Selenium (the test extra)")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="needs Selenium (the dev extra)")
     if CHROMIUM is None or DRIVER is None:
         pytest.skip("needs chromium and chromedriver")
     options = webdriver.ChromeOptions()
@@ -76,7 +76,7 @@ def find_barriers() -> Callable[..., list[str]]:
 
     axe-core comes with a package of PyPI, whose own driver is not used.
     """
-    pytest.importorskip("axe_playwright_python", reason="needs axe-core (the test extra)")
+    pytest.importorskip("axe_playwright_python", reason="needs axe-core (the dev extra)")
     axe = (resources.files("axe_playwright_python") / "axe.min.js").read_text()
 
     def find(browser: Any, part: str = "body") -> list[str]:

@@ -40,8 +40,8 @@ def outputs(notebook) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=ids)
 def test_a_notebook_runs_in_two_minutes(path, tmp_path):
-    nbformat = pytest.importorskip("nbformat", reason="needs nbformat (the test extra)")
-    nbclient = pytest.importorskip("nbclient", reason="needs nbclient (the test extra)")
+    nbformat = pytest.importorskip("nbformat", reason="needs nbformat (the dev extra)")
+    nbclient = pytest.importorskip("nbclient", reason="needs nbclient (the dev extra)")
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
     client = nbclient.NotebookClient(

@@ -14,7 +14,7 @@ from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.policies import find_policies
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="needs Selenium (the test extra)")
+webdriver = pytest.importorskip("selenium.webdriver", reason="needs Selenium (the dev extra)")
 ActionChains, Keys = webdriver.ActionChains, webdriver.Keys
 
 pytestmark = pytest.mark.slow

@@ -152,7 +152,8 @@ def constructor():
     Importing PySR would start Julia; its constructor is read from the installed text instead.
     """
     pysr = importlib.util.find_spec("pysr")
-    assert pysr is not None and pysr.origin is not None, "the test extra installs pysr"
+    if pysr is None or pysr.origin is None:
+        pytest.skip("needs pysr (the dev extra)")
     source = (Path(pysr.origin).parent / "sr.py").read_text()
     regressor = next(
         node
