@@ -73,14 +73,9 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "explanation.command:ExplainPage",
             "Roll a student out alone and write a page that explains its every action.",
         ),
-        "explain terms": (
-            "explanation.command:ExplainTerms",
-            "Print the formulas of a policy: the lines that its file holds, and that act.",
-        ),
-        "explain typeset": (
-            "explanation.typeset:ExplainTypeset",
-            "Write all that a policy of formulas says as a page of mathematics, and the same as "
-            "LaTeX.",
+        "explain formulas": (
+            "explanation.command:ExplainFormulas",
+            "Print the formulas of a policy, as the text of its file or as LaTeX.",
         ),
         "explain interventions": (
             "explanation.interventions.command:ExplainInterventions",
@@ -143,7 +138,7 @@ MOVED = {
     "robustness": "evaluate scenarios",
     "compare": "evaluate scenarios",
     "pushes": "evaluate pushes",
-    "show": "explain terms",
+    "show": "explain formulas",
     "claims": "explain interventions",
     "counterfactual": "explain counterfactual",
     "certify": "verify prove",

@@ -1,27 +1,16 @@
-"""Typeset formulas: the notation of formula files as LaTeX, and as MathML for web pages.
+"""Typeset formulas: the notation of formula files as LaTeX.
 
-Both are written by one walk through the tree that Python's parser gives, so that the twins agree.
-Beside formulas, that tree holds what the programs of a file have: comparisons, choices and
-functions of vectors. Nothing is evaluated.
+Beside formulas, the tree that Python's parser gives holds what the programs of a file have:
+comparisons, choices and functions of vectors. Nothing is evaluated.
 """
 
 import ast
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 
 from glassgait.models.formulas.text import written_number
 
-_SYMBOL = re.compile(
-    r"(?:\\(?P<accent>hat|dot) )?(?P<base>\\?[A-Za-z]+|[0-9.]+|\\mathrm\{[^{}]*\})"
-    r"(?P<scripts>(?:[_^](?:\{(?:[^{}]|\{[^{}]*\})*\}|[^{}]))*)"
-)
-_SCRIPT = re.compile(r"([_^])(?:\{((?:[^{}]|\{[^{}]*\})*)\}|([^{}]))")
-_UPRIGHT = re.compile(r"\\(?:mathrm|operatorname)\{([^{}]*)\}")
-_ACCENTS = {"hat": "\N{COMBINING CIRCUMFLEX ACCENT}", "dot": "\N{COMBINING DOT ABOVE}"}
-_GREEK = {"omega": "ω", "varphi": "φ", "ell": "ℓ", "sigma": "σ", "eta": "η", "tau": "τ"}
 _SIGNS = {
     ast.Lt: ("<", "<"),
     ast.Gt: (">", ">"),
@@ -132,86 +121,6 @@ def _bar(sign: str) -> str:
     return r"\|" if sign == "‖" else sign
 
 
-class MathML(Markup):
-    """Writes the inside of a `math` element of MathML Core."""
-
-    def number(self, value: float) -> str:
-        mantissa, _, exponent = written_number(value).partition("e")
-        if not exponent:
-            return f"<mn>{mantissa}</mn>"
-        power = f"<msup><mn>10</mn><mn>{str(int(exponent)).replace('-', '−')}</mn></msup>"
-        return f"<mn>{mantissa}</mn><mo>·</mo>{power}"
-
-    def symbol(self, latex: str) -> str:
-        found = _SYMBOL.fullmatch(latex)
-        if found is None:
-            return f"<mtext>{escape(latex)}</mtext>"
-        base = _letters(found["base"])
-        if found["accent"]:
-            # A letter of its own: what browsers set above a letter is of many sizes.
-            accented = _GREEK.get(found["base"], found["base"]) + _ACCENTS[found["accent"]]
-            base = f"<mi class='accented'>{accented}</mi>"
-        scripts = {
-            place: _letters(long or short)
-            for place, long, short in _SCRIPT.findall(found["scripts"])
-        }
-        match scripts:
-            case {"_": sub, "^": sup}:
-                return f"<msubsup>{base}{sub}{sup}</msubsup>"
-            case {"_": sub}:
-                return f"<msub>{base}{sub}</msub>"
-            case {"^": sup}:
-                return f"<msup>{base}{sup}</msup>"
-        return base
-
-    def sign(self, sign: Sign, *, between: bool = True) -> str:
-        form = "infix" if between else "prefix"
-        return f"<mo form='{form}'>{escape(sign[1])}</mo>"
-
-    def function(self, name: str) -> str:
-        return f"<mi>{name}</mi>"
-
-    def fraction(self, above: str, below: str) -> str:
-        return f"<mfrac><mrow>{above}</mrow><mrow>{below}</mrow></mfrac>"
-
-    def power(self, base: str, exponent: int) -> str:
-        return f"<msup><mrow>{base}</mrow><mn>{exponent}</mn></msup>"
-
-    def fenced(self, inner: str, left: str, right: str) -> str:
-        return f"<mrow><mo form='prefix'>{left}</mo>{inner}<mo form='postfix'>{right}</mo></mrow>"
-
-    def bracket(self, sign: str) -> str:
-        form = "prefix" if sign == "(" else "postfix"
-        return f"<mo form='{form}' stretchy='false'>{sign}</mo>"
-
-    def cases(self, value: str, condition: str, other: str) -> str:
-        rows = ((value, f"<mtext>if&nbsp;</mtext>{condition}"), (other, "<mtext>else</mtext>"))
-        table = "".join(
-            f"<mtr><mtd><mrow>{left}</mrow></mtd><mtd><mrow>{right}</mrow></mtd></mtr>"
-            for left, right in rows
-        )
-        # The brace is the table's left border: few fonts have one that grows.
-        return f"<mtable class='cases'>{table}</mtable>"
-
-    def joined(self, parts: Sequence[str], *, apart: bool = False) -> str:
-        return ("<mspace width='.16em'/>" if apart else "").join(parts)
-
-
-def _letters(latex: str) -> str:
-    """Writes letters, a sign or upright words without scripts of their own."""
-    upright = _UPRIGHT.fullmatch(latex)
-    if upright:
-        return f"<mtext>{upright[1].replace(chr(92) + ',', '&nbsp;')}</mtext>"
-    if latex == "-":
-        return "<mo>−</mo>"
-    if latex in ("*", "+"):
-        return f"<mo>{latex}</mo>"
-    if latex == r"\circ":
-        return "<mo>∘</mo>"
-    name = latex.removeprefix("\\")
-    return f"<mn>{name}</mn>" if name[0].isdigit() else f"<mi>{_GREEK.get(name, name)}</mi>"
-
-
 _SUM, _PRODUCT, _POWER, _ATOM = range(4)
 _FENCES = {"abs": ("|", "|"), "norm": ("‖", "‖")}
 _BETWEEN = {"cross": CROSS, "dot": DOT}
@@ -316,8 +225,7 @@ class Typesetter:
         if name in _BETWEEN:
             left, right = (self._operand(own, _PRODUCT) for own in arguments)
             return left + markup.sign(_BETWEEN[name]) + right
-        inner = ", ".join if isinstance(markup, Latex) else "<mo>,</mo>".join
-        written = inner([self._sum(own) for own in arguments])
+        written = ", ".join(self._sum(own) for own in arguments)
         if name in _FENCES:
             return markup.fenced(written, *_FENCES[name])
         return markup.function(name) + markup.fenced(written, "(", ")")

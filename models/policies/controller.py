@@ -112,15 +112,6 @@ class AlternatingController(Controller):
         if self.student is None and self.period != 1:
             raise ValueError(f"alternation: period {self.period} needs a student; give one")
 
-    def for_robot(self, robot: Robot) -> "AlternatingController":
-        """Returns the controller whose policies act on another robot (see `Policy.for_robot`).
-
-        Raises:
-            InputError: as `Policy.for_robot`.
-        """
-        student = self.student and self.student.for_robot(robot)
-        return AlternatingController(self.expert.for_robot(robot), student, self.period)
-
     @property
     def policies(self) -> dict[str, Policy]:
         acting = {} if self.period == 0 else {"expert": self.expert}

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabul
 from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
-from glassgait.models.formulas.transfer import for_robot
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
@@ -166,10 +165,6 @@ class FormulaPolicy(Policy):
         """
         super().refuse_other_machine(gait)
         refuse_other_mirror(self.mirror, gait)
-
-    def for_robot(self, robot: Robot) -> Self:
-        file = for_robot(self.to_file(), self.robot, robot)
-        return cast(Self, self.from_file(file, robot))
 
     def _take(self, readings: Readings | None) -> None:
         if readings is not None:

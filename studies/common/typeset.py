@@ -1,4 +1,4 @@
-"""Typeset controllers: all that a formula file says, as a page of MathML and as LaTeX."""
+"""Typeset controllers: all that a formula file says, as LaTeX."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from glassgait.models.formulas.odometry import ODOMETRY
 from glassgait.models.formulas.program import Program
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.text import write_formula, written_number
-from glassgait.models.formulas.typeset import Latex, Markup, MathML, Typesetter
+from glassgait.models.formulas.typeset import Latex, Markup, Typesetter
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
@@ -296,17 +296,6 @@ _MEANINGS = {
 def to_latex(file: FormulaFile, robot: Robot) -> str:
     """Writes all that a formula file says as a LaTeX document."""
     return _rendered("typeset.tex", file, robot, Latex(), {})
-
-
-def to_html(file: FormulaFile, robot: Robot, **shown: object) -> str:
-    """Writes all that a formula file says as a page of MathML, which fetches nothing.
-
-    Args:
-        file: The file.
-        robot: The robot that it is for.
-        shown: What else the page shows: see its template.
-    """
-    return _rendered("typeset.html", file, robot, MathML(), shown)
 
 
 def _rendered(

@@ -59,8 +59,6 @@ class DistillationConfig(Settings):
             learn in.
         scenario: Name of a scenario that ships, or path of a scenario file: the one in which
             they are collected instead, but for its commands.
-        also: Other robots that samples are collected on as well, as many on each: names, or paths
-            of their robot.yaml. Expert and students act there as `transfer` writes them.
         settings: Settings of the students' fits.
         n_workers: Students that are made at once; of one, joints that are fitted at once. Commands
             name it themselves.
@@ -86,7 +84,6 @@ class DistillationConfig(Settings):
         default_factory=DomainRandomization
     )
     scenario: str | None = None
-    also: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings
     )

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.library import load_robot
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel, runs_here
@@ -34,7 +32,7 @@ from glassgait.studies.common.typeset import to_latex
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
 from glassgait.studies.distillation.students.baselines import untrained_student
-from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Dataset, r2_scores
+from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
 from glassgait.studies.distillation.students.symbolic import readings_of
@@ -66,15 +64,7 @@ def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
 
 SHUFFLED_TEST_SHARE = 0.2
 
-APART = 1_000_000 * HELD_OUT_EVERY
-"""Between the numbers of two robots' episodes: the same ones of each are held out."""
-
 Report = Callable[[str], None]
-
-
-def of_robot(episodes: range, index: int) -> range:
-    """Returns the numbers of the same episodes on the robot of an index; 0 is the expert's."""
-    return range(episodes.start + index * APART, episodes.stop + index * APART)
 
 
 def _leave(_: pd.DataFrame) -> None:
@@ -111,8 +101,6 @@ def distill(
             that is damaged; or a student's file does not act as the student.
     """
     config = config.for_gait(gait)
-    if expert.robot.name in (load_robot(robot).name for robot in config.also):
-        raise InputError(f"--also {expert.robot.name}: is the expert's own robot; leave it out")
     inputs = {"gait": gait.digest(), "expert": expert.digest()}
     worlds: DomainRandomization | Scenario = config.worlds
     if config.scenario is not None:
@@ -230,21 +218,16 @@ class _Distillation:
         ratio, speeds = ratio_title(plan.period), config.speeds
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
         controller = AlternatingController(self.expert, student, plan.period)
-        acting = [controller, *(controller.for_robot(load_robot(robot)) for robot in config.also)]
-        samples = [
-            collect(
-                self.gait,
-                own,
-                episodes=of_robot(plan.episodes, index),
-                n_steps=plan.steps,
-                speeds=None if speeds is None else np.minimum(speeds, self.gait.max_speed),
-                worlds=self.worlds,
-                generator=np.random.default_rng([config.seed, plan.number + index * APART]),
-            )
-            for index, own in enumerate(acting)
-        ]
-        whole = reduce(Dataset.union, samples)
-        return replace(whole, minutes=(time.monotonic() - started) / 60)
+        samples = collect(
+            self.gait,
+            controller,
+            episodes=plan.episodes,
+            n_steps=plan.steps,
+            speeds=None if speeds is None else np.minimum(speeds, self.gait.max_speed),
+            worlds=self.worlds,
+            generator=np.random.default_rng([config.seed, plan.number]),
+        )
+        return replace(samples, minutes=(time.monotonic() - started) / 60)
 
     def _fit_final(self, kind: str, dataset: Dataset) -> dict:
         """Fits the student the last time, saves it, and scores it by both splits."""

@@ -1,4 +1,4 @@
-"""`glassgait explain page` and `explain terms`: every action of a rollout, and every formula."""
+"""`glassgait explain page` and `explain formulas`: actions of a rollout, and formulas."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +12,6 @@ from rich.text import Text
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.certificates.certificate import OUTCOME_WORDS
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.robots import quadruped
@@ -22,9 +21,9 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.play import Steps, play
 from glassgait.studies.common.run_folder import refuse_run, to_plain
-from glassgait.studies.distillation.students.library import OnePolicy, find_certificate
+from glassgait.studies.common.typeset import to_latex
+from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.distillation.students.registry import student_title, sums_of_terms
-from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.importance.figures import contribution_figure, student_figures
 
@@ -49,8 +48,6 @@ class ExplainPage(OnePolicy):
         command: Commanded speed, yaw rate and rhythm.
         n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of the sensors' noise.
-        certificate: Certificate of the policy, whose claims the page shows; by default the one in
-            runs/verify/prove/<gait> that is of this very policy, or a shipped one.
         output: Folder of the page; runs/explain/page/<gait>/<policy> by default.
     """
 
@@ -61,7 +58,6 @@ class ExplainPage(OnePolicy):
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
     n_steps: Steps = 300
     seed: Seed = 0
-    certificate: Path | None = None
     output: Path | None = None
 
     def __post_init__(self) -> None:
@@ -82,7 +78,6 @@ class ExplainPage(OnePolicy):
         student = controller.policy
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
-        certificate = find_certificate(path, gait, self.certificate, student.robot)
         name = Path(policy).stem
         folder = self.output or found.output(self.title) / name
         whose = {**to_plain(self), "policy": policy}
@@ -120,8 +115,6 @@ class ExplainPage(OnePolicy):
             joint=joint,
             step=step,
             figures=[folder / f"{stem}.png" for stem in (local.name, *figures)],
-            certificate=certificate
-            and certificate_panel(certificate, student, path, rollout["observations"]),
         )
         record = yaml.safe_dump({**whose, "step": step, DIGEST: digest(path)}, sort_keys=False)
         write_atomically(folder / CONFIG, record)
@@ -154,21 +147,31 @@ def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
 
 
 @dataclass(frozen=True)
-class ExplainTerms(OnePolicy):
-    """Print the formulas of a policy: the lines that its file holds, and that act.
+class ExplainFormulas(OnePolicy):
+    """Print the formulas of a policy, as the text of its file or as LaTeX.
 
     Attributes:
-        joint: Joint whose lines alone are printed, such as FL_calf; all by default.
+        joint: Print only the lines of this joint, such as FL_calf.
+        latex: Print the whole controller as a LaTeX document instead.
     """
 
-    title: ClassVar[str] = "explain terms"
+    title: ClassVar[str] = "explain formulas"
 
     joint: str | None = None
+    latex: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.latex and self.joint is not None:
+            raise InputError("--joint: LaTeX is of the whole controller; leave --latex or this out")
 
     def run(self) -> None:
         """Prints the formulas."""
         found, name = self.find()
         student = found.formulas(name)
+        if self.latex:
+            print(to_latex(student.to_file(), student.robot), end="")
+            return
         if self.joint is not None:
             quadruped.joint_index(self.joint)
         lines = student.to_text().splitlines()
@@ -181,14 +184,6 @@ class ExplainTerms(OnePolicy):
             f"{len(lines)} lines",
             style="dim",
         )
-        certificate = find_certificate(found.file(name), found.gait, robot=student.robot)
-        if certificate:
-            counts = certificate.counts().items()
-            found = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)
-            console.print(
-                f"# Claims about it, unchanged: {found}; 'glassgait explain page' shows them",
-                style="dim",
-            )
 
 
 def lines_of_joint(lines: list[str], joint: str) -> list[str]:

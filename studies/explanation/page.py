@@ -19,7 +19,6 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.common.gait_figure import strip_data
 from glassgait.studies.common.pages import embedded, gait_title, inline_image, page_template
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.explanation.certificate import CertificatePanel
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -113,7 +112,6 @@ def render_page(
     joint: int,
     step: int,
     figures: Sequence[Path],
-    certificate: CertificatePanel | None = None,
 ) -> str:
     """Renders the page.
 
@@ -126,7 +124,6 @@ def render_page(
         joint: Joint that is shown first.
         step: Control step that is shown first.
         figures: Figures of that joint, as PNG, in order.
-        certificate: What the policy's certificate says, if it has one.
     """
     known = variables_of(policy, rollout["observations"])
     quantities = _quantities(known.titles, explained)
@@ -140,7 +137,6 @@ def render_page(
         "explained": [_joint_data(own, list(quantities)) for own in explained],
         "figures": joint if figures else None,
         "file": file_lines(policy, len(gait.states)) if isinstance(policy, FormulaPolicy) else None,
-        "certificate": certificate.data if certificate else None,
         "joint": joint,
         "step": step,
     }
@@ -153,7 +149,6 @@ def render_page(
         additive=any(not term.weights for own in explained for term in own.terms),
         weighted=any(term.weights for own in explained for term in own.terms),
         formulas=isinstance(policy, FormulaPolicy),
-        certificate=certificate,
         data=embedded(data),
         replay=embedded(replay),
         figures=[(path.stem, inline_image(path)) for path in figures],

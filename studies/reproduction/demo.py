@@ -14,13 +14,12 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.files import write_atomically
 from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -54,8 +53,6 @@ from glassgait.studies.distillation.students.symbolic_regression import (
 )
 from glassgait.studies.distillation.study import distill, r2_table, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
-from glassgait.studies.explanation.interventions.sentences import find_sentences
-from glassgait.studies.explanation.typeset import beside, typeset
 from glassgait.studies.reproduction.page import Page, Replay, Section, Table
 
 SHOWN = STATEWISE_SYMBOLIC.name
@@ -142,8 +139,6 @@ class Demo(Settings):
             rollouts = RolloutConfig(n_robots=self.n_robots, n_seeds=1)
             parts = Parts(gait, expert, rollouts, n_replays=len(replays) + 1)
             road = _Road(parts, folder)
-            if "shipped student" in inputs:
-                road.typeset(found.formulas(PAGE), found.file(PAGE))
             for name, (title, policy) in replays.items():
                 road.show(name, title, policy)
             road.distill(self.resume)
@@ -164,7 +159,6 @@ class Parts:
         n_replays: Number of replays in the end.
         replays: The replays so far, by their names.
         result: What the first one shows, in a sentence.
-        typeset: Name of the page in the folder on which the shipped formulas stand.
         r2: The R² table of the students so far.
         standalone: The scores alone.
         return_figure: Picture of return against alternation ratio.
@@ -178,7 +172,6 @@ class Parts:
     n_replays: int = 3
     replays: dict[str, Replay] = field(default_factory=dict)
     result: str = ""
-    typeset: str | None = None
     r2: pd.DataFrame | None = None
     standalone: pd.DataFrame | None = None
     return_figure: Path | None = None
@@ -193,13 +186,6 @@ class _Road:
     parts: Parts
     folder: Path
     meshcat: Meshcat = field(default_factory=open_meshcat)
-
-    def typeset(self, policy: FormulaPolicy, path: Path) -> None:
-        """Writes the formulas that ship, whose file is given, as a page to be read."""
-        said = find_sentences(policy.digest(), [beside(path)])
-        for name, text in typeset(policy, PAGE, said).items():
-            write_atomically(self.folder / name, text)
-        self.parts.typeset = f"{PAGE}.html"
 
     def show(self, name: str, title: str, policy: Policy) -> None:
         """Records a policy alone: a replay and a gait diagram, whose files begin with a name."""
@@ -334,15 +320,9 @@ def demo_page(parts: Parts) -> Page:
 
 def _replays(parts: Parts) -> Section:
     missing = parts.n_replays - len(parts.replays)
-    page = (
-        f"All that the first robot does stands on [two pages of formulas]({parts.typeset}), from "
-        "sensors to limits. "
-        if parts.typeset
-        else ""
-    )
     return Section(
-        "The page that ships, and its robot" if parts.typeset else "Replays",
-        note=f"{page}Commanded {REPLAY_SPEED} m/s forward, with sensor noise; each acts alone. "
+        "Replays",
+        note=f"Commanded {REPLAY_SPEED} m/s forward, with sensor noise; each acts alone. "
         "Bars: feet in contact; bands: states of the reward machine, every second one hatched.",
         replays=list(parts.replays.values()),
         pending="further replays, of the expert and of the formulas that are distilled here"

@@ -101,7 +101,7 @@ class _Connection:
         self._sent, self._shown = 0, 0
         self._status: dict[str, Any] | None = None
         self._place: tuple[int, ...] | None = None
-        self._typeset: tuple[tuple[int, ...], tuple[float, ...]] | None = None
+        self._formula: tuple[tuple[int, ...], tuple[float, ...]] | None = None
         self._digested: tuple[float, ...] | None = None
         self._works: tuple[str | None, str | None] | None = None
 
@@ -145,16 +145,16 @@ class _Connection:
         )
 
     async def _send_file(self, whole: dict[str, Any], session: EditSession) -> None:
-        """Adds the typeset formula, and what becomes of the file, once numbers are at rest.
+        """Adds the formula's lines, and what becomes of the file, once numbers are at rest.
 
         Both are of the whole file with its numbers, which takes longer than a frame to make.
         """
         studio, numbers = self._studio, session.numbers
         if not studio.is_at_rest and "panel" not in whole:
             return
-        typeset = (studio.reader.place, numbers)
-        if typeset != self._typeset:
-            self._typeset = typeset
+        formula = (studio.reader.place, numbers)
+        if formula != self._formula:
+            self._formula = formula
             whole["formula"] = await asyncio.to_thread(formula_view, studio)
         works = (studio.verified_digest, studio.evaluated_digest)
         if (numbers, works) != (self._digested, self._works):

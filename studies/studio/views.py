@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 
 from glassgait.models.certificates.certificate import OUTCOME_WORDS
+from glassgait.models.formulas.file import formula_lines
 from glassgait.models.formulas.text import written_number
-from glassgait.models.formulas.typeset import MathML, Typesetter
 from glassgait.models.link.remote import Sticks
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.palette import state_colors
-from glassgait.studies.common.typeset import TypesetController, symbols_of
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.studio.background import ROLLOUTS, Work
 from glassgait.studies.studio.live_robot import KEPT, Moment
@@ -57,7 +56,7 @@ def setup(studio: Studio, policy_name: str) -> dict[str, Any]:
         "formulas": formulas,
         "places": [_place(place) for place in studio.places] if formulas else [],
         "definitions": [
-            {"symbol": symbol, "math": _setter(studio).name(symbol), "text": text, "note": note}
+            {"symbol": symbol, "text": text, "note": note}
             for symbol, text, note in (open_texts(studio.numbered()) if formulas else ())
         ],
         "certificate": _certificate(studio),
@@ -87,10 +86,8 @@ def panel(studio: Studio) -> dict[str, Any]:
 
 
 def formula_view(studio: Studio) -> dict[str, Any]:
-    """Returns the formula that is shown, typeset as MathML, as the page of its file has it."""
-    controller = TypesetController(studio.file_now(), MathML(), studio.original.policy.robot)
-    formula = controller.formula(studio.reader.place)
-    return {"left": formula.left + formula.relation, "pieces": formula.pieces}
+    """Returns the lines of the formula that is shown, as its file has them."""
+    return {"lines": formula_lines(studio.file_now(), studio.reader.place)}
 
 
 def status(studio: Studio) -> dict[str, Any]:
@@ -165,10 +162,6 @@ def _acting(studio: Studio) -> list[dict[str, Any]]:
     ]
 
 
-def _setter(studio: Studio) -> Typesetter:
-    return Typesetter(MathML(), symbols_of(studio.numbered().file.vocabulary))
-
-
 def _place(place: tuple[int, ...]) -> dict[str, Any]:
     leg, part = quadruped.JOINTS[place[-1]].split("_")
     return {"state": place[0] if len(place) > 1 else None, "leg": leg, "part": part}
@@ -189,7 +182,6 @@ def _term(studio: Studio, index: int) -> dict[str, Any]:
         "number": term.own,
         "start": start,
         "factors": list(term.factors),
-        "math": _setter(studio).whole("*".join(f"({factor})" for factor in term.factors) or "1"),
         "symbols": [symbols[own] for own in term.symbols],
     }
 

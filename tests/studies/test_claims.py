@@ -15,7 +15,6 @@ from glassgait.models.task.observation import ObservationLayout, machine_state_e
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.interventions.claims import (
     claim_of,
-    claims_of_each,
     derive_claims,
     following_words,
     joint_words,
@@ -181,16 +180,6 @@ def test_claims_are_the_largest_of_different_inputs_and_joints(generator):
     assert chosen(4) == chosen(4)
 
 
-def test_each_formula_has_a_claim_of_its_largest_term(generator):
-    policy = policy_of(
-        {"FL_hip": "0.9*v.y + 0.8*v.z", "FR_hip": "0.7*v.y", "RL_hip": "0.1*q.RL_hip"}
-    )
-    claims = claims_of_each(policy.to_file(), walk_of(policy, observations(generator)))
-    found = {claim.term.joint_name: claim.term.text(policy.vocabulary.symbols) for claim in claims}
-    assert (found["FL_hip"], found["FR_hip"]) == ("0.9*v.y", "0.7*v.y")
-    assert "RL_hip" not in found
-
-
 @pytest.mark.parametrize(
     ("joint", "text"),
     [
@@ -350,20 +339,6 @@ def test_command_writes_tables_figure_and_edited_files(tmp_path, refused):
         f"{FOLDER}/{path.name}" for path in (output / FOLDER).iterdir()
     }
     assert "continue it with --resume" in refused(command)
-
-
-def test_a_sentence_of_each_joint_is_written_if_it_holds(tmp_path):
-    output = tmp_path / "sentences"
-    own = policy_of({"FL_hip": "0.9*v.y", "RR_calf": "0.8*v.z"})
-    (path := tmp_path / "own.formulas").write_text(own.to_text())
-    main([*COMMAND, "--policy", str(path), "--each", *SMALL[2:], "--output", str(output)])
-    said, claims = (pd.read_csv(output / f"{name}.csv") for name in ("sentences", "claims"))
-    assert len(said) == len(claims[claims["unit"] == "rad"])
-    assert set(said["joint"]) >= {"FL_hip", "RR_calf"}
-    for sentence, claim, holds in zip(
-        said["its largest term says"], claims["claim"], claims["holds"], strict=False
-    ):
-        assert sentence == (claim if holds == "yes" else "–")
 
 
 def test_bad_input_is_refused_before_anything_is_written(tmp_path, monkeypatch, refused):

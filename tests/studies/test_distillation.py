@@ -4,15 +4,12 @@ import shutil
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
-from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import load_policy, policy_path
-from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, overdue
 from glassgait.studies.common.selection import simplest_of_the_best
@@ -263,28 +260,3 @@ def test_students_are_saved_as_compact_ones(finished):
     for kind in r2["student"]:
         policy = load_policy(policy_path(folder, kind))
         assert policy.digest() == policy.compact().digest(), kind
-
-
-def test_samples_are_of_every_robot_and_the_student_acts_on_each(expert, tmp_path):
-    alone, both = (
-        replace(
-            TINY,
-            students=("linear", "symbolic"),
-            collector="symbolic",
-            also=also,
-            settings=StudentsSettings(symbolic=SymbolicSettings(**ONE_SHAPE)),
-        )
-        for also in ((), ("go2",))
-    )
-    of_one = distill(alone, GAIT, expert, tmp_path / "one", lambda line: None)
-    of_both = distill(both, GAIT, expert, tmp_path / "both", lambda line: None)
-    assert of_both["samples"].tolist() == [2 * samples for samples in of_one["samples"]]
-    assert (of_both["held_out_samples"] == 2 * of_one["held_out_samples"]).all()
-    first = tmp_path / "both" / "symbolic" / "round_01.safetensors"
-    samples = load_arrays(first)[0]
-    half = len(samples["observations"]) // 2
-    own = load_arrays(tmp_path / "one" / "symbolic" / "round_01.safetensors")[0]
-    np.testing.assert_array_equal(samples["observations"][:half], own["observations"])
-    assert np.abs(samples["observations"][half:] - own["observations"]).max() > 0.1
-    for student in load_students(tmp_path / "both", expert).values():
-        assert student.for_robot(load_robot("go2")).robot.name == "go2"

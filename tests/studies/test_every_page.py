@@ -21,13 +21,11 @@ COMMANDS = {
     "explained additive model": ["explain", "page", *TROT, "ebm", "--n-steps", "40"],
     "explained linear laws": ["explain", "page", *TROT, "statewise_linear", "--n-steps", "40"],
     "counterfactual": ["explain", "counterfactual", *TROT, "statewise_linear", "--step", "20"],
-    "typeset": ["explain", "typeset", *TROT, "sparse_formula"],
     "replay": ["view", *TROT, "sparse_formula", "--n-steps", "20"],
 }
 """What writes each kind of page, in short."""
 
 PAGES = {
-    "typeset": "sparse_formula.html",
     "replay": "sparse_formula_alone.html",
     "replay of two": "replay.html",
 }
@@ -45,12 +43,10 @@ ELSEWHERE = {
 HERE = {
     "cli.py",
     "common/pages.py",
-    "common/typeset.py",
     "explanation/command.py",
     "explanation/counterfactuals/command.py",
     "explanation/counterfactuals/page.py",
     "explanation/page.py",
-    "explanation/typeset.py",
     "view/command.py",
 }
 

@@ -215,10 +215,10 @@ def a_dragged_coefficient_changes_the_gait_and_is_undone_at_once(page):
     walk_on(page, SECOND)
     recent = steps(page, SECOND)
     assert abs(recent[:, 6].mean() - recent[:, 7].mean()) > 0.02
-    until(lambda: f"={value}" in text(page, "#typeset"))
+    until(lambda: value in text(page, "#text"))
     click(page, "#undo")
     until(lambda: value_of(page, CONSTANT) == SHIPPED)
-    until(lambda: f"={SHIPPED}" in text(page, "#typeset"))
+    until(lambda: SHIPPED in text(page, "#text"))
     assert page.execute_script("return document.querySelector('#undo').disabled")
 
 

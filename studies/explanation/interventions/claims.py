@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.file import FormulaFile
-from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, indices_of
@@ -57,27 +56,6 @@ def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
     return sorted([*taken, *rest][:count], key=lambda claim: -abs(claim.effect))
 
 
-def claims_of_each(file: FormulaFile, walk: Walk) -> list[Claim]:
-    """Derives a claim of each formula that the file holds: that of its largest term.
-
-    Of a formula without a term that can be read, or ever counts, there is none.
-
-    Args:
-        walk: What the robots of its policy saw.
-
-    Returns:
-        Claims in the order of the file's formulas.
-
-    Raises:
-        InputError: if no term can be read, or ever counts.
-    """
-    ranked, largest = _ranked(file, walk), dict[Place, Claim]()
-    refuse_too_few(len(ranked), 1)
-    for claim in ranked:
-        largest.setdefault(claim.term.place, claim)
-    return [largest[place] for place in sorted(largest)]
-
-
 def _ranked(file: FormulaFile, walk: Walk) -> list[Claim]:
     """Derives the claims of all terms that can be read, the largest first."""
     found = [claim_of(term, file, walk) for term in readable_terms(file)]
@@ -93,7 +71,7 @@ def refuse_too_few(found: int, count: int) -> None:
     """
     if found < count:
         raise InputError(
-            f"--n-claims, --each: {count} claims are asked for, and {found} terms can be read as a "
+            f"--n-claims: {count} claims are asked for, and {found} terms can be read as a "
             "weight times a command, gravity, a speed, a foot's place or a definition; ask for "
             "fewer, or name another policy"
         )

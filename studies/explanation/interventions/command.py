@@ -21,18 +21,10 @@ from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.distillation.students.registry import student_title
-from glassgait.studies.explanation.interventions.claims import (
-    claims_of_each,
-    derive_claims,
-    refuse_too_few,
-)
-from glassgait.studies.explanation.interventions.sentences import Sentences, tested_sentences
-from glassgait.studies.explanation.interventions.study import Examiner, readable_table, sentences
+from glassgait.studies.explanation.interventions.claims import derive_claims, refuse_too_few
+from glassgait.studies.explanation.interventions.study import Examiner, readable_table
 from glassgait.studies.explanation.interventions.terms import readable_terms
 from glassgait.studies.explanation.interventions.walks import Walk, walk
-
-SENTENCES = "sentences.json"
-"""File of a run's sentences, which pages read."""
 
 HOLDS, FAILS, PREDICTED = "#0072B2", "#C75300", "0.35"
 """Colours of claims that hold, of those that do not, and of what was predicted."""
@@ -121,8 +113,6 @@ class ExplainInterventions(OnePolicy):
 
     Attributes:
         n_claims: Claims of joints, one a term, the terms that move a target most.
-        each: Take a claim of each formula instead, that of its largest term, and write a sentence
-            of each joint that holds on the robot.
         n_robots: Robots of each walk.
         n_steps: Control steps of each.
         seed: Seed of starts, commands and noise, the same for every walk.
@@ -133,7 +123,6 @@ class ExplainInterventions(OnePolicy):
     title: ClassVar[str] = "explain interventions"
 
     n_claims: Count = 8
-    each: bool = False
     n_robots: Annotated[Count, Ge(2)] = 26
     n_steps: Annotated[Count, Ge(2)] = 500
     seed: Seed = REPORTED_SEEDS[0]
@@ -148,15 +137,12 @@ class ExplainInterventions(OnePolicy):
         stem = Path(name).stem
         folder = self.output or found.output(self.title) / stem
         # Before a folder is claimed: a refusal leaves nothing behind.
-        refuse_too_few(len(readable_terms(policy.to_file())), 1 if self.each else self.n_claims)
+        refuse_too_few(len(readable_terms(policy.to_file())), self.n_claims)
         inputs = {"gait": gait.digest(), "policy": policy.digest()}
         inputs |= {"expert": expert.digest()} if expert else {}
         with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
             table, falls = self._test(gait, expert, policy, folder)
             write_table(readable_table(table), folder / "claims")
-            if self.each:
-                write_table(sentences(table), folder / "sentences")
-                self._sentences(policy, table).write(folder / SENTENCES)
             metrics = {"claims": json_records(table), "held": int(table["holds"].sum())}
             metrics |= {"tested": len(table), "falls": falls}
             write_metrics(metrics, folder / "metrics.json")
@@ -164,10 +150,6 @@ class ExplainInterventions(OnePolicy):
             save_figure(claims_figure(table, title), folder / "claims")
         print_table(f"{gait.name}: what {student_title(stem)} says", readable_table(table))
         console.print(f"{metrics['held']} of {metrics['tested']} claims hold; written to {folder}")
-
-    def _sentences(self, policy: FormulaPolicy, table: pd.DataFrame) -> Sentences:
-        said = tested_sentences(table)
-        return Sentences(policy.digest(), self.n_robots, self.n_steps, self.seed, said)
 
     def _test(
         self, gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, folder: Path
@@ -184,7 +166,5 @@ class ExplainInterventions(OnePolicy):
         say(f"{gait.name}: walking with the formulas as they are")
         plain = walk_with(policy)
         file = policy.to_file()
-        claims = (
-            claims_of_each(file, plain) if self.each else derive_claims(file, plain, self.n_claims)
-        )
+        claims = derive_claims(file, plain, self.n_claims)
         return Examiner(policy, plain, walk_with, folder).examine(claims), plain.falls

@@ -223,26 +223,6 @@ class Examiner:
         }
 
 
-def sentences(table: pd.DataFrame) -> pd.DataFrame:
-    """Makes a row of each joint and state: what its formula says of its largest term.
-
-    What does not hold on the robot is not said.
-
-    Args:
-        table: What `Examiner.examine` returned of a claim of each formula.
-    """
-    joints = table[table["subject"] == "joint"]
-    return pd.DataFrame(
-        {
-            "state": joints["state"].where(joints["state"] >= 0, "every"),
-            "joint": joints["joint"],
-            "its largest term says": joints["claim"].where(joints["holds"], "–"),
-            "predicted (rad)": joints["predicted"].where(joints["holds"]),
-            "measured (rad)": joints["measured"].where(joints["holds"]),
-        }
-    )
-
-
 def readable_table(table: pd.DataFrame) -> pd.DataFrame:
     """Names the columns of what `Examiner.examine` returned as people do."""
     named = table.rename(columns={"low": "95 % from", "high": "95 % to"})

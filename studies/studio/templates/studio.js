@@ -101,7 +101,7 @@ window.studio = (() => {
     slider.min = term.start - reach; slider.max = term.start + reach;
     if (term.number === null) for (const input of [on, number, slider]) { input.disabled = true; input.title = "shares its numbers with other terms"; }
     const name = element("var"); name.title = words;
-    if (term.factors.length) name.innerHTML = `<math>${term.math}</math>`; else name.textContent = words;
+    name.textContent = words;
     of.append(name, element("small"));
     bars.append(bar);
     row.append(on, number, slider, of, bars, adds);
@@ -118,8 +118,7 @@ window.studio = (() => {
   }
 
   function showFormula(formula) {
-    const pieces = formula.pieces.map((piece, index) => `<math>${index ? "" : formula.left}${piece}</math>`);
-    byId("typeset").innerHTML = pieces.join(" ");
+    byId("text").textContent = formula.lines.join("\n");
   }
 
   function showEdits(edits) {
@@ -152,8 +151,7 @@ window.studio = (() => {
   function buildDefinitions() {
     for (const own of SETUP.definitions) {
       const box = element("div", "definition"), code = element("code");
-      const symbol = element("b", "", own.symbol), typeset = element("span", "typeset");
-      typeset.innerHTML = `<math>${own.math}</math>`;
+      const symbol = element("b", "", own.symbol);
       code.append(symbol, " = ");
       own.text.split(/⟦(\d+)⟧/).forEach((part, i) => {
         if (i % 2 === 0) { code.append(part); return; }
@@ -164,7 +162,7 @@ window.studio = (() => {
         code.append(input);
       });
       const note = element("small", "muted");
-      note.append(typeset, own.note ? ` · ${own.note}` : "");
+      note.append(own.note);
       box.append(code, note);
       byId("definitions").append(box);
     }
