@@ -24,18 +24,9 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "make controllers": {
         "train": ("training.command:Train", "Train a neural expert by PPO."),
-        "simplify": (
-            "distillation.simplification.command:Simplify",
-            "Let an expert learn on while it is pulled to a page of formulas, fitted anew as it "
-            "changes.",
-        ),
         "distill": (
             "distillation.command:Distill",
             "Distil an expert into glass-box students by DAgger with alternation.",
-        ),
-        "distill --sweep terms": (
-            "distillation.pareto:Pareto",
-            "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
         ),
         "refine": (
             "distillation.refinement.command:Refine",
@@ -144,7 +135,6 @@ MOVED = {
     "certify": "verify prove",
     "check": "verify check",
     "rollout": "view",
-    "pareto": "distill --sweep terms",
     "report": "reproduce report",
     "benchmark": "reproduce benchmark",
 }

@@ -1,6 +1,6 @@
 """Finding the policies of a gait: one rule for every command.
 
-What ships is taken, unless `--source` names the folder of a run of train, simplify, distill or
+What ships is taken, unless `--source` names the folder of a run of train, distill or
 refine. Of a gait that does not ship, the runs' default folders are taken: runs/train/<gait> and
 runs/distill/<gait>; of another robot than the default one runs/train/<robot>/<gait> and so on.
 """
@@ -295,7 +295,7 @@ def find_policies(
 
     Args:
         gait: The gait.
-        source: Folder of a run of train, simplify, distill or refine; by default what ships is
+        source: Folder of a run of train, distill or refine; by default what ships is
             taken and, of a gait that does not ship, what the default folders hold.
         robot: Name of the robot, or path of its robot.yaml; by default that of the run's policies,
             and of what ships the default one.
@@ -340,7 +340,7 @@ def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None
 
     Args:
         gait: The gait.
-        source: Folder of a run of train or simplify; by default what ships is taken and, of a
+        source: Folder of a run of train; by default what ships is taken and, of a
             gait that does not ship, what runs/train/<gait> holds, students of an earlier expert
             or not.
         robot: Name of the robot, or path of its robot.yaml.
@@ -377,7 +377,7 @@ class PolicySource(Settings):
 
     Attributes:
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, simplify, distill or refine to take policies from; by
+        source: Folder of a run of train, distill or refine to take policies from; by
             default those that ship and, of a gait that does not ship, those of
             runs/distill/<gait> and runs/train/<gait>.
     """

@@ -1,6 +1,5 @@
-"""Importances of one gait's students, without the closed loop: samples, tables and maps."""
+"""Importances of one gait's students: the samples, the measurement and its tables and maps."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import symbols_of
-from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import to_latex
@@ -53,14 +51,7 @@ def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int)
 def visited_samples(
     gait: Gait, expert: NeuralPolicy, student: Policy, n_samples: int, seed: int
 ) -> Dataset:
-    """Draws samples from new episodes of a student that acts alone, in the training scenario.
-
-    Args:
-        gait: The gait.
-        expert: The expert.
-        student: The student.
-        n_samples: Number of samples, at most.
-        seed: Seed of the episodes and of the drawing.
+    """Draws samples from new episodes of a student without the expert, in the training scenario.
 
     Raises:
         InputError: if a sample is not finite.
@@ -76,56 +67,68 @@ def _drawn(data: Dataset, n_samples: int, seed: int) -> Dataset:
 
 
 def measure_importances(
-    gait: str,
-    students: Mapping[str, Policy],
-    samples: Mapping[str, Dataset],
-    *,
-    seed: int,
-    repeats: int,
-) -> tuple[pd.DataFrame, pd.DataFrame, Report]:
-    """Measures every student's importances by every method.
+    student: Policy, samples: Dataset, *, seed: int, repeats: int
+) -> pd.DataFrame:
+    """Measures a student's importances by permutation and, if it has one, by its own method.
 
     Args:
-        gait: The gait.
-        students: The students, by kind.
-        samples: Held-out samples, by kind.
+        student: The student.
+        samples: Held-out samples.
         seed: Seed of the shuffling.
         repeats: Shuffles of each observation.
 
     Returns:
-        A row for each student, method and group of observations: `importance`, the mean of the
-        joints, with its 95 % interval over shuffles. The most important observations of each
-        student and joint type, beside the paper's. And all tables and maps.
+        A row for each method, repeat, joint and observation.
+    """
+    generator = np.random.default_rng([seed, 1])
+    found = {"permutation": permutation_importance(student, samples, generator, repeats)}
+    if (own_importance := student.capabilities.importance) is not None:
+        method, values = own_importance(student, samples.observations)
+        found[method] = values[None]
+    tables = []
+    for method, values in found.items():
+        axes = [range(len(values)), quadruped.JOINTS, student.observation_names]
+        index = pd.MultiIndex.from_product(axes, names=["repeat", "joint", "observation"])
+        table = pd.DataFrame({"importance": values.ravel()}, index=index).reset_index()
+        tables.append(table.assign(method=method))
+    return pd.concat(tables, ignore_index=True)
+
+
+def importance_report(gait: str, table: pd.DataFrame) -> Report:
+    """Turns importances of a gait's students into tables and maps.
+
+    Args:
+        gait: Name of the gait.
+        table: What `measure_importances` returned for each student, with a column `policy`.
+
+    Returns:
+        A table and a map for each student and method; `importances`, a row for each student,
+        method and group of observations; and `top_observations`, beside the paper's.
     """
     groups, tops = [], []
     tables: dict[str, pd.DataFrame] = {}
     figures: dict[str, Figure] = {}
-    for kind, student in students.items():
-        say(f"shuffling the observations of {student_title(kind)}")
-        names = student.observation_names
-        generator = np.random.default_rng([seed, 1])
-        found = {"permutation": permutation_importance(student, samples[kind], generator, repeats)}
-        if (own_importance := student.capabilities.importance) is not None:
-            method, own = own_importance(student, samples[kind].observations)
-            found[method] = own[None]
-        for method, values in found.items():
-            mean, stem = values.mean(axis=0), f"{kind}_{method}"
-            title = f"{gait.capitalize()}, {student_title(kind)}: {METHOD_TITLES[method]}"
-            tables[stem] = _by_joint(mean, names)
-            figures[stem] = importance_map(mean, symbols_of(names), title)
-            groups.append(_by_group(values, names, kind, method))
-            if method in PAPER_TOP:
-                top = top_table(mean, names, gait, method)
-                tops.append(top.assign(student=kind, method=method))
-    top = pd.concat(tops, ignore_index=True)
-    tables["top_observations"] = top
-    files = {"top_observations.tex": to_latex(top)}
-    report = Report(tables=tables, figures=figures, files=files)
-    return pd.concat(groups, ignore_index=True), top, report
-
-
-def _by_joint(importances: Array, names: tuple[str, ...]) -> pd.DataFrame:
-    return pd.DataFrame(importances, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
+    for keys, mine in table.groupby(["policy", "method"], sort=False):
+        kind, method = map(str, keys)
+        names = tuple(dict.fromkeys(mine["observation"]))
+        values = mine["importance"].to_numpy().reshape(-1, quadruped.N_JOINTS, len(names))
+        mean, stem = values.mean(axis=0), f"{kind}_{method}"
+        title = f"{gait.capitalize()}, {student_title(kind)}: {METHOD_TITLES[method]}"
+        tables[stem] = pd.DataFrame(mean, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
+        figures[stem] = importance_map(mean, symbols_of(names), title)
+        groups.append(_by_group(values, names, kind, method))
+        if method in PAPER_TOP:
+            top = top_table(mean, names, gait, method)
+            tops.append(top.assign(student=kind, method=method))
+    tables["importances"] = pd.concat(groups, ignore_index=True)
+    tables["top_observations"] = top = pd.concat(tops, ignore_index=True)
+    return Report(
+        tables=tables,
+        metrics={"importances": tables["importances"].to_dict(orient="records")},
+        figures=figures,
+        files={"top_observations.tex": to_latex(top)},
+        shown={f"{gait}: the most important observations": top},
+    )
 
 
 def _by_group(values: Array, names: tuple[str, ...], policy: str, method: str) -> pd.DataFrame:
@@ -135,7 +138,7 @@ def _by_group(values: Array, names: tuple[str, ...], policy: str, method: str) -
         {
             "policy": policy,
             "method": method,
-            "without": list(observation_groups(names)),
+            "group": list(observation_groups(names)),
             "importance": merged.mean(axis=0),
             "importance_ci": [interval(pd.Series(column)) for column in merged.T],
         }

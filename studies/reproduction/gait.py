@@ -33,7 +33,11 @@ from glassgait.studies.distillation.students.registry import paper_students, stu
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.importance.figures import contribution_figure, student_figures
-from glassgait.studies.importance.study import held_out_samples, measure_importances
+from glassgait.studies.importance.study import (
+    held_out_samples,
+    importance_report,
+    measure_importances,
+)
 
 JOINT = 0
 """The joint of the paper's single-joint figures, FL hip."""
@@ -116,15 +120,16 @@ def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Pa
     seed = config.rollouts.seed
     # Formulas are read; what the paper explains by figures are its ensembles.
     explained = {kind: students[kind] for kind in (GBM.name, EBM.name)}
-    samples = {kind: held_out_samples(source, kind, config.n_samples, seed) for kind in explained}
-    _, tops, found = measure_importances(
-        name, explained, samples, seed=seed, repeats=config.repeats
-    )
-    found.write(folder)
+    measured = []
     for kind, student in explained.items():
-        observations = samples[kind].observations
-        drawn = student_figures(name, kind, student, JOINT, observations, seed)
+        samples = held_out_samples(source, kind, config.n_samples, seed)
+        found = measure_importances(student, samples, seed=seed, repeats=config.repeats)
+        measured.append(found.assign(policy=kind))
+        drawn = student_figures(name, kind, student, JOINT, samples.observations, seed)
         Report(figures=drawn).write(folder)
+    report = importance_report(name, pd.concat(measured, ignore_index=True))
+    report.write(folder)
+    tops = report.tables["top_observations"]
     _draw_sequences(gait, expert, students, folder)
     return GaitResults(name, folder, r2, standalone, tops[tops["student"] == GBM.name])
 

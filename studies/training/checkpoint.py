@@ -34,7 +34,6 @@ def save_checkpoint(
         "update": progress.update,
         "seconds": progress.seconds,
         "curve": progress.curve,
-        "page": progress.page,
         "of": of,
         "environment": environment_values,
         "learner": learner_values,
@@ -66,8 +65,6 @@ def load_checkpoint(path: Path, *, environment: Environment, learner: Learner, o
     try:
         environment.restore(part("environment:"), header["environment"])
         learner.restore(part("learner:"), header["learner"])
-        return Progress(
-            header["update"], header["seconds"], header["curve"], header.get("page", "")
-        )
+        return Progress(header["update"], header["seconds"], header["curve"])
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise InputError(f"{path}: is damaged; train anew into another folder") from error

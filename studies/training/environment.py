@@ -24,7 +24,6 @@ from glassgait.models.task.imu import ImuReading, measure_imu
 from glassgait.models.task.observation import ANGULAR_VELOCITY_SCALE
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.settling import Settling
 
 OBSERVATION_GROUPS = {
     "actor": ["proprioception", "estimate"],
@@ -48,8 +47,6 @@ class TrainingStep(NamedTuple):
             earns nothing.
         time_outs: Whether it ended only by its length (n,).
         task: What the simulator reports.
-        settling_cost: What rewards of the robots that pay it are less for what changed since
-            their last stride (m,); None where none pays.
     """
 
     observations: TensorDict
@@ -57,7 +54,6 @@ class TrainingStep(NamedTuple):
     dones: torch.Tensor
     time_outs: torch.Tensor
     task: BatchStep
-    settling_cost: Array | None
 
 
 class Environment(ABC):
@@ -118,7 +114,6 @@ class TrainingEnvironment(Environment):
         generator: np.random.Generator,
         *,
         observes_imu: bool = False,
-        settling: Settling | None = None,
     ) -> None:
         """
         Args:
@@ -128,10 +123,7 @@ class TrainingEnvironment(Environment):
                 feet (n, 7).
             generator: Source of randomness.
             observes_imu: Whether gravity and angular velocity are observed.
-            settling: A cost of what changes from one stride to the next, which the critic
-                foresees; none by default.
         """
-        self.settling = settling
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
@@ -218,18 +210,13 @@ class TrainingEnvironment(Environment):
         step = simulator.step(actions.numpy().astype(float))
         worthless = step.terminated | simulator.machine.in_sink(simulator.state.machine.state)
         ended = worthless | step.truncated
-        reward, cost = step.reward, None
-        if self.settling is not None:
-            paid = self.settling.cost(simulator.state, step.fired, ended)
-            reward, cost = reward - paid, paid if self.settling.weight else None
         simulator.reset(np.flatnonzero(ended))
         return TrainingStep(
             observations=self.observe(),
-            rewards=_tensor(reward * self._reward_scale),
+            rewards=_tensor(step.reward * self._reward_scale),
             dones=torch.from_numpy(ended),
             time_outs=torch.from_numpy(step.truncated & ~worthless),
             task=step,
-            settling_cost=cost,
         )
 
     def _privileged(self) -> Array:
@@ -245,7 +232,6 @@ class TrainingEnvironment(Environment):
                 self._body,
                 s.latency[:, None] / CONTROL_PERIOD,
                 np.full((len(s.plant), 1), self.simulator.difficulty),
-                *([] if self.settling is None else [self.settling.observed()]),
             ],
             axis=1,
         )
@@ -261,8 +247,6 @@ class TrainingEnvironment(Environment):
     def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
         arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
-        if self.settling is not None:
-            arrays |= self.settling.to_arrays()
         values = {
             "difficulty": self.simulator.difficulty,
             "hardship": self.hardship,
@@ -276,8 +260,6 @@ class TrainingEnvironment(Environment):
         self._lay_ground(values["ground_hardship"])
         self.simulator.restore(TaskState.from_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
-        if self.settling is not None:
-            self.settling.restore(arrays)
         self.simulator.difficulty = values["difficulty"]
         self.hardship = values["hardship"]
         self.generator.bit_generator.state = values["generator"]

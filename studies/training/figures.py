@@ -29,10 +29,6 @@ def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
         curves: Curves as training writes them, by the name of their line.
     """
     columns = ("plain_reward", "reward", "rhythm", "difficulty", "failure_rate")
-    return _curves(curves, columns)
-
-
-def _curves(curves: Mapping[str, pd.DataFrame], columns: tuple[str, ...]) -> Figure:
     figure, axes = subplots(
         len(columns), 1, figsize=(1.5 * COLUMN_WIDTH, 1.05 * len(columns) + 0.6), sharex=True
     )

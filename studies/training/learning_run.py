@@ -160,8 +160,6 @@ class _Statistics:
             "rhythm": task.served_dwell.mean(),
             "failure_rate": task.terminated.mean(),
         }
-        if step.settling_cost is not None:
-            values["settling_cost"] = step.settling_cost.mean()
         values |= {f"terms/{name}": task.terms[:, i].mean() for i, name in enumerate(REWARD_TERMS)}
         for name, value in values.items():
             self._sums[name] = self._sums.get(name, 0.0) + float(value)

@@ -13,13 +13,11 @@ class Progress:
         update: Updates done.
         seconds: Wall time spent (s), over all parts of an interrupted run.
         curve: The learning curve, a row an update.
-        page: Text of the formulas that an expert is pulled to, in a simplification.
     """
 
     update: int = 0
     seconds: float = 0.0
     curve: list[dict[str, float]] = field(default_factory=list)
-    page: str = ""
 
     def curve_table(self) -> pd.DataFrame:
         """Returns the learning curve as a table."""

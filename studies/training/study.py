@@ -10,7 +10,6 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import read_policy_file
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.settings import Settings
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
@@ -35,7 +34,7 @@ class TrainingRun(LearningRun):
         imu = config.senses == "imu"
         layout = ObservationLayout(self.gait.n_states, imu=imu)
         self._mirrored_states = mirrored_states(self.gait) if config.mirrored else None
-        self._start = self._starts_as(layout)
+        self._start = _load_start(config, layout, self._mirrored_states)
         reflection = (
             None
             if self._mirrored_states is None
@@ -57,14 +56,6 @@ class TrainingRun(LearningRun):
             act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
         return environment, Learner(config, observations, actor, learned)
 
-    def _starts_as(self, layout: ObservationLayout) -> NeuralPolicy | None:
-        """Returns the expert that the actor begins as, if there is one."""
-        return _load_start(self.config, layout, self._mirrored_states)
-
-    def _study(self) -> Settings | None:
-        """Returns the settings of a study that does more than train."""
-        return None
-
     def _inputs(self) -> tuple[str, ...]:
         return () if self._start is None else (self._start.digest(),)
 
@@ -78,9 +69,7 @@ class TrainingRun(LearningRun):
             self._mirrored_states,
             robot=load_robot(self.config.robot),
         ).with_joint_law(self._law)
-        write_learned(
-            policy, self.gait.name, self.config, self.progress, self.folder, study=self._study()
-        )
+        write_learned(policy, self.gait.name, self.config, self.progress, self.folder)
 
 
 def _load_start(

@@ -71,7 +71,6 @@ REFUSED = {
     f"train --estimator.layers {'8 ' * 17}": "it must be of 16 values at most",
     f"train --fine-steps {'0.001 ' * 101}": TOO_MANY,
     f"train --fine-steps {'0.005 ' * 101}": TOO_MANY,
-    f"distill --sweep terms --terms {' '.join(map(str, range(1, 102)))}": TOO_MANY,
     f"distill --speeds {'0.5 ' * 101}": TOO_MANY,
     f"distill --symbolic.shapes {'9 9 ' * 101}": TOO_MANY,
     f"reproduce report --gait {' '.join(f'a{i}' for i in range(101))}": TOO_MANY,

@@ -40,7 +40,6 @@ from glassgait.studies.common.scores import (
 from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.evaluation.alternation import return_figure, standalone_table
 from glassgait.studies.evaluation.scenarios import falls_table, scorecard_table
-from glassgait.studies.importance.faithfulness import AblatedController
 
 A1 = load_robot()
 
@@ -290,12 +289,6 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
     served = log.served_dwell[:, 0]
     (first, second) = np.flatnonzero(served)
     assert second - first == served.max() == served[first]
-
-
-def test_a_continuous_scenario_refuses_ablations(expert):
-    policy = AblatedController(alone(expert), columns=(0,), means=(0.0,))
-    with pytest.raises(InputError, match="AblatedController"):
-        roll_out(load_gait("trot"), policy, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=1))
 
 
 def test_cost_of_transport_is_work_per_weight_and_distance():

@@ -23,14 +23,11 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.gait_figure import gait_figure
-from glassgait.studies.distillation.pareto_figure import pareto_figure
 from glassgait.studies.evaluation.alternation import return_figure
 from glassgait.studies.evaluation.fall_map import fall_map
 from glassgait.studies.importance.figures import (
     contribution_figure,
-    faithfulness_figure,
     importance_map,
-    loss_figure,
 )
 from glassgait.studies.training.figures import learning_curves
 from glassgait.studies.view.stills import gait_strip, last_cycle
@@ -79,13 +76,6 @@ def titled_figures(curve):
     measures |= {"yaw_rate_error": 0.1, "way": 1.0, "cost_of_transport": 1.0, "fell": False}
     who = [("expert", "1"), ("linear", "1/2"), ("linear", "0")]
     scores = pd.DataFrame(who, columns=pd.Index(["policy", "ratio"])).assign(**measures)
-    row = {"policy": HOSTILE, "without": HOSTILE, "lost": 0.5, "lost_ci": 0.1}
-    lost = pd.DataFrame([{**row, "mode": mode} for mode in ("mean", "shuffled", "delayed")])
-    ranks = lost.head(1)[["policy", "without"]].assign(method="terms", importance=1.0)
-    ranks = pd.concat([ranks, ranks.assign(without="b", importance=0.5)])
-    lost = pd.concat([lost, lost.assign(without="b", lost=0.2)])
-    front = pd.DataFrame({"family": ["mirrored"], "terms": [90], "share": [0.9]})
-    front = front.assign(share_ci=0.1, fall_rate=0.0, fall_rate_low=0.0, fall_rate_high=0.1, r2=0.9)
     world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
@@ -93,9 +83,6 @@ def titled_figures(curve):
         "return": return_figure(scores, HOSTILE),
         "contributions": contribution_figure(parts, HOSTILE),
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
-        "losses": loss_figure(lost, HOSTILE),
-        "faithfulness": faithfulness_figure(ranks, lost, HOSTILE),
-        "pareto": pareto_figure({HOSTILE: front}),
         "falls": fall_map(falls, HOSTILE),
         "learning": learning_curves({HOSTILE: curve}),
     }

@@ -181,13 +181,12 @@ def distilled(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_path, capsys):
-    small = ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "2"]
+def test_command_writes_maps_and_tables(distilled, tmp_path):
+    small = ["--n-samples", "20", "--repeats", "2"]
     students = ["--policy", "statewise_linear", "histogram_gbm", "--source", str(distilled)]
     main(["importance", *small, *students, "--output", str(tmp_path)])
     for stem in (
-        "losses",
-        "faithfulness",
+        "importances",
         "histogram_gbm_impurity",
         "statewise_linear_derivatives",
     ):
@@ -196,7 +195,6 @@ def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_
     assert r"\begin{tabular}" in (tmp_path / "top_observations.tex").read_text()
     table = pd.read_csv(tmp_path / "top_observations.csv")
     assert set(table["method"]) == {"permutation", "impurity"}
-    assert "rank correlation" in capsys.readouterr().out
 
 
 def test_missing_students_are_refused(few_students, refused):
@@ -206,15 +204,14 @@ def test_missing_students_are_refused(few_students, refused):
 
 
 SMALL = ["--policy", "statewise_linear", "--n-samples", "20", "--repeats", "1"]
-FEW = ["--n-robots", "2", "--n-steps", "5"]
 
 
 def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study, "EPISODE_STEPS", 20)
     monkeypatch.setattr(study, "N_VISITS", 2)
-    main(["importance", *SMALL, *FEW])
-    table = pd.read_csv("runs/importance/trot_statewise_linear/losses.csv")
+    main(["importance", *SMALL])
+    table = pd.read_csv("runs/importance/trot_statewise_linear/importances.csv")
     assert set(table["policy"]) == {"statewise_linear"}
 
 

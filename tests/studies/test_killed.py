@@ -85,14 +85,7 @@ COMMANDS = {
         "--source",
         "{distilled}",
     ],
-    "distill --sweep terms": [
-        *ROLL_OUT,
-        "--terms",
-        "24",
-        "--samples",
-        "{distilled}/statewise_symbolic",
-    ],
-    "importance": [*ROLL_OUT, *LOOK, "--source", "{distilled}"],
+    "importance": [*LOOK, "--source", "{distilled}"],
     "demo": ["--n-robots", "2"],
 }
 

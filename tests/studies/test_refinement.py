@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
-from glassgait.diagrams.station import StationConfig
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.numbers import numbers_of, without_zeros
@@ -20,7 +19,6 @@ from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
-from glassgait.models.task.terrain import Terrain
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation.collection import collect_alone
@@ -318,48 +316,3 @@ def test_numbers_within_a_function_are_not_dropped(refused, tmp_path):
     path.write_text(text)
     arguments = ["--policy", str(path), "--terms", "90", "--output", str(tmp_path / "run")]
     assert "not weights of terms" in refused(["refine", *arguments])
-
-
-SETTLING = replace(TINY, settling=5.0, n_robots=8)
-
-
-def test_a_resumed_run_that_settles_learns_the_same(tmp_path, refinement):
-    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
-    for folder in (whole, stopped):
-        folder.mkdir()
-    refinement(whole, SETTLING).run(lambda run, row: None)
-    refinement(stopped, replace(SETTLING, updates=2)).run(lambda run, row: None)
-    refinement(stopped, SETTLING, resume=True).run(lambda run, row: None)
-    texts = [(folder / "short.formulas").read_text() for folder in (whole, stopped)]
-    assert texts[0] == texts[1]
-
-
-def test_half_of_the_robots_settle_where_nothing_disturbs(tmp_path, refinement):
-    worlds = replace(TINY.worlds, station=StationConfig(terrain=Terrain(slope=20.0)))
-    config = replace(SETTLING, n_robots=11, worlds=worlds)
-    disturbed, quiet = refinement(tmp_path, config).environment.parts
-    assert [part.simulator.n_robots for part in (disturbed, quiet)] == [6, 5]
-    assert [part.settling.weight for part in (disturbed, quiet)] == [0.0, 5.0]
-    randomization = quiet.simulator.task.randomization
-    assert (randomization.push_speed, randomization.observation_noise) == (0.0, 0.0)
-    assert disturbed.simulator.task.randomization == worlds.randomization
-    np.testing.assert_allclose(quiet.simulator.gravity[:, :2], 0.0)
-    assert not quiet.simulator.state.bias.any()
-    assert not quiet.simulator.state.latency.any()
-
-
-def test_the_result_is_what_settles_where_returns_are_near(tmp_path, refinement, monkeypatch):
-    costs = iter([500.0, 0.0, 500.0])
-    monkeypatch.setattr(study, "settling_cost", lambda *args, **size: next(costs))
-    refinement(tmp_path, SETTLING).run(lambda run, row: None)
-    table = pd.read_csv(tmp_path / "candidates.csv")
-    # Half of the robots pay, as in learning.
-    assert table["settling_cost"].tolist() == [0.0, 250.0, 250.0]
-    assert table["chosen"].tolist() == [True, False, False]
-
-
-def test_half_of_the_robots_must_be_enough_to_settle(capsys):
-    with pytest.raises(SystemExit) as refused:
-        main(["refine", *SMALL, "--settling", "1"])
-    assert refused.value.code == 2
-    assert "n_robots" in capsys.readouterr().err

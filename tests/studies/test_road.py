@@ -31,13 +31,8 @@ ROAD = {
     "view": ["--policy", "statewise_linear", "--n-steps", "20"],
     "explain page": ["--policy", "statewise_linear", "--n-steps", "20", "--step", "1"],
     "importance": [
-        *["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
+        *["--n-samples", "20", "--repeats", "1"],
         *["--policy", "statewise_linear"],
-    ],
-    "distill --sweep terms": [
-        *["--n-robots", "2", "--n-steps", "10", "--terms", "48"],
-        *["--source", "runs/train/hop"],
-        *["--samples", "runs/distill/hop/statewise_symbolic"],
     ],
 }
 

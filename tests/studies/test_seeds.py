@@ -3,7 +3,6 @@
 from dataclasses import fields, is_dataclass
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from glassgait.diagrams.scenario import Scenario
@@ -16,7 +15,6 @@ from glassgait.studies.common import selection
 from glassgait.studies.common.cases import rollout_cases
 from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
-from glassgait.studies.distillation.pareto import smallest_that_walk
 
 GAIT = load_gait("trot")
 
@@ -92,11 +90,3 @@ def test_what_selects_is_not_reported(expert, refused):
     assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
     message = refused(["evaluate", "scenarios", "--scenario", "training", "--seed", "500"])
     assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in message
-
-
-def test_the_robots_that_choose_are_not_those_that_are_reported():
-    shared = {"policy": ["a", "b"], "family": "mirrored", "terms": [40, 90], "r2": 0.9}
-    front = pd.DataFrame(shared).assign(share=[0.9, 0.95], share_ci=0.1, rhythm=1.0, robots=26)
-    choosing, reported = front.assign(falls=[1, 0]), front.assign(falls=[0, 2], share=[0.91, 0.8])
-    (first, *_) = smallest_that_walk(choosing, reported).to_dict(orient="records")
-    assert (first["terms"], first["share"], first["falls"]) == (90, 0.8, 2)

@@ -5,7 +5,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 import tyro
-from annotated_types import Le
 
 from glassgait.diagrams.domain_randomization import (
     HARSH,
@@ -13,17 +12,12 @@ from glassgait.diagrams.domain_randomization import (
     GroupRanges,
     TerrainRanges,
 )
-from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
+from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.settings import Count, NotNegative, Seed, Settings
+from glassgait.models.settings import Count, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.randomization import Randomization
-from glassgait.studies.distillation.learning_on import learning_on
-from glassgait.studies.training.config import PpoConfig, TrainingConfig
-
-Weight = Annotated[NotNegative, Le(100.0)]
-"""Of a cost: with the greatest, the bound's page that ships pays about what it earns."""
+from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
 REFINING = PpoConfig(critic_updates=10, entropy=0.0, final_entropy=0.0, initial_std=0.1)
 """PPO of a policy that walks already: it looks about near to what it does."""
@@ -42,18 +36,8 @@ MILD = DomainRandomization(
 )
 """About half of what experts meet: few terms that learn in the harshest worlds forget home."""
 
-QUIET = DomainRandomization(
-    n_groups=4,
-    groups=GroupRanges(
-        payload=(0.0, 0.0),
-        motor_strength=(1.0, 1.0),
-        gains=(1.0, 1.0),
-        terrains=TerrainRanges(share=0.0),
-    ),
-    mujoco_share=0.5,
-    randomization=Randomization(friction=(1.0, 1.0), push_speed=0.0, observation_noise=0.0),
-)
-"""Level ground and no noise, where a gait could repeat itself."""
+FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0, initial_hardship=1.0)
+"""No curriculum: the whole dwell, clearance, pushes and ground from the first update on."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +54,6 @@ class RefinementConfig(Settings):
         candidate_steps: Control steps that each of a candidate's robots walks.
         n_robots: Robots that walk at once.
         worlds: The randomised scenarios that they walk in.
-        settling: Weight of what changes from one stride to the next, as a cost; by default none.
-            With a weight half of the robots pay it, and walk on level ground without noise.
         ppo: Settings of PPO.
     """
 
@@ -84,24 +66,7 @@ class RefinementConfig(Settings):
     candidate_steps: Count = EPISODE_STEPS
     n_robots: Count = 256
     worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
-    settling: Weight = 0.0
     ppo: PpoConfig = REFINING
-
-    def __post_init__(self) -> None:
-        """Checks the settings.
-
-        Raises:
-            InputError: if half of the robots are too few for a scenario's groups.
-        """
-        super().__post_init__()
-        quiet = self.n_robots // 2
-        groups = self.worlds.n_groups
-        if self.settling and (quiet < QUIET.n_groups or self.n_robots - quiet < groups):
-            least = 2 * max(groups, QUIET.n_groups)
-            raise InputError(
-                f"refinement: n_robots is {self.n_robots}, too few for settling, where each half "
-                f"of the robots fills {least // 2} groups of scenarios; give {least} or more"
-            )
 
     def n_terms(self, update: int, at_first: int) -> int:
         """Returns how many terms are left after an update.
@@ -140,10 +105,12 @@ class RefinementConfig(Settings):
         Raises:
             InputError: if there are too few robots for an update, or for the worlds' groups.
         """
-        return learning_on(
-            self.worlds,
+        station = self.worlds.station.with_gains(load_robot(robot), law)
+        return TrainingConfig(
             robot=robot,
-            law=law,
+            worlds=replace(self.worlds, station=station),
+            limit_targets=law.limited,
+            curriculum=FULL_DEMANDS,
             gait=gait,
             seed=self.seed,
             updates=self.updates,

@@ -1,11 +1,9 @@
 """The refinement study: formulas that walk learn to walk better, their numbers alone."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import torch
 from tensordict import TensorDict
 from torch import nn
@@ -19,25 +17,20 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
-from glassgait.models.task.terrain import Terrain
 from glassgait.studies.common.console import say
-from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_table
-from glassgait.studies.distillation.refinement.config import QUIET, RefinementConfig
+from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.students.symbolic import short_numbers
-from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.environment import (
     Environment,
     TrainingEnvironment,
     observed_by_actor,
 )
-from glassgait.studies.training.joint_environment import JointEnvironment
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import write_learned
-from glassgait.studies.training.settling import Settling, settling_cost
 
 SEEN_STEPS = 50
 """Control steps that robots walk before the run, to see what each number does."""
@@ -130,36 +123,11 @@ class RefinementRun(LearningRun):
         say(f"letting {len(candidates)} candidates walk alone, to choose one")
         n_steps = self._refinement.candidate_steps
         ranked = rank_alone(candidates, self.gait, self._expert, n_steps)
-        asked = ranked
-        if self._refinement.settling:
-            ranked = self._with_settling(ranked, candidates)
-            # Differences of what is left count as shares of what robots earn, which is more.
-            lead = ranked["net_return"] - ranked["net_return"].max()
-            asked = ranked.assign(**{"return": ranked["return"].max() + lead})
         # Of those that fall least the one that earns most, however short the others are.
         places = {label: place for place, label in enumerate(ranked["candidate"])}
-        chosen = simplest_of_the_best(asked, places)
+        chosen = simplest_of_the_best(ranked, places)
         write_table(ranked.assign(chosen=ranked["candidate"] == chosen), self.folder / "candidates")
         return candidates[chosen]
-
-    def _with_settling(
-        self, ranked: pd.DataFrame, candidates: Mapping[str, Policy]
-    ) -> pd.DataFrame:
-        """Ranks candidates by return less what half of the robots pay, as in learning."""
-        cost = [
-            0.5
-            * settling_cost(
-                self.gait,
-                alone(candidates[label], self._expert),
-                self._refinement.settling,
-                n_robots=RolloutConfig.n_robots,
-                n_steps=self._refinement.candidate_steps,
-                seed=SELECTION_SEEDS[0],
-            )
-            for label in ranked["candidate"]
-        ]
-        ranked = ranked.assign(settling_cost=cost, net_return=ranked["return"] - cost)
-        return ranked.sort_values("net_return", ascending=False, ignore_index=True, kind="stable")
 
     @property
     def _file_name(self) -> str:
@@ -172,7 +140,13 @@ class RefinementRun(LearningRun):
         own = self._expert.estimator
         estimator = own if isinstance(own, Odometry) else _Frozen(own)
         generator = np.random.default_rng(self.config.seed)
-        environment = self._environment(estimator, generator)
+        environment = TrainingEnvironment(
+            self.config,
+            self.gait,
+            estimator,
+            generator,
+            observes_imu=self._policy.layout.imu,
+        )
         self._network = FormulaNetwork(self._policy, self._file_name)
         # Written at once, what cannot be written is refused before the run has made anything.
         self.policy()
@@ -180,36 +154,6 @@ class RefinementRun(LearningRun):
         observations = environment.observe()
         actor = act_by(gaussian_actor(self.config.ppo, observations), self._network)
         return environment, Learner(self.config, observations, actor)
-
-    def _environment(
-        self, estimator: "_Frozen | Odometry", generator: np.random.Generator
-    ) -> Environment:
-        """Makes the robots; with a weight of settling half of them walk where nothing disturbs."""
-        config, weight = self.config, self._refinement.settling
-
-        def part(own: TrainingConfig, settling: Settling | None = None) -> TrainingEnvironment:
-            return TrainingEnvironment(
-                own,
-                self.gait,
-                estimator,
-                generator,
-                observes_imu=self._policy.layout.imu,
-                settling=settling,
-            )
-
-        if not weight:
-            return part(config)
-        n_quiet = config.n_robots // 2
-        n_disturbed = config.n_robots - n_quiet
-        worlds = replace(QUIET, station=replace(config.worlds.station, terrain=Terrain()))
-        disturbed = replace(config, n_robots=n_disturbed)
-        quiet = replace(config, n_robots=n_quiet, worlds=worlds)
-        return JointEnvironment(
-            [
-                part(disturbed, Settling(self.gait, n_disturbed, 0.0)),
-                part(quiet, Settling(self.gait, n_quiet, weight)),
-            ]
-        )
 
     def _visited(self, environment: Environment, generator: np.random.Generator) -> torch.Tensor:
         """Lets the policy walk, and returns some of what it observed (m, n_observations)."""
@@ -225,9 +169,7 @@ class RefinementRun(LearningRun):
         return every[generator.permutation(len(every))[:N_BALANCED]].clone()
 
     def _inputs(self) -> tuple[str, ...]:
-        settling = self._refinement.settling
-        own = self._expert.digest(), self._policy.digest()
-        return (*own, f"settling {settling}") if settling else own
+        return self._expert.digest(), self._policy.digest()
 
 
 class _Frozen(nn.Module):
