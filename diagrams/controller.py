@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 from pydrake.systems.primitives import Multiplexer, PortSwitch
 
-from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import (
     AlternatingController,
@@ -29,7 +28,7 @@ from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.contact_trust import ContactTrustSystem
 from glassgait.systems.mode_machine import ModeMachineSystem
-from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.observation_offset import Intervention, ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception

@@ -11,7 +11,6 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensed_robot import AddSensedRobot, SensedRobot
 from glassgait.diagrams.station import actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
-from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
@@ -23,6 +22,7 @@ from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
+from glassgait.systems.observation_offset import Intervention
 from glassgait.systems.reward_machine import RewardMachineSystem
 
 

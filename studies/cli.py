@@ -74,8 +74,8 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "so.",
         ),
         "explain counterfactual": (
-            "explanation.counterfactuals.command:ExplainCounterfactual",
-            "Ask what a robot would have had to observe for a joint to do otherwise, and let it.",
+            "explanation.counterfactual:ExplainCounterfactual",
+            "Find the value of each observation at which a joint's target passes a level.",
         ),
         "view": (
             "view.command:View",

@@ -1,4 +1,4 @@
-"""Bounds of targets that are formulas, and of linear ones, which are formulas too."""
+"""Bounds of targets that are formulas."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,21 +7,18 @@ from functools import cache
 
 import numpy as np
 
-from glassgait.models.arrays import Array
 from glassgait.models.certificates.maximum import maximize
 from glassgait.models.certificates.question import BoundQuery, Box, Maximum, with_copy
 from glassgait.models.certificates.relaxation import Relaxation
-from glassgait.models.certificates.rounding import formula_error, sum_error
-from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.certificates.rounding import formula_error
+from glassgait.models.formulas.expression import Expression, variable
 from glassgait.models.formulas.polynomial import (
     Polynomial,
     PolynomialRing,
     combined,
 )
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.tape import Tape
-from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
@@ -29,81 +26,41 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_o
 
 
 class FormulaTargets:
-    """Targets that are formulas of observed quantities."""
+    """Bounds of the targets that a policy's formulas give."""
 
-    def __init__(
-        self,
-        formulas: Sequence[Sequence[Expression]],
-        units: RobotUnits,
-        names: tuple[str, ...],
-        weights: tuple[Array, Array] | None = None,
-        readings: Readings | None = None,
-    ) -> None:
+    def __init__(self, policy: FormulaPolicy) -> None:
         """
         Args:
-            formulas: Formulas of the observed quantities, of each state (n_states, 12).
-            units: Of the observations.
-            names: Names of the observations (n).
-            readings: In which ranges formulas read what is sensed; by default in any.
-            weights: Of linear policies the weights (n_states, 12, n) and intercepts
-                (n_states, 12) that robots add up.
+            policy: The policy.
         """
-        self._weights = weights
-        self._units = units
-        self._formulas = formulas
-        self._names, self._n = names, len(names)
-        self._positions = indices_of("joint position", names)
-        whole = np.full(self._n, np.inf)
-        self._ends = (-whole, whole) if readings is None else readings.ends(names)
-        self._ring = PolynomialRing()
-        # The machine's state is held: formulas that serve all states have parts that are gone.
-        self._polynomial = cache(self._of)
-
-    @classmethod
-    def of_formulas(cls, policy: FormulaPolicy) -> "FormulaTargets":
-        """Takes the formulas of a policy."""
-        n_states = _n_states(policy.observation_names)
+        self._names = names = policy.observation_names
+        self._units = RobotUnits.of(policy.robot, names)
         rows = [
             [policy.vocabulary.expanded(formula) for formula in row]
             for row in policy.formulas_by_state
         ]
-        names = policy.observation_names
-        units = RobotUnits.of(policy.robot, names)
-        rows = rows if len(rows) > 1 else rows * n_states
-        return cls(rows, units, names, readings=policy.readings)
-
-    @classmethod
-    def of_linear(cls, policy: LinearPolicy) -> "FormulaTargets":
-        """Writes weighted sums of observations as formulas of quantities."""
-        n_states = _n_states(policy.observation_names)
-        shape = (-1, quadruped.N_JOINTS)
-        intercepts = np.tile(policy.intercepts.reshape(shape), (n_states, 1))
-        weights = np.tile(
-            policy.weights.reshape(*shape, policy.weights.shape[-1]), (n_states, 1, 1)
-        )
-        units = RobotUnits.of(policy.robot, policy.observation_names)
-        rows = [
-            [
-                _weighted_sum(weights[state, joint], intercepts[state, joint], units, joint)
-                for joint in range(quadruped.N_JOINTS)
-            ]
-            for state in range(n_states)
-        ]
-        return cls(rows, units, policy.observation_names, (weights, intercepts))
+        n_states = max(1, len(indices_of("machine state", names)))
+        self._formulas = rows if len(rows) > 1 else rows * n_states
+        self._n = len(names)
+        self._positions = indices_of("joint position", names)
+        whole = np.full(self._n, np.inf)
+        readings = policy.readings
+        self._ends = (-whole, whole) if readings is None else readings.ends(names)
+        self._ring = PolynomialRing()
+        # The machine's state is held, so formulas that serve all states lose some of their parts.
+        self._polynomial = cache(self._of)
 
     def used(self, state: int, joint: int) -> frozenset[int]:
         """Returns the quantities that a target is written with, also those that cancel out."""
         return self._formulas[state][joint].variables
 
     def rounding(self, state: int, joint: int, region: Box) -> float:
-        region = self._read(region)
-        if self._weights is None:
-            formula = self._formulas[state][joint]
-            return formula_error(formula, joint, region, self._units)
-        weights, intercept = self._weights[0][state, joint], self._weights[1][state, joint]
-        ends = self._units.observed(np.stack([region.lower, region.upper]))
-        sizes = np.abs(weights) * np.abs(ends).max(axis=0)
-        return sum_error(self._units.robot, [abs(float(intercept)), *sizes.tolist()], joint)
+        """Bounds how far a target in double precision may be from the exact one (rad).
+
+        Raises:
+            InputError: if that is too far, or the target may have no value in the box.
+        """
+        return formula_error(self._formulas[state][joint], joint, self._read(region), self._units)
 
     def are_mirrored(self, images: Sequence[int]) -> bool:
         """Returns whether the targets, multiplied out, are mirror images of one another.
@@ -122,6 +79,15 @@ class FormulaTargets:
     def answer(
         self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
     ) -> Maximum:
+        """Bounds what is asked, times its sign, over a box.
+
+        Args:
+            question: What is asked.
+            region: The box, in the robot's units, with the machine's state held. The witness of an
+                effect ends with the other value of its observation (n + 1).
+            gap: Distance of bound and witness that is near enough (rad).
+            threshold: A number of interest; see `maximize`.
+        """
         read, beyond = self._read(region), self._beyond(question, region)
         if question.of == "effect":
             region, read = (with_copy(own, _observation_of(question)) for own in (region, read))
@@ -202,7 +168,10 @@ class FormulaTargets:
         return combined(self._ring.polynomial(mirrored), factor=sign)
 
     def change(self, state: int, joint: int, index: int, most: float, region: Box) -> float:
-        """Bounds the change by the slope, which is bounded at once and not by search."""
+        """Bounds the change of a target (rad) where a quantity changes by `most` at most.
+
+        The slope is bounded at once, without a search.
+        """
         steepest = 0.0
         for sign in (1, -1):
             question = BoundQuery("slope", state, joint, sign, index)
@@ -230,23 +199,7 @@ class FormulaTargets:
                 return Expression("sub", (formula, other))
 
 
-def _n_states(names: Sequence[str]) -> int:
-    return max(1, len(indices_of("machine state", names)))
-
-
 def _observation_of(question: BoundQuery) -> int:
     if question.observation is None:
         raise AssertionError(f"{question.of} asks for an observation")
     return question.observation
-
-
-def _weighted_sum(weights: Array, intercept: float, units: RobotUnits, joint: int) -> Expression:
-    """Writes a joint's target; products of numbers stay apart, so that nothing is rounded."""
-    whole = constant(float(intercept))
-    for index in np.flatnonzero(weights).tolist():
-        weight = float(weights[index])
-        deviation = Expression("sub", (variable(index), constant(float(units.offset[index]))))
-        scaled = Expression("mul", (constant(float(units.scale[index])), deviation))
-        whole = Expression("add", (whole, Expression("mul", (constant(weight), scaled))))
-    action = Expression("mul", (constant(units.robot.action_scale), whole))
-    return Expression("add", (constant(float(units.robot.default_stance[joint])), action))

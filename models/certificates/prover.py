@@ -22,15 +22,13 @@ from glassgait.models.certificates.question import (
     Of,
     Place,
     Statement,
-    Targets,
     counted_of,
     region_of,
-    targets_of,
 )
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.settings import Settings
@@ -108,8 +106,7 @@ class Prover:
         boxes: The boxes by name.
         statements: All that was bounded.
         proofs: The bounds of which proofs of claims consist; a refutation is its witness.
-        provable: Whether bounds are proved of what such a policy asks for. Of a network none are;
-            what limits keep, and that it is its own mirror image, is proved all the same.
+        targets: What bounds are proved of.
     """
 
     def __init__(self, policy: Policy, gait: Gait, operating: ObservationBox | None = None) -> None:
@@ -120,8 +117,14 @@ class Prover:
             operating: The operating box; the gait's shipped one by default.
 
         Raises:
-            InputError: if there is no operating box, or the policy holds another machine.
+            InputError: if there is no operating box, the policy holds another machine, or it is
+                not made of formulas.
         """
+        if not isinstance(policy, FormulaPolicy):
+            raise InputError(
+                f"claims of policies of kind {policy.kind!r} are not proved; name a policy of "
+                "formulas"
+            )
         policy.refuse_other_machine(gait)
         self.policy = policy
         self.gait = gait
@@ -138,19 +141,9 @@ class Prover:
         self.statements: dict[tuple[BoundQuery, Place], Statement] = {}
         self.proofs: dict[tuple[BoundQuery, Place], Statement] = {}
         self._rounding = cache(self._rounded)
-        self.provable = policy.capabilities.targets is not None
-        self._targets = targets_of(policy) if self.provable else None
+        self.targets = FormulaTargets(policy)
         self.stiffness, _ = policy.joint_law.gains_of(policy.robot)
         self.symbols = symbols_of(policy.observation_names)
-
-    @property
-    def targets(self) -> Targets:
-        """What bounds are proved of.
-
-        Raises:
-            InputError: if nothing is proved of such a policy.
-        """
-        return self._targets or targets_of(self.policy)
 
     def statement(
         self, question: BoundQuery, place: Place, threshold: float | None = None
@@ -178,8 +171,6 @@ class Prover:
                 return self._kept(claim)
             case "mirror":
                 return self._mirrored(claim)
-            case _ if not self.provable:
-                return None
             case "independent":
                 return self._independent(claim)
             case "change":
@@ -296,9 +287,7 @@ class Prover:
                 return [(BoundQuery("offset", state, joint, sign), most) for sign in (1, -1)]
         of: Of = "slope" if claim.kind == "never" else "effect"
         sign = -1 if claim.never == "falls" else 1
-        # Tables and trees have steps, of which each is steeper than any slope.
-        steps = claim.kind == "never" and not isinstance(self.targets, FormulaTargets)
-        limit = 0.0 if steps else claim.most or 0.0
+        limit = claim.most or 0.0
         used = self.targets.used(state, joint)
         if claim.kind == "never":
             region = self.region(place, state)
@@ -349,8 +338,8 @@ class Prover:
         images = mirrored_states(self.gait)
         if images is None:
             return None
-        if reason := self._symmetric(images):
-            return Verdict(claim, "proved", 0.0, 0.0, reason)
+        if self.targets.are_mirrored(images):
+            return Verdict(claim, "proved", 0.0, 0.0, "each formula is its image's image")
         box = self.boxes[claim.box]
         difference, joint, quantities = asymmetry(self.policy, images, box)
         where = f"{quadruped.JOINTS[joint]} and its image"
@@ -358,15 +347,6 @@ class Prover:
             witness = self.observed(quantities)
             return Verdict(claim, "refuted", difference, 0.0, where, (witness,))
         return Verdict(claim, "undecided", difference, 0.0, where)
-
-    def _symmetric(self, images: Sequence[int]) -> str:
-        """Returns why the policy is its own mirror image by its shape; nothing where it is not."""
-        if isinstance(self.policy, NeuralPolicy):
-            same = self.policy.mirrored_states == tuple(images)
-            return "it is the mean of a network and its mirror image" if same else ""
-        if not self.provable or not isinstance(self.targets, FormulaTargets):
-            return ""
-        return "each formula is its image's image" if self.targets.are_mirrored(images) else ""
 
     def _changed(self, claim: Claim) -> Verdict:
         box, most = self.boxes[claim.box], claim.greatest(self.policy.robot, 0)

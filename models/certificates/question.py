@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.observation_box import COUNTED, ObservationBox
-from glassgait.models.errors import InputError
-from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import entries_of
 
 Tree = list
@@ -57,9 +55,9 @@ class BoundQuery:
 
     Attributes:
         of: The joint's `target` (rad); its `offset` from where the joint is (rad), which times the
-            stiffness is the torque at rest; its `slope` by an observation (rad per unit; of tables
-            and trees the greatest step, rad); or the `effect` of an observation alone: the target
-            less the target with another value of it (rad).
+            stiffness is the torque at rest; its `slope` by an observation (rad per unit); or the
+            `effect` of an observation alone: the target less the target with another value of it
+            (rad).
         state: State of the reward machine.
         joint: Index of the joint.
         sign: 1 for the greatest value, -1 for the greatest negative.
@@ -71,55 +69,6 @@ class BoundQuery:
     joint: int
     sign: int
     observation: int | None = None
-
-
-class Targets(Protocol):
-    """The targets of a policy, as bounds see them."""
-
-    def answer(
-        self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
-    ) -> Maximum:
-        """Bounds what is asked, times its sign, over a box.
-
-        Args:
-            question: What is asked.
-            region: The box, in the robot's units, with the machine's state held. Of an effect the
-                witness has the observation's other value behind all quantities (n + 1).
-            gap: Distance of bound and witness that is near enough (rad).
-            threshold: A number of interest; see `maximize`.
-        """
-        ...
-
-    def change(self, state: int, joint: int, index: int, most: float, region: Box) -> float:
-        """Bounds the change of a target (rad) where one quantity changes by `most` at most."""
-        ...
-
-    def rounding(self, state: int, joint: int, region: Box) -> float:
-        """Bounds how far a target in double precision may be from the exact one (rad).
-
-        Raises:
-            InputError: if that is too far, or the target may have no value in the box.
-        """
-        ...
-
-    def used(self, state: int, joint: int) -> frozenset[int]:
-        """Returns the observations that a joint's target may depend on."""
-        ...
-
-
-def targets_of(policy: Policy) -> Targets:
-    """Returns the targets of a policy.
-
-    Raises:
-        InputError: if nothing can be proved of this kind of policy.
-    """
-    make = policy.capabilities.function("targets")
-    if make is None:
-        raise InputError(
-            f"of a policy of kind {policy.kind!r} nothing is proved; name formulas, a linear, an "
-            "additive or a boosted one"
-        )
-    return make(policy)
 
 
 def region_of(box: ObservationBox, state: int) -> Box:

@@ -5,8 +5,6 @@ of a formula is bounded over the whole box, and with it the error of its compute
 error of Higham, Accuracy and Stability of Numerical Algorithms, section 3.3.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from glassgait.models.certificates.question import Box
@@ -14,7 +12,6 @@ from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.interval import OPERATORS, Interval
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.robots.robot import Robot
 
 UNIT = 2.0**-53
 """Error of one operation, as a share of its result."""
@@ -57,22 +54,6 @@ def formula_error(formula: Expression, joint: int, region: Box, units: RobotUnit
     stance = abs(float(units.robot.default_stance[joint]))
     # A policy returns an action, which the robot turns into the target again.
     return _accepted(error + 4.0 * UNIT * (_size(values) + error + stance))
-
-
-def sum_error(robot: Robot, sizes: Sequence[float], joint: int) -> float:
-    """Bounds the error of a target that is a sum, added up in any order (rad).
-
-    Args:
-        robot: The robot.
-        sizes: Greatest size of each summand, in actions.
-        joint: The joint.
-
-    Raises:
-        InputError: if it may exceed `LARGEST_ERROR`.
-    """
-    whole = robot.action_scale * float(np.sum(np.abs(sizes)))
-    stance = abs(float(robot.default_stance[joint]))
-    return _accepted((len(sizes) + 8) * 2.0 * UNIT * (whole + stance) + SMALLEST)
 
 
 def _accepted(error: float) -> float:

@@ -67,8 +67,6 @@ class AdditivePolicy(Policy):
     capabilities = Capabilities(
         factors=_factors,
         importance=_importance,
-        targets="certificates.sum_targets:AdditiveTargets",
-        search="counterfactuals.tables:AdditiveSearch",
         code="export.policies:additive_code",
         graph="export.graphs.policies:add_additive",
         stepwise=True,

@@ -43,8 +43,6 @@ class BoostedTreesPolicy(Policy):
     kind = "boosted_trees"
     capabilities = Capabilities(
         importance=lambda policy, _: ("impurity", policy.importances),
-        targets="certificates.sum_targets:TreeTargets",
-        search="counterfactuals.trees:TreeSearch",
         code="export.policies:trees_code",
         graph="export.graphs.policies:add_trees",
         stepwise=True,

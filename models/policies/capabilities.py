@@ -41,8 +41,6 @@ class Capabilities:
             `Policy.explain`: `factors(policy, joint)`.
         importance: Returns the importance of observations that the policy's own shape gives, the
             name of the method and an array (12, n): `importance(policy, observations)`.
-        targets: Returns the targets that bounds are proved of: `targets(policy)`.
-        search: Returns what looks for counterfactuals: `search(question)`.
         code: Writes the policy in C: `code(policy, style)`.
         graph: Adds the policy to an ONNX graph, and returns the name of the action there:
             `graph(builder, policy, observation)`.
@@ -51,13 +49,11 @@ class Capabilities:
 
     factors: Callable[[Any, int], tuple[FactoredTerm, ...]] | None = None
     importance: Callable[[Any, Array], tuple[str, Array]] | None = None
-    targets: Named | None = None
-    search: Named | None = None
     code: Named | None = None
     graph: Named | None = None
     stepwise: bool = False
 
-    def function(self, name: Literal["targets", "search", "code", "graph"]) -> Any:
+    def function(self, name: Literal["code", "graph"]) -> Any:
         """Returns the function that does something; None where it cannot be done."""
         own = getattr(self, name)
         return resolve_name(f"{_MODELS}.{own}") if isinstance(own, str) else own

@@ -41,8 +41,6 @@ class LinearPolicy(Policy):
     capabilities = Capabilities(
         factors=_factors,
         importance=_importance,
-        targets="certificates.formula_targets:FormulaTargets.of_linear",
-        search="counterfactuals.smooth:SmoothSearch.of_linear",
         code="export.policies:linear_code",
         graph="export.graphs.policies:add_linear",
     )

@@ -89,8 +89,6 @@ class FormulaPolicy(Policy):
     capabilities = Capabilities(
         factors=_factors,
         importance=_importance,
-        targets="certificates.formula_targets:FormulaTargets.of_formulas",
-        search="counterfactuals.smooth:SmoothSearch.of_formula",
         code="export.formulas:formula_code",
         graph="export.graphs.formulas:add_formulas",
     )

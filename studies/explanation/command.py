@@ -13,7 +13,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
-from glassgait.models.files import digest, read_yaml, write_atomically
+from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed
@@ -29,9 +29,6 @@ from glassgait.studies.importance.figures import contribution_figure, student_fi
 
 CONFIG = "config.yaml"
 """File beside the page that records its run."""
-
-DIGEST = "policy_sha256"
-"""Key of that file: the digest of the policy's file."""
 
 STEP = 100
 """Step that is shown first, where the rollout lasts so long and a person names none."""
@@ -74,7 +71,7 @@ class ExplainPage(OnePolicy):
                 f"the kinds {', '.join(sums_of_terms())}"
             )
         joint = joint_index(self.joint)
-        path, controller = found.file(policy), found.controller(policy)
+        controller = found.controller(policy)
         student = controller.policy
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
@@ -116,7 +113,7 @@ class ExplainPage(OnePolicy):
             step=step,
             figures=[folder / f"{stem}.png" for stem in (local.name, *figures)],
         )
-        record = yaml.safe_dump({**whose, "step": step, DIGEST: digest(path)}, sort_keys=False)
+        record = yaml.safe_dump({**whose, "step": step}, sort_keys=False)
         write_atomically(folder / CONFIG, record)
         write_atomically(folder / "index.html", page)
         console.print(f"page written to {folder / 'index.html'}")

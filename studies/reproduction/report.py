@@ -26,7 +26,6 @@ from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students.settings import StudentKind
 from glassgait.studies.distillation.students.symbolic import SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import Engine, pysr_starts
-from glassgait.studies.reproduction.certificates import certificates
 from glassgait.studies.reproduction.contents import (
     WITHOUT_PYSR,
     contents,
@@ -111,9 +110,6 @@ class Report(ReportConfig):
             for place, table in enumerate(section.tables, start=1):
                 stem = section.number.lower().replace(" ", "_")
                 write_table(table.frame, folder / f"{stem}_{place}")
-        certified = certificates([] if self.training else gaits, self._robot, folder)
-        for place, table in enumerate(certified.tables):
-            write_table(table.frame, folder / f"certificates{f'_{place}' * (place > 0)}")
         rollouts, distillation = self.rollouts, self.distillation
         quick = ": the quick setting, which is for looking, not for quoting" * self.quick
         lead = (
@@ -125,7 +121,7 @@ class Report(ReportConfig):
         )
         differs = Section("Where this differs from the paper", points=self.deviations(folder))
         title = "The paper's tables and figures, made anew"
-        return Page(title, [lead], [differs, *sections, certified])
+        return Page(title, [lead], [differs, *sections])
 
     def deviations(self, folder: Path) -> tuple[str, ...]:
         """Lists what differs from the paper: by nature and, where all is done anew, by settings.

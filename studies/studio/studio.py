@@ -14,11 +14,7 @@ import numpy as np
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario, load_scenario, scenario_names
-from glassgait.models.certificates.certificate import (
-    Certificate,
-    read_certificate,
-    shipped_certificates,
-)
+from glassgait.models.certificates.certificate import shipped_outcomes
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, write_atomically
 from glassgait.models.formulas.file import FormulaFile
@@ -176,23 +172,19 @@ class Studio:
         return self._clock() - self._changed_at >= AT_REST
 
     @cached_property
-    def certificate(self) -> Certificate | None:
-        """The certificate that ships of the file that the session began with, if one does."""
-        if self.session is None:
-            return None
-        digest = hashlib.sha256(self.session.text.encode()).hexdigest()
-        for path in shipped_certificates():
-            found = read_certificate(path)
-            if found.is_of(self.gait, digest):
-                return found
-        return None
+    def certified(self) -> Mapping[str, str] | None:
+        """Outcomes by claim of the shipped certificate of the original file, if there is one."""
+        return None if self.session is None else shipped_outcomes(self.original_digest)
+
+    @cached_property
+    def original_digest(self) -> str:
+        """SHA-256 of the file that the session began with."""
+        return hashlib.sha256(self._session().text.encode()).hexdigest()
 
     @property
     def baseline(self) -> Mapping[str, str] | None:
-        """What became of each claim about the original, as far as that is known."""
-        if self.certificate is not None:
-            return {own.claim.name: own.outcome for own in self.certificate.verdicts}
-        return self._baseline
+        """The outcome of each claim about the original, as far as it is known."""
+        return self.certified or self._baseline
 
     def lost(self) -> tuple[str, ...]:
         """Returns the claims that were proved of the original and no longer are."""

@@ -114,12 +114,12 @@ def file_view(studio: Studio) -> dict[str, Any] | None:
     if session is None:
         return None
     digest = session.digest()
-    own = studio.certificate
+    certified = studio.certified is not None
     return {
         "digest": digest[:SHORT_DIGEST],
         "changed": session.is_changed,
-        "holds": own is not None and own.policy_digest == digest,
-        "certificate": None if own is None else own.policy_digest[:SHORT_DIGEST],
+        "holds": certified and studio.original_digest == digest,
+        "certificate": studio.original_digest[:SHORT_DIGEST] if certified else None,
         "diff": list(session.diff()),
         "verified": studio.verified_digest == digest,
         "evaluated": studio.evaluated_digest == digest,
@@ -168,10 +168,10 @@ def _place(place: tuple[int, ...]) -> dict[str, Any]:
 
 
 def _certificate(studio: Studio) -> dict[str, Any] | None:
-    own = studio.certificate
-    if own is None:
+    if studio.certified is None:
         return None
-    return {"file": own.path.name, "counts": own.counts(), "total": len(own.verdicts)}
+    outcomes = [*studio.certified.values()]
+    return {"counts": {one: outcomes.count(one) for one in OUTCOME_WORDS}, "total": len(outcomes)}
 
 
 def _term(studio: Studio, index: int) -> dict[str, Any]:

@@ -30,24 +30,20 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import (
-    CERTIFICATE_NAME,
-    OnePolicy,
-)
+from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.verification.measurement import measure_box
 
 BOX_NAME = "box.yaml"
+CERTIFICATE_NAME = "certificate.json"
 
 
 @dataclass(frozen=True)
 class Prove(OnePolicy):
-    """Prove what a policy can never do, or find the observation where it does.
-
-    Of a network only what its limits keep and that it is its own mirror image is proved.
+    """Prove what a policy of formulas can never do, or find the observation where it does.
 
     Attributes:
-        policy: `expert`, a kind of student, or path of a policy file; by default the student whose
-            actions are sums of the fewest terms.
+        policy: A kind of student made of formulas, or path of a policy file; by default the
+            student whose actions are sums of the fewest terms.
         claims: YAML file of claims of your own, besides those that ship.
         box: File of the operating box; the gait's shipped one by default.
         measure: Measure the operating box anew, in all scenarios, before anything is proved.
@@ -169,8 +165,6 @@ def _write(
     print_table(f"{prover.gait.name}: what {path.name} can never do", claims)
     found = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
     console.print(found)
-    if not prover.provable:
-        console.print("of a network nothing else is proved")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from sklearn.ensemble import GradientBoostingRegressor
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.checker import document
 from glassgait.models.certificates.checker.formulas import Formulas
-from glassgait.models.certificates.checker.tables import Tables, Trees
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.readings import Readings
@@ -57,9 +56,8 @@ def answered_once() -> Iterator[None]:
     """What the checker works out of one policy, it works out once for all of a file's tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(document, "read_policy", _once(document.read_policy))
-        for kind in (Formulas, Tables, Trees):
-            for name in ("bound", "rounding"):
-                patch.setattr(kind, name, _once(getattr(kind, name)))
+        for name in ("bound", "rounding"):
+            patch.setattr(Formulas, name, _once(getattr(Formulas, name)))
         yield
 
 

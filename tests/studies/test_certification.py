@@ -175,20 +175,6 @@ def test_what_limits_keep_is_proved_of_formulas_with_limits_alone(policy):
                 load_policy(policy)
 
 
-def test_of_a_network_what_limits_keep_and_its_symmetry_are_proved(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    main(["verify", "prove", "--policy", "expert", "--output", "out"])
-    main(["verify", "check", "out"])
-    assert f"{len(KEPT) + 1} proved, 0 refuted, 0 open" in capsys.readouterr().out
-    content = json.loads((tmp_path / "out" / "certificate.json").read_text())
-    other = {"kind": "effect", "observations": ["h.FL"], "most": 100.0, "name": "a"}
-    content["claims"].append(content["claims"][-1] | other)
-    content["sha256"] = content_digest(content)
-    (tmp_path / "forged.json").write_text(certificate_text(content))
-    with pytest.raises(RefusedError, match="network"):
-        check(tmp_path / "forged.json")
-
-
 def test_refuses_to_check_against_another_policy(policy):
     main(["verify", "prove", "--policy", "mine.formulas", "--output", "out"])
     policy.write_text(FILE.replace("0.1*cmd.v", "0.2*cmd.v"))

@@ -20,20 +20,17 @@ COMMANDS = {
     "explained formulas": ["explain", "page", *TROT, "sparse_formula", "--n-steps", "40"],
     "explained additive model": ["explain", "page", *TROT, "ebm", "--n-steps", "40"],
     "explained linear laws": ["explain", "page", *TROT, "statewise_linear", "--n-steps", "40"],
-    "counterfactual": ["explain", "counterfactual", *TROT, "statewise_linear", "--step", "20"],
     "replay": ["view", *TROT, "sparse_formula", "--n-steps", "20"],
 }
 """What writes each kind of page, in short."""
 
 PAGES = {
     "replay": "sparse_formula_alone.html",
-    "replay of two": "replay.html",
 }
 """Names of pages; of others it is index.html."""
 
 ELSEWHERE = {
-    "evaluation/pair.py": "a replay of two, as of counterfactuals",
-    "reproduction/certificates.py": "a link to a page that explains",
+    "evaluation/pair.py": "a replay of two",
     "reproduction/demo.py": "test_demo.py",
     "reproduction/page.py": "test_demo.py and test_report.py",
     "reproduction/report.py": "test_report.py",
@@ -44,8 +41,6 @@ HERE = {
     "cli.py",
     "common/pages.py",
     "explanation/command.py",
-    "explanation/counterfactuals/command.py",
-    "explanation/counterfactuals/page.py",
     "explanation/page.py",
     "view/command.py",
 }
@@ -57,17 +52,16 @@ def written(tmp_path_factory):
     folders: dict[str, Path] = {}
 
     def write(kind: str) -> Path:
-        maker = "counterfactual" if kind == "replay of two" else kind
-        if maker not in folders:
-            folders[maker] = tmp_path_factory.mktemp("page")
-            main([*COMMANDS[maker], "--output", str(folders[maker])])
-        return folders[maker] / PAGES.get(kind, "index.html")
+        if kind not in folders:
+            folders[kind] = tmp_path_factory.mktemp("page")
+            main([*COMMANDS[kind], "--output", str(folders[kind])])
+        return folders[kind] / PAGES.get(kind, "index.html")
 
     return write
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [*COMMANDS, "replay of two"])
+@pytest.mark.parametrize("kind", COMMANDS)
 def test_a_page_can_be_read(kind, written, faults_of):
     assert faults_of(written(kind)) == []
 
@@ -87,20 +81,3 @@ def test_no_command_writes_a_page_that_is_not_looked_at():
         if re.search(r"\.html\b", path.read_text()) and "studio" not in path.parts
     }
     assert named == HERE | {*ELSEWHERE}
-
-
-@pytest.mark.slow
-def test_both_futures_are_played_together(written, browser):
-    browser.get(written("counterfactual").as_uri())
-    moment = browser.find_element("id", "moment")
-    assert moment.text == "0.30 s"
-    browser.find_element("css selector", "[data-do=on]").click()
-    assert moment.text == "0.32 s"
-    browser.execute_script(
-        "const own = document.getElementById('time');"
-        "own.value = 80; own.dispatchEvent(new Event('input'));"
-    )
-    assert moment.text == "1.60 s"
-    strips = browser.find_elements("css selector", "svg.strip line[stroke='#c00000']")
-    assert len({own.get_attribute("x1") for own in strips}) == 1
-    assert len(strips) == 2

@@ -67,8 +67,6 @@ class StiffPolicy(Policy):
     capabilities = Capabilities(
         factors=factors,
         importance=lambda policy, observations: ("derivatives", np.abs(policy.weights)),
-        targets="certificates.formula_targets:FormulaTargets.of_linear",
-        search="counterfactuals.smooth:SmoothSearch.of_linear",
         code=code,
         graph="export.graphs.policies:add_linear",
     )
@@ -178,17 +176,6 @@ RUN = ("--source", "runs/distill/trot")
 def test_it_is_explained_by_the_file_alone(run, distilled, folder):
     run("explain", "page", *RUN, "--policy", "stiff", "--n-steps", "20", "--output", "explained")
     assert '"q.FL_hip"' in (folder / "explained" / "index.html").read_text()
-
-
-def test_bounds_are_proved_of_it(run, distilled, folder):
-    run("verify", "prove", *RUN, "--policy", "stiff", "--output", "certified")
-    assert (folder / "certified" / "certificate.json").exists()
-
-
-def test_a_counterfactual_is_found(run, distilled, folder):
-    where = ["--joint", "FR_calf", "--step", "10", "--by", "0.01", "--output", "other"]
-    run("explain", "counterfactual", *RUN, "--policy", "stiff", *where)
-    assert (folder / "other" / "index.html").exists()
 
 
 @pytest.mark.parametrize("form", ["c", "onnx"])

@@ -1,16 +1,12 @@
 """The report: the paper's tables beside ours, and the whole of it in small."""
 
-import json
-
 import pandas as pd
 import pytest
 import yaml
 
-from glassgait.models.certificates.certificate import SHIPPED
-from glassgait.models.files import digest, read_yaml
+from glassgait.models.files import read_yaml
 from glassgait.models.policies.library import (
     EXPERT_DIRECTORY,
-    STUDENT_DIRECTORY,
     shipped_experts,
 )
 from glassgait.models.robots.library import load_robot
@@ -29,10 +25,8 @@ from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
-from glassgait.studies.reproduction.certificates import certificates
 from glassgait.studies.reproduction.contents import contents, deviations, r2_by_gait
 from glassgait.studies.reproduction.gait import GaitResults, ReportConfig
-from glassgait.studies.reproduction.page import Page
 from glassgait.studies.training.record import trainings
 
 A1 = load_robot()
@@ -89,58 +83,6 @@ def test_r2_stands_beside_the_papers(results):
     assert table["Symbolic", "paper"] == 0.7331
 
 
-def rendered(section, folder):
-    """Writes a page of one section, and returns its HTML and its Markdown."""
-    page = Page("Certificates", [], [section]).write(folder)
-    return page.read_text(), page.with_suffix(".md").read_text()
-
-
-def explained(folder, policy_sha256):
-    folder.mkdir(parents=True)
-    (folder / "config.yaml").write_text(f"gait: trot\npolicy_sha256: {policy_sha256}\n")
-    (folder / "index.html").write_text("a page")
-
-
-def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    certified = certificates(["half_bound", "trot"], A1, tmp_path / "runs" / "reproduce" / "report")
-    verdicts, *policies = certified.tables
-    by_heading = {own.heading: own for own in policies}
-    assert {"Half_bound: EBM", "Trot: Page of formulas", "Trot: Symbolic"} <= {*by_heading}
-    listed = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
-    counts = verdicts.frame.set_index("policy").loc["Trot: Page of formulas"]
-    for verdict, outcome in (("proved", "proved"), ("refuted", "refuted"), ("open", "undecided")):
-        names = [claim["name"] for claim in listed if claim["outcome"] == outcome]
-        claims = by_heading["Trot: Page of formulas"].frame
-        assert list(claims.loc[claims["verdict"] == verdict, "claim"]) == names
-        assert counts[verdict] == len(names)
-    for text in rendered(certified, tmp_path):
-        assert "RL calf in q0: change of the target of 0.9866 rad by w.y" in text
-        assert "glassgait explain page --gait trot --policy sparse_formula" in text
-    none = certificates(["half_bound"], load_robot("go2"), tmp_path)
-    assert not none.tables
-    assert "No policy of these gaits has one." in none.note
-
-
-def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    pages = tmp_path / "runs" / "explain" / "page" / "trot"
-    explained(pages / "another", "0" * 64)
-    (pages / "damaged").mkdir()
-    (pages / "damaged" / "config.yaml").write_text("{")
-    folder = tmp_path / "runs" / "reproduce" / "report"
-    assert not any("](" in own.note for own in certificates(["trot"], A1, folder).tables)
-    explained(
-        pages / "sparse_formula", digest(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
-    )
-    certified = certificates(["trot"], A1, folder)
-    by_heading = {own.heading: own for own in certified.tables}
-    link = "../../explain/page/trot/sparse_formula/index.html#certificate"
-    assert f"({link})" in by_heading.pop("Trot: Page of formulas").note
-    assert not any("](" in own.note for own in by_heading.values())
-    assert all(link in text for text in rendered(certified, tmp_path))
-
-
 def test_unknown_gaits_are_refused(refused):
     message = refused(["reproduce", "report", "--quick", "--gait", "trot", "gallop"])
     assert "unknown gait 'gallop'" in message
@@ -161,7 +103,6 @@ def test_command_writes_one_page_and_resumes(tmp_path, refused, faults_of):
         if line.startswith("![Trot"):
             assert (tmp_path / line.split("](")[1].rstrip(")")).exists()
     assert (tmp_path / "table_i_1.csv").exists()
-    assert "Trot: Page of formulas" in pd.read_csv(tmp_path / "certificates.csv")["policy"].tolist()
     assert "continue it with --resume" in refused(arguments)
     main([*arguments, "--resume"])
     assert (tmp_path / "report.html").read_text() == page

@@ -649,7 +649,7 @@ def test_claims_that_no_longer_hold_are_lost(studio):
     studio.verification = finished(proved(studio._policy(), studio.gait))
     lost = studio.lost()
     assert lost
-    before = {own.claim.name: own.outcome for own in studio.certificate.verdicts}
+    before = studio.certified
     after = {own["name"]: own["outcome"] for own in studio.verification.found}
     assert all(before[name] == "proved" != after[name] for name in lost)
     rows = status(studio)["verification"]["rows"]

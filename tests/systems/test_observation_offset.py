@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.counterfactuals.question import Intervention
-from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.observation_offset import Intervention, ObservationOffset
 
 
 @pytest.fixture

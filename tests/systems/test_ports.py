@@ -16,7 +16,6 @@ from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 import glassgait.systems
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
@@ -53,7 +52,7 @@ from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.meshcat_command import MeshcatCommand
 from glassgait.systems.meshcat_request import MeshcatRequest
 from glassgait.systems.mode_machine import ModeMachineSystem
-from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.observation_offset import Intervention, ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception

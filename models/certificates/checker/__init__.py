@@ -5,7 +5,7 @@ are read anew, bounds are computed in balls of real numbers (Arb, by python-flin
 precision adds is bounded node by node, and every claim is decided again from bounds and witnesses
 that hold.
 
-What is trusted: these files, Python, PyYAML, NumPy, Arb; that robots compute in double precision,
+What is trusted: these files, Python, PyYAML, Arb; that robots compute in double precision,
 with functions that are right to 4 units of the last place; and that robots stay in the boxes.
 """
 

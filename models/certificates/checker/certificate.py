@@ -1,7 +1,6 @@
 """A certificate's statements, each bound checked anew, and its claims, decided from what holds."""
 
 import math
-import struct
 from fractions import Fraction
 from itertools import product as ways
 from pathlib import Path
@@ -22,7 +21,6 @@ from .robot import (
     read_yaml,
     refuse_unless,
 )
-from .tables import Tables
 
 ROUNDING = 2e-9
 """More than two targets in double precision are away from exact ones (rad); a refutation must
@@ -62,7 +60,6 @@ class Check(Document):
     def run(self) -> str:
         """Checks statements, then claims, and reports how many hold."""
         statements, claims = self.content["statements"], self.content["claims"]
-        refuse_unless(self.targets or not statements, "no bound of a network is checked")
         for statement in statements:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
@@ -169,8 +166,6 @@ class Check(Document):
             )
             scope = [own for own in scope if own[0] == state] if outcome == "refuted" else scope
         counts = {"effect": 2, "independent": 2, "change": 2}
-        if kind == "never" and isinstance(self.targets, Tables):
-            counts["never"] = 2
         needed = counts.get(kind, 1) if outcome == "refuted" else 0
         refuse_unless(
             len(points) == needed,
@@ -182,10 +177,6 @@ class Check(Document):
             "mirror": self.lopsided,
             "change": self.abrupt,
         }
-        of_shape = kind == "kept" or (kind == "mirror" and not points)
-        refuse_unless(
-            self.targets is not None or of_shape, f"{claim['name']}: is not checked of a network"
-        )
         breaks = decide.get(kind, self.exceeds)
         right = outcome == "undecided"
         right |= outcome == "proved" and not points and not breaks(claim, scope, [])
@@ -209,9 +200,7 @@ class Check(Document):
                 return [(own._replace(of="offset"), most) for own in (up, down)]
         asked = down if claim.get("never") == "falls" else up
         asked = asked._replace(of="slope" if claim["kind"] == "never" else "effect")
-        # Tables and trees have steps, of which each is steeper than any slope.
-        steps = claim["kind"] == "never" and isinstance(self.targets, Tables)
-        most = 0.0 if steps else claim.get("most", 0.0)
+        most = claim.get("most", 0.0)
         used = self.targets.used(state, joint)
         names = [name for name in observations(claim, joint) if name in used]
         if claim["kind"] == "never":
@@ -263,9 +252,6 @@ class Check(Document):
     def lopsided(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         image = self.content["mirror"]
         refuse_unless(image is not None, f"{claim['name']}: the gait has no mirror image")
-        if self.targets is None:
-            # A network whose file names the mirror acts as the mean of itself and its image.
-            return self.mirror != image
         for state, joint in scope:
             theirs, turn = image_of(joint, image)
             where = claim.get("box", "operating")
@@ -347,7 +333,7 @@ def check(
         raise
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
-    except (SyntaxError, StopIteration, RecursionError, MemoryError, struct.error) as error:
+    except (SyntaxError, StopIteration, RecursionError, MemoryError) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
     except yaml.YAMLError as error:
         raise RefusedError(f"the file of gait or robot cannot be read ({error})") from error

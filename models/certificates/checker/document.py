@@ -22,15 +22,12 @@ from .robot import (
     Robot,
     is_number,
     is_robot_name,
-    observed_names,
     read_bytes,
     read_json,
     read_yaml,
     refuse_unless,
-    stiffness_of,
     symbols,
 )
-from .tables import Tables, Trees, read_arrays
 from .text import FormulaText
 
 MODELS = Path(__file__).parents[2]
@@ -65,14 +62,14 @@ class Policy(NamedTuple):
     """What a policy's file says.
 
     Attributes:
-        targets: What it asks for; None of a network, of which only its symmetry is checked.
+        targets: What it asks for.
         mirror: What the machine's states are in the mirror, where it says so.
         stiffness: The joints' stiffness, where that is not the robot's.
         limits: What comes last, where the file has limits.
         machine: The gait, where the file holds it.
     """
 
-    targets: Formulas | Tables | None
+    targets: Formulas
     mirror: Any = None
     stiffness: float | None = None
     limits: Limits | None = None
@@ -87,36 +84,17 @@ def read_policy(
     Raises:
         RefusedError: if the policy is of another robot, gait or kind.
     """
-    if kind in ("symbolic", "statewise_symbolic"):
-        text = FormulaText.read(data.decode("ascii"))
-        refuse_unless(text.header["gait"] == gait, "the policy is of another gait")
-        of = text.header.get("robot", DEFAULT_ROBOT)
-        refuse_unless(of == robot.name, "the policy is of another robot")
-        refuse_unless(text.n_states == n_states, "the policy has other states")
-        refuse_unless(text.imu == imu, "the policy has other senses than the boxes")
-        refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
-        formulas = Formulas.read(robot, text)
-        return Policy(formulas, text.image, text.stiffness, text.limits, text.machine)
-    header, arrays = read_arrays(data)
-    refuse_unless(header["gait"] == gait, "the policy is of another gait")
-    refuse_unless(header["kind"] == kind, "the policy is of another kind")
-    of = header.get("robot", DEFAULT_ROBOT)
+    known = kind in ("symbolic", "statewise_symbolic")
+    refuse_unless(known, f"a policy of kind {kind!r} is not checked")
+    text = FormulaText.read(data.decode("ascii"))
+    refuse_unless(text.header["gait"] == gait, "the policy is of another gait")
+    of = text.header.get("robot", DEFAULT_ROBOT)
     refuse_unless(of == robot.name, "the policy is of another robot")
-    same = header["observation_names"] == observed_names(n_states, imu)
-    refuse_unless(same, "the policy observes other things")
-    law = header.get("joint_law", {})
-    gains, limits = law.get("gains"), law.get("limits")
-    own = Policy(
-        None,
-        stiffness=None if gains is None else stiffness_of(gains),
-        limits=None if limits is None else Limits.of(limits),
-    )
-    if kind == "neural":
-        return own._replace(mirror=header["values"].get("mirrored_states"))
-    readers = {"additive": Tables, "boosted_trees": Trees}
-    readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
-    refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    return own._replace(targets=readers[kind](robot, arrays, n_states, imu))
+    refuse_unless(text.n_states == n_states, "the policy has other states")
+    refuse_unless(text.imu == imu, "the policy has other senses than the boxes")
+    refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
+    formulas = Formulas.read(robot, text)
+    return Policy(formulas, text.image, text.stiffness, text.limits, text.machine)
 
 
 class Document:
@@ -126,7 +104,7 @@ class Document:
         content: What the certificate says.
         robot: What the robot's file says.
         gait: What the gait's file says.
-        targets: What the policy asks for; None of a network.
+        targets: What the policy asks for.
         mirror: What the machine's states are in the mirror, where the policy's file says so.
         target_limits: What comes last between the policy and the joints; None without.
     """
@@ -223,7 +201,7 @@ class Document:
             f"the policy {path} is not the one that was certified",
         )
         read = read_policy(self.robot, data, own["kind"], name, self.n_states, self.imu)
-        self.targets: Any = read.targets
+        self.targets = read.targets
         self.mirror, self.target_limits = read.mirror, read.limits
         if read.stiffness is not None:
             self.robot = replace(self.robot, stiffness=read.stiffness)
@@ -238,14 +216,13 @@ class Document:
             "its mirror does not name each state's image",
         )
         refuse_unless(self.gait.mirrors(image), "its mirror is not that of the gait's machine")
-        # Of a network a wrong mirror proves nothing; formulas that a file leaves out are by it.
-        own = self.targets is None or self.mirror in (None, image)
+        # Formulas that a file leaves out are the images of others in this mirror.
+        own = self.mirror in (None, image)
         refuse_unless(own, "the policy's mirror is not that of the gait's machine")
 
     def shipped_policy(self, file: str) -> Path:
         plain = self.plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file)
-        is_expert = self.content["policy"]["kind"] == "neural"
-        place = ("experts", file) if is_expert else ("students", f"{self.content['gait']}/{file}")
+        place = "students", f"{self.content['gait']}/{file}"
         ships = plain and self.shipped_in(*place).is_file()
         refuse_unless(
             ships, f"no policy {file!r} ships with the project; name its file by --policy"

@@ -1,8 +1,7 @@
-"""Formulas and linear laws: exact polynomials, bounded in balls that hold all rounding."""
+"""Formulas as exact polynomials, bounded in balls that hold all rounding."""
 
 import math
 import operator
-from itertools import product as ways
 from typing import Any
 
 from flint import arb, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
@@ -11,16 +10,14 @@ from .elimination import Elimination, Factor, Span
 from .readings import Readings
 from .robot import (
     COUNTED,
-    JOINTS,
     BoundQuery,
     Box,
     RefusedError,
     Robot,
     image_of,
     refuse_unless,
-    symbols,
 )
-from .rounding import Rounding, hull, of_sum
+from .rounding import Rounding, hull
 from .text import FormulaText, Node
 
 ctx.prec = 96
@@ -42,9 +39,8 @@ class Formulas:
         robot: The robot.
         inner: What each function is of, by the name of its variable.
         targets: The polynomials by state and joint, of those that were asked for.
-        written: The formulas, of a formula file.
+        written: The formulas.
         readings: In which ranges these read what is sensed, where not in any.
-        weights: Weights by quantity and the intercept, of a linear law.
     """
 
     def __init__(self, robot: Robot, quantities: list[str]) -> None:
@@ -56,7 +52,6 @@ class Formulas:
         self.targets: dict[tuple[int, str], fmpq_mpoly] = {}
         self.written: dict[tuple[int, str], Node] = {}
         self.readings = Readings({})
-        self.weights: dict[tuple[int, str], dict[str, float]] = {}
         self.known: dict[Node, fmpq_mpoly] = {}
         self.listed: dict[str, list] = {}
         self.quantity = {name: i for i, name in enumerate(self.names)}
@@ -76,26 +71,6 @@ class Formulas:
         if place not in self.targets:
             self.targets[place] = self.multiplied_out(self.written[place])
         return self.targets[place]
-
-    @classmethod
-    def linear(
-        cls, robot: Robot, arrays: dict[str, Any], n_states: int, imu: bool = False
-    ) -> "Formulas":
-        """Takes weights of the observations and intercepts."""
-        names = symbols(n_states, imu)
-        own = cls(robot, names)
-        for state, (number, joint) in ways(range(n_states), enumerate(JOINTS)):
-            place = (state if arrays["weights"].ndim == 3 else ..., number)
-            action = own.ring.constant(exact(arrays["intercepts"][place]))
-            weights = dict(zip(names, arrays["weights"][place].tolist(), strict=True))
-            for name, weight in weights.items():
-                scale, offset = robot.units(name)
-                action += (own.variables[name] - exact(offset)) * (exact(weight) * exact(scale))
-            own.targets[state, joint] = action * exact(robot.action_scale) + exact(
-                robot.stance[joint]
-            )
-            own.weights[state, joint] = {"": float(arrays["intercepts"][place]), **weights}
-        return own
 
     def multiplied_out(self, node: Node) -> fmpq_mpoly:
         """Returns the polynomial that a formula is."""
@@ -157,9 +132,7 @@ class Formulas:
 
     def used(self, state: int, joint: str) -> set[str]:
         """Returns the quantities that a target is written with, also those that cancel out."""
-        if (state, joint) in self.written:
-            return set(self.written[state, joint].names)
-        return {name for name, weight in self.weights[state, joint].items() if name and weight}
+        return set(self.written[state, joint].names)
 
     def rounding(self, state: int, joint: str, box: Box) -> arb:
         """Bounds how far a target in double precision may be from the exact one (rad).
@@ -168,14 +141,7 @@ class Formulas:
             RefusedError: if that is too far, or the formula may have no value in the box.
         """
         box = self.readings.of(box)
-        if (state, joint) in self.written:
-            return Rounding(self.robot, box).target(self.written[state, joint], joint)
-        sizes = []
-        for name, weight in self.weights[state, joint].items():
-            scale, offset = self.robot.units(name)
-            ends = [(end - offset) * scale for end in box[name]] if name else [1.0]
-            sizes.append(abs(weight) * max(map(abs, ends)))
-        return of_sum(self.robot, sizes, joint)
+        return Rounding(self.robot, box).target(self.written[state, joint], joint)
 
     def slope(self, formula: fmpq_mpoly, name: str) -> fmpq_mpoly:
         """Differentiates by a quantity."""

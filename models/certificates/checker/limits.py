@@ -39,7 +39,7 @@ class Limits(NamedTuple):
 
     @classmethod
     def of(cls, said: Any) -> "Limits":
-        """Takes what the header of a file of arrays says."""
+        """Takes the numbers of the section of limits."""
         sound = isinstance(said, dict) and {*said} == {*cls._fields}
         refuse_unless(sound and all(map(is_number, said.values())), "the policy's limits are none")
         own = cls(**said)

@@ -70,20 +70,6 @@ def symbols(n_states: int, imu: bool = False) -> list[str]:
     return ["cmd.v", "cmd.yaw", *measured, *trunk, *last_targets, *states, *last]
 
 
-def observed_names(n_states: int, imu: bool = False) -> list[str]:
-    """Names the observations as policies of arrays do, in their order."""
-    titles = [f"{leg} {part.capitalize()}" for leg in LEGS for part in PARTS]
-    measured, last_targets = (
-        [f"{kind} {title}" for kind in kinds for title in titles]
-        for kinds in (("DoF Pos", "DoF Vel"), ("Prev Action",))
-    )
-    trunk = [f"{kind} {axis}" for kind in ("Gravity", "Base Ang Vel") for axis in "XYZ" if imu]
-    states = [f"RM State {i}" for i in range(n_states)]
-    last = [f"Base Lin Vel {axis}" for axis in "XYZ"] + [f"Foot Height {leg}" for leg in LEGS]
-    counts = ["RM Iters", "Command RM Iters"]
-    return ["Command X", "Command Yaw", *measured, *trunk, *last_targets, *states, *counts, *last]
-
-
 def image_of(name: str, image: list[int]) -> tuple[str, int]:
     """Returns what a quantity or a joint is in the mirror, and its sign there."""
     new = re.sub(r"(FL|FR|RL|RR)", lambda leg: MIRRORED[leg[1]], name)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from flint import arb
 
-from .robot import Box, RefusedError, Robot, refuse_unless
+from .robot import Box, Robot, refuse_unless
 from .text import Node
 
 UNIT = arb(2) ** -53
@@ -179,22 +179,3 @@ def hull(values: list[arb]) -> tuple[arb, arb]:
     for value in values[1:]:
         least, greatest = least.min(value), greatest.max(value)
     return least, greatest
-
-
-def of_sum(robot: Robot, parts: list[float], joint: str) -> arb:
-    """Bounds the error of a target that is a sum of doubles, added up in any order.
-
-    Args:
-        robot: The robot.
-        parts: Greatest size of each summand, in actions.
-        joint: The joint.
-
-    Raises:
-        RefusedError: as `Rounding.target`.
-    """
-    whole = robot.action_scale * sum(map(abs, map(arb, parts)), arb(0))
-    stance = abs(arb(robot.stance[joint]))
-    error = upper((len(parts) + 8) * 2 * UNIT * (whole + stance) + SMALLEST)
-    if not error <= LARGEST_ERROR:
-        raise RefusedError(f"a target of {joint} may be off by too much in double precision")
-    return error
