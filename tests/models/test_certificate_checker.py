@@ -264,7 +264,6 @@ def test_reads_the_robot_as_it_is(name):
     for imu in (False, True):
         layout, symbols = ObservationLayout(4, imu=imu), restated.symbols(4, imu)
         assert symbols == [entry.symbol for entry in layout.entries]
-        assert restated.observed_names(4, imu) == list(layout.names)
         units = RobotUnits.of(robot, layout.names)
         assert [read.units(name) for name in symbols] == list(
             zip(units.scale.tolist(), units.offset.tolist(), strict=True)

@@ -1,7 +1,5 @@
 """Ranges in which formulas read what is sensed: what they say, do, and let be proved."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -13,10 +11,9 @@ from glassgait.models.certificates.checker import robot as restated
 from glassgait.models.certificates.checker.document import MODELS
 from glassgait.models.certificates.checker.formulas import Formulas
 from glassgait.models.certificates.checker.text import FormulaText
+from glassgait.models.certificates.formula_targets import FormulaTargets
 from glassgait.models.certificates.observation_box import measured_box, operating_box
-from glassgait.models.certificates.question import BoundQuery, Box, counted_of, targets_of
-from glassgait.models.counterfactuals.question import Question, Room
-from glassgait.models.counterfactuals.smooth import SmoothSearch
+from glassgait.models.certificates.question import BoundQuery, Box, counted_of
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.reader import read_formulas
@@ -277,7 +274,7 @@ def test_no_observation_of_a_box_breaks_a_bound(formula, seed):
     ):
         index = along if of in ("effect", "slope") else None
         asked = BoundQuery(of, 0, 0, sign, index)
-        found = targets_of(policy).answer(asked, region, gap=1e-4)
+        found = FormulaTargets(policy).answer(asked, region, gap=1e-4)
         assert (sign * values <= found.bound + 1e-9).all()
         assert found.reached <= found.bound + 1e-9
         ours = found.witness[: len(SYMBOLS)]
@@ -319,10 +316,10 @@ def test_a_sensor_stuck_beyond_its_range_moves_a_target_as_far_as_its_end():
     policy = policy_of("2*w.y")
     region = _region({"w.y": (-20.0, 40.0)})
     index = SYMBOLS.index("w.y")
-    found = targets_of(policy).answer(BoundQuery("effect", 0, 0, 1, index), region, gap=1e-6)
+    found = FormulaTargets(policy).answer(BoundQuery("effect", 0, 0, 1, index), region, gap=1e-6)
     assert found.bound == pytest.approx(22.0) and found.reached == pytest.approx(22.0)
     free = policy.with_readings(None)
-    found = targets_of(free).answer(BoundQuery("effect", 0, 0, 1, index), region, gap=1e-6)
+    found = FormulaTargets(free).answer(BoundQuery("effect", 0, 0, 1, index), region, gap=1e-6)
     assert found.bound == pytest.approx(80.0)
 
 
@@ -339,7 +336,9 @@ def test_a_sensor_stuck_beyond_its_range_moves_a_target_as_far_as_its_end():
 )
 def test_an_offset_is_from_where_the_joint_is_and_not_from_what_is_read(ends, sign, reached, at):
     region = _region({"q.FL_hip": ends})
-    found = targets_of(policy_of("0.1")).answer(BoundQuery("offset", 0, 0, sign), region, gap=1e-6)
+    found = FormulaTargets(policy_of("0.1")).answer(
+        BoundQuery("offset", 0, 0, sign), region, gap=1e-6
+    )
     assert found.reached == pytest.approx(reached)
     assert found.witness[SYMBOLS.index("q.FL_hip")] == pytest.approx(at)
     assert found.bound >= found.reached
@@ -357,21 +356,3 @@ def test_ranges_of_samples_hold_them_with_a_margin():
     assert high[index] == pytest.approx(quantities.max() + 0.1 * width, abs=0.02 * width)
     # Commands are the gait's, whatever was drawn.
     assert (low[0], high[0]) == (-1.0, 1.0)
-
-
-def test_counterfactuals_move_nothing_beyond_its_range():
-    policy = policy_of("0.5*v.x + 0.1*w.y")
-    lower, upper = (UNITS.observed(own) for own in (np.full(len(NAMES), -9.0), np.full(55, 9.0)))
-    spread = np.zeros(len(NAMES))
-    spread[[SYMBOLS.index("v.x"), SYMBOLS.index("w.y")]] = 1.0
-    question = Question(policy, 0, observed(), 0.2, Room(spread, lower, upper))
-    answer = SmoothSearch.of_formula(question).nearest()
-    assert answer is not None
-    assert UNITS.quantities(answer.observation)[SYMBOLS.index("v.x")] <= 0.5 + 1e-9
-    assert question.change_of_target(answer.observation) >= 0.2
-    # Both ends together reach 0.25 and 0.5 rad.
-    beyond = replace(question, by=0.8)
-    assert SmoothSearch.of_formula(beyond).nearest() is None
-    held = replace(question, observation=observed(v__x=3.0), by=-0.3)
-    answer = SmoothSearch.of_formula(held).nearest()
-    assert answer is not None and answer.changed == (SYMBOLS.index("w.y"),)
