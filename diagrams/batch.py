@@ -21,13 +21,6 @@ from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.contact import ContactTrust, FootSense, read_contacts, sense_feet
 from glassgait.models.task.imu import N_IMU, ImuReading, measure_imu
-from glassgait.models.task.mode_machine import (
-    ModeMachine,
-    ModeReadings,
-    ModeState,
-    ModeStep,
-    restarted,
-)
 from glassgait.models.task.observation import (
     N_ESTIMATED,
     ObservationLayout,
@@ -106,13 +99,6 @@ class BatchSimulator:
 
     `step` advances all robots and leaves resets to the caller: a robot whose episode ended stays
     as it is until `reset` is called with its index.
-
-    Attributes:
-        day: The machine of a day, whose modes decide when controllers act; None where they always
-            do. `restore` leaves the modes of robots as they are.
-        requested_mode: What the operator requests of it (n,), by number; see `request_mode`.
-        modes: What it remembers of each robot.
-        mode_step: What it brought at the last control step.
     """
 
     def __init__(
@@ -124,7 +110,6 @@ class BatchSimulator:
         generator: np.random.Generator,
         estimator: Estimator | None,
         difficulty: float = 1.0,
-        day: ModeMachine | None = None,
     ) -> None:
         """
         Args:
@@ -138,8 +123,6 @@ class BatchSimulator:
                 ones; a policy's own is `estimator_in_loop`.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
-            day: The machine of a day, whose modes decide when controllers act; by default they
-                always do.
         """
         self.task = task
         self.n_robots = n_robots
@@ -152,11 +135,7 @@ class BatchSimulator:
         self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
         if (limits := task.joint_law.limits) is not None:
             limits.check(task.robot)
-        self.day = day
-        self.requested_mode = np.zeros(n_robots, dtype=np.int64)
-        self.modes = None if day is None else day.initial((n_robots,))
-        self.mode_step: ModeStep | None = None
-        needs_imu = isinstance(estimator, Odometry) or limits is not None or day is not None
+        needs_imu = isinstance(estimator, Odometry) or limits is not None
         self._has_imu = task.observes_imu or needs_imu
         self._weights = task.weights
         self._is_commanded = False
@@ -230,17 +209,6 @@ class BatchSimulator:
         self._is_commanded = True
         self._state = self._estimated(replace(self._state, command=command))
 
-    def request_mode(self, requested: NDArray[np.int64]) -> None:
-        """Requests of every robot's day what the operator wants (n,), by number.
-
-        Raises:
-            ValueError: if there is no day.
-        """
-        if self.day is None:
-            raise ValueError("batch simulator: it plays no day, of which a mode may be requested")
-        self.requested_mode = np.asarray(requested)
-        self._state = self._estimated(self._state)
-
     def proprioception(self) -> Array:
         """Observes the part that needs no estimator (n, 40 + n_states)."""
         return self._proprioception(self._state)
@@ -269,15 +237,15 @@ class BatchSimulator:
             self.task.robot, action, before=s.action, position=position, gravity=gravity
         )
 
-    def step(self, action: Array, *, silent: BoolArray | None = None) -> BatchStep:
+    def step(self, action: Array) -> BatchStep:
         """Holds actions (n, 12), within limits, for one control step and moves the task on.
 
         Args:
             action: What controllers ask for.
-            silent: Which controllers ask for nothing (n,): those joints keep their targets.
         """
         s, task = self._state, self.task
-        moved = self._moved(s, *self._asked(s, action, silent))
+        is_finite = np.isfinite(action).all(axis=1)
+        moved = self._moved(s, self.limited(action), is_finite)
         steps = s.steps + 1
         joint_noise = self._joint_errors(s.bias)
         push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
@@ -285,7 +253,7 @@ class BatchSimulator:
         command = self._commanded(s, steps)
         feet = sense_feet(task.robot, moved.plant, s.touching, moved.touching, self._ground)
         contacts = self._read_contacts(s, moved.plant, joint_noise, feet)
-        machine = self._step_machine(self._restarted(s), feet, contacts.lasting, command)
+        machine = self._step_machine(s, feet, contacts.lasting, command)
         reward = self._rewarded(s, moved.plant, moved.action, command, feet)
         plain = np.where(moved.lost, 0.0, reward.plain)
         after = replace(
@@ -318,23 +286,6 @@ class BatchSimulator:
             terminated=moved.failures.any(axis=1),
             truncated=steps >= task.episode_steps,
         )
-
-    def _asked(
-        self, s: TaskState, action: Array, silent: BoolArray | None
-    ) -> tuple[Array, BoolArray]:
-        """Advances the day, and limits actions.
-
-        Returns:
-            The actions that joints are to follow (n, 12), and which were asked for as finite (n,).
-        """
-        if self.day is not None:
-            self.mode_step = self._in_modes(self.day, action)
-            self.modes, action = self.mode_step.state, self.mode_step.action
-        is_finite = np.isfinite(action).all(axis=1)
-        action = self.limited(action)
-        if silent is not None and silent.any():
-            action = np.where(silent[:, None], s.action, action)
-        return action, is_finite
 
     def _moved(self, s: TaskState, action: Array, is_finite: BoolArray) -> _Moved:
         """Moves robots by actions (n, 12) that were finite or not (n,), and looks for failures."""
@@ -420,42 +371,6 @@ class BatchSimulator:
             difficulty=self.difficulty,
         )
 
-    def _begin_day(self, index: NDArray[np.int64]) -> None:
-        """Begins the day of robots anew."""
-        if self.day is None or self.modes is None:
-            return
-        fresh, begun = self.day.initial((len(index),)), [own.copy() for own in self.modes]
-        for mine, own in zip(begun, fresh, strict=True):
-            mine[index] = own
-        self.modes = ModeState(*begun)
-
-    def _in_modes(self, day: ModeMachine, action: Array) -> ModeStep:
-        """Advances a day, in which controllers ask for actions (n, 12)."""
-        assert self.modes is not None
-        s = self._state
-        return day.step(
-            self.modes,
-            ModeReadings(*s.measured_joints(), s.imu[:, -1]),
-            requested=self.requested_mode,
-            served=self._served(s),
-            action=action,
-            before=s.action,
-        )
-
-    def _served(self, s: TaskState, index: NDArray[np.int64] | None = None) -> Array:
-        """Returns the command (n, 2; m/s, rad/s) that controllers are given, of some robots."""
-        if self.day is None:
-            return s.command.velocity
-        requested = self.requested_mode if index is None else self.requested_mode[index]
-        return self.day.served(s.command.velocity, requested)
-
-    def _restarted(self, s: TaskState) -> TaskState:
-        """Returns a state whose reward machines are at their beginning where no policy acts."""
-        if self.mode_step is None:
-            return s
-        initial = self.machine.initial((self.n_robots,))
-        return replace(s, machine=restarted(initial, s.machine, self.mode_step.acts))
-
     def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
         """Returns what is commanded once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
@@ -483,7 +398,6 @@ class BatchSimulator:
 
     def _begin(self, index: NDArray[np.int64], plant: Array, command: Command) -> TaskState:
         count = len(plant)
-        self._begin_day(index)
         randomization = self.task.randomization
         untouched = np.zeros((count, quadruped.N_LEGS), dtype=bool)
         ground = self._ground.of_robots(index)
@@ -523,12 +437,12 @@ class BatchSimulator:
             odometry=Odometry().begin(self.task.robot, measured),
             steps=np.zeros(count, dtype=np.int64),
         )
-        return self._estimated(self._sensed(begun, index), index)
+        return self._estimated(self._sensed(begun, index))
 
-    def _proprioception(self, s: TaskState, index: NDArray[np.int64] | None = None) -> Array:
+    def _proprioception(self, s: TaskState) -> Array:
         return proprioception(
             self.task.robot,
-            command=self._served(s, index),
+            command=s.command.velocity,
             joint_position=s.plant[:, quadruped.JOINT_POSITION],
             joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
             previous_action=s.action,
@@ -577,13 +491,8 @@ class BatchSimulator:
         )
         return replace(state, odometry=odometry)
 
-    def _estimated(self, state: TaskState, index: NDArray[np.int64] | None = None) -> TaskState:
-        """Returns a state that is about to be observed, with what the estimator then gives.
-
-        Args:
-            state: The state.
-            index: Its robots; all by default.
-        """
+    def _estimated(self, state: TaskState) -> TaskState:
+        """Returns a state that is about to be observed, with what the estimator then gives."""
         match self.estimator:
             case None:
                 return state
@@ -591,7 +500,7 @@ class BatchSimulator:
                 position, _ = state.measured_joints()
                 estimate = odometry.body_state(self.task.robot, state.odometry, position)
             case network:
-                estimate = network(self._proprioception(state, index))
+                estimate = network(self._proprioception(state))
         return replace(state, estimate=estimate)
 
     def _expected_height(

@@ -80,14 +80,11 @@ class SliderCommand(Settings):
 
     Attributes:
         sliders: Distinguishes it from other commands in a file.
-        attended: Whether the robot steps on the spot at first, and while no browser shows Meshcat;
-            by default it goes at half speed at first, and goes on.
     """
 
     title: ClassVar[str] = "command"
 
     sliders: Literal[True] = True
-    attended: bool = False
 
     def check(self, gait: Gait) -> None:
         """Does nothing: sliders end where the gait's range does."""
@@ -117,12 +114,10 @@ def AddCommand(  # noqa: N802
             return velocity.get_output_port(), rhythm.get_output_port()
         case DrawnCommands(speed_range=speed_range):
             source = _add_random_command(builder, gait, speed_range)
-        case SliderCommand(attended=attended):
+        case SliderCommand():
             if meshcat is None:
                 raise ValueError("locomotion: commands from sliders need a Meshcat")
-            source = builder.AddNamedSystem(
-                "command", MeshcatCommand(gait, meshcat, attended=attended)
-            )
+            source = builder.AddNamedSystem("command", MeshcatCommand(gait, meshcat))
     return source.get_command_output_port(), source.get_commanded_dwell_output_port()
 
 

@@ -9,7 +9,6 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.systems.compiled_controller import CompiledController
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.imu import ImuSensor
@@ -17,16 +16,15 @@ from glassgait.systems.joint_sensor import JointSensor
 
 
 def MakeCompiledLocomotion(  # noqa: N802
-    gait: Gait | GaitSwitch, scenario: Scenario, controller: LoadedController
+    gait: Gait, scenario: Scenario, controller: LoadedController
 ) -> Diagram:
     """Builds what `MakeLocomotion` builds without a policy, and a compiled controller that acts.
 
     The controller has a reward machine and an estimator of its own. The diagram's machine, which
-    rewards, reads the true heights of the feet. Of several gaits one is requested of both by the
-    diagram's input `requested_gait`.
+    rewards, reads the true heights of the feet.
 
     Args:
-        gait: The gait, or those that the controller changes between.
+        gait: The gait.
         scenario: The world; without noise in its sensors.
         controller: The controller.
 
@@ -63,9 +61,6 @@ def MakeCompiledLocomotion(  # noqa: N802
         )
         builder.Connect(state, imu.get_state_input_port())
         builder.Connect(imu.get_imu_output_port(), acting.GetInputPort("imu"))
-    if isinstance(gait, GaitSwitch):
-        name = builder.ExportInput(locomotion.GetInputPort("requested_gait"), "requested_gait")
-        builder.ConnectInput(name, acting.GetInputPort("requested_gait"))
     builder.Connect(acting.get_action_output_port(), locomotion.GetInputPort("actions"))
     builder.ExportOutput(acting.get_targets_output_port(), "targets")
     builder.ExportOutput(acting.get_status_output_port(), "status")

@@ -1,6 +1,6 @@
 """What stands between a robot's sensors and the action that its joints are to follow."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 from pydrake.systems.primitives import Multiplexer, PortSwitch
@@ -18,7 +18,6 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
@@ -27,7 +26,6 @@ from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.contact_trust import ContactTrustSystem
-from glassgait.systems.mode_machine import ModeMachineSystem
 from glassgait.systems.observation_offset import Intervention, ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
@@ -106,24 +104,11 @@ class ControllerPorts:
         observation: What is observed (47 + n_states, 53 + n_states with an IMU).
         acting: What `AddPolicies` returns; empty where no policy is given: the hold's input is then
             still to be connected.
-        modes: The machine of a day, whose input for requests is still to be connected.
     """
 
     hold: ActionHold
     observation: OutputPort
     acting: dict[str, OutputPort]
-    modes: ModeMachineSystem | None = None
-
-    @property
-    def of_day(self) -> dict[str, OutputPort]:
-        """What is to be seen of a day: `mode` (1), `acts` (1) and `damped` (1); empty without."""
-        if self.modes is None:
-            return {}
-        return {
-            "mode": self.modes.get_mode_output_port(),
-            "acts": self.modes.get_acts_output_port(),
-            "damped": self.modes.get_damped_output_port(),
-        }
 
 
 def AddController(  # noqa: N802
@@ -137,7 +122,6 @@ def AddController(  # noqa: N802
     senses: Senses,
     limited: bool,
     intervention: Intervention | None = None,
-    day: Day | None = None,
 ) -> ControllerPorts:
     """Adds observation, estimator, policies and action hold, and connects the reward machine.
 
@@ -152,11 +136,9 @@ def AddController(  # noqa: N802
             that the reward machine reads.
         limited: Whether joints follow targets within their ranges alone.
         intervention: Gives the policy another observation for some control steps.
-        day: The robot's day, whose modes decide when the policy acts; it always does by default.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or the robot's joints
-            cannot take the day's postures.
+        InputError: if a policy was made for another gait or observation.
         ValueError: if an input that is needed is not connected.
     """
     if isinstance(policy, Policy):
@@ -165,11 +147,6 @@ def AddController(  # noqa: N802
     for one in policy.policies.values() if policy else ():
         one.check(gait=gait, observation_names=layout.names)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
-    modes = None
-    if day is not None:
-        modes = _add_modes(builder, ModeMachineSystem(robot, day, senses.limits), sensed, hold)
-        sensed = replace(sensed, command=modes.get_served_command_output_port())
-        builder.Connect(modes.get_acted_output_port(), machine.get_acted_input_port())
     trust = builder.AddNamedSystem("contact_trust", ContactTrustSystem())
     builder.Connect(sensed.touching, trust.get_touching_input_port())
     builder.Connect(trust.get_believed_contact_output_port(), machine.get_foot_contact_input_port())
@@ -191,15 +168,12 @@ def AddController(  # noqa: N802
     if policy is not None:
         given = _given_observation(builder, observation.get_output_port(), intervention)
         acting = AddPolicies(builder, policy, given)
-        if modes is not None:
-            builder.Connect(acting["actions"], modes.get_action_input_port())
-            acting["actions"] = modes.get_asked_action_output_port()
         if senses.limits is not None:
             acting["actions"] = _limited(
                 builder, robot, senses.limits, acting["actions"], sensed, hold
             )
         builder.Connect(acting["actions"], hold.get_action_input_port())
-    return ControllerPorts(hold, observation.get_output_port(), acting, modes)
+    return ControllerPorts(hold, observation.get_output_port(), acting)
 
 
 def AddPolicies(  # noqa: N802
@@ -300,18 +274,6 @@ def _add_body_state(
             expected = system.get_previous_foot_height_output_port()
     heights = system.get_previous_foot_height_output_port()
     return system.get_body_state_output_port(), heights, expected
-
-
-def _add_modes(
-    builder: DiagramBuilder, modes: ModeMachineSystem, sensed: Sensed, hold: ActionHold
-) -> ModeMachineSystem:
-    """Connects the machine of a day, but for what the policy asks for and requests."""
-    builder.AddNamedSystem("mode_machine", modes)
-    builder.Connect(hold.get_held_action_output_port(), modes.get_previous_action_input_port())
-    builder.Connect(sensed.joints, modes.get_joints_input_port())
-    builder.Connect(_needed(sensed.imu, "an IMU"), modes.get_imu_input_port())
-    builder.Connect(sensed.command, modes.get_command_input_port())
-    return modes
 
 
 def _limited(

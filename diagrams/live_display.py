@@ -1,12 +1,22 @@
-"""A walking robot in Meshcat, with its shadow and command and, beside it, a translucent ghost."""
+"""A walking robot in Meshcat with its command and, beside it, a translucent ghost."""
 
 import numpy as np
-from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, MeshcatVisualizer, Rgba
+from pydrake.geometry import (
+    Cylinder,
+    IllustrationProperties,
+    Meshcat,
+    MeshcatCone,
+    MeshcatVisualizer,
+    Rgba,
+    Role,
+    SceneGraph,
+)
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
-from glassgait.diagrams.posed_robots import AddPosedRobots, paint
-from glassgait.diagrams.shadows import Shadows
 from glassgait.diagrams.visualization import draw_ground
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
@@ -18,13 +28,11 @@ from glassgait.systems.gait_display import WORLD_PATH, GaitDisplay
 
 GHOST_PATH = f"{WORLD_PATH}/visualizer/ghost"
 ARROW_PATH = "command"
-SHADOW_PATH, GHOST_SHADOW_PATH = "shadow", "ghost_shadow"
 
 LANE = 0.6
 """How far to the robot's left the ghost is drawn (m)."""
 
-GHOST_COLOR = "#8A94A3"
-GHOST_OPACITY = 0.4
+GHOST_COLOR = Rgba(0.54, 0.58, 0.64, 0.4)
 
 ARROW_HEIGHT = 0.22
 """Height of the command's arrow over the trunk (m)."""
@@ -55,9 +63,13 @@ class LiveDisplay:
         self._meshcat = meshcat
         meshcat.Delete()
         builder = DiagramBuilder()
-        robots = {"robot": robot, "ghost": robot}
-        self._plant, scene_graph, self._instances = AddPosedRobots(builder, robots)
-        paint(self._plant, scene_graph, self._instances[1], GHOST_COLOR, opacity=GHOST_OPACITY)
+        self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+        self._instances = [
+            Parser(self._plant, name).AddModels(str(robot.urdf_path))[0]
+            for name in ("robot", "ghost")
+        ]
+        self._plant.Finalize()
+        _paint(self._plant, scene_graph, self._instances[1])
         draw_ground(meshcat, terrain)
         meshcat.SetCameraPose([0.85, -1.0, 0.55], [0.0, 0.2, 0.1])
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
@@ -77,10 +89,7 @@ class LiveDisplay:
         meshcat.SetObject(f"{ARROW_PATH}/shaft", Cylinder(0.008, 1.0), color)
         meshcat.SetObject(f"{ARROW_PATH}/tip", MeshcatCone(0.06, 0.025, 0.025), color)
         self._ground = Ground([terrain])
-        paths = (SHADOW_PATH, GHOST_SHADOW_PATH)
-        self._shadows = [Shadows(meshcat, path, robot, terrain=terrain) for path in paths]
-        for path in (GHOST_PATH, GHOST_SHADOW_PATH):
-            meshcat.SetTransform(path, RigidTransform([0.0, LANE, 0.0]))
+        meshcat.SetTransform(GHOST_PATH, RigidTransform([0.0, LANE, 0.0]))
 
     def show(
         self,
@@ -107,14 +116,10 @@ class LiveDisplay:
         given = {"state": state, "rm_state": rm_state, "foot_contact": foot_contact}
         for name, value in given.items():
             self._inputs[name].FixValue(self._context, value)
-        for instance, shadow, own in zip(
-            self._instances, self._shadows, (state, beside), strict=True
-        ):
-            self._plant.SetPositions(self._own, instance, own[: quadruped.N_POSITIONS])
-            shadow.show(own)
+        for instance, pose in zip(self._instances, (state, beside), strict=True):
+            self._plant.SetPositions(self._own, instance, pose[: quadruped.N_POSITIONS])
         self._diagram.ForcedPublish(self._context)
-        for path in (GHOST_PATH, GHOST_SHADOW_PATH):
-            self._meshcat.SetProperty(path, "visible", ghost is not None)
+        self._meshcat.SetProperty(GHOST_PATH, "visible", ghost is not None)
         self._point(state, command)
 
     def _point(self, state: Array, command: Array) -> None:
@@ -140,3 +145,16 @@ class LiveDisplay:
             along @ RotationMatrix.MakeXRotation(np.pi), base + (length + 0.06) * direction
         )
         self._meshcat.SetTransform(f"{ARROW_PATH}/tip", tip)
+
+
+def _paint(plant: MultibodyPlant, scene_graph: SceneGraph, ghost: ModelInstanceIndex) -> None:
+    """Gives the ghost its colour, before a visualizer is added."""
+    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
+    for body in plant.GetBodyIndices(ghost):
+        frame = plant.GetBodyFrameIdOrThrow(body)
+        for geometry in inspector.GetGeometries(frame, Role.kIllustration):
+            painted = IllustrationProperties(inspector.GetIllustrationProperties(geometry))
+            painted.UpdateProperty("phong", "diffuse", GHOST_COLOR)
+            # Replaced in one call, it would have Drake warn of visualizers.
+            scene_graph.RemoveRole(source, geometry, Role.kIllustration)
+            scene_graph.AssignRole(source, geometry, painted)

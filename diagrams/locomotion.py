@@ -5,18 +5,14 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from glassgait.diagrams.commands import AddCommand, AddGivenCommand
 from glassgait.diagrams.controller import AddController, ControllerPorts, Sensed, Senses
-from glassgait.diagrams.gait_machine import AddGaitMachine, AddModeRequest
 from glassgait.diagrams.judges import AddJudges
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensed_robot import AddSensedRobot, SensedRobot
 from glassgait.diagrams.station import actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
-from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.ground import Ground
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
@@ -27,14 +23,13 @@ from glassgait.systems.reward_machine import RewardMachineSystem
 
 
 def MakeLocomotion(  # noqa: N802
-    gait: Gait | GaitSwitch,
+    gait: Gait,
     scenario: Scenario | None = None,
     *,
     policy: Controller | Policy | None = None,
     senses: Senses | None = None,
     meshcat: Meshcat | None = None,
     intervention: Intervention | None = None,
-    day: Day | None = None,
 ) -> Diagram:
     """Builds the station with the task and the policies around it.
 
@@ -45,8 +40,6 @@ def MakeLocomotion(  # noqa: N802
         - command
         - commanded_dwell
         - actions
-        - requested_gait
-        - requested_mode
         output_ports:
         - actions
         - observations
@@ -63,21 +56,16 @@ def MakeLocomotion(  # noqa: N802
         - commanded_dwell
         - state
         - imu
-        - mode
-        - acts
-        - damped
 
     Inputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps), from a planner, limited
     to what the gait is made for; each may stay unconnected, and then the scenario's command holds.
-    actions (12), only where no policy is given. requested_gait (1), only of several gaits
-    without buttons; see `GaitSwitchSystem`. requested_mode (1), only of a day
-    without buttons; see `ModeMachineSystem`.
+    actions (12), only where no policy is given.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states, or 53 +
     n_states with an IMU). reward (1) and plain_reward (1) of the step that ends now, reward_terms
     (13). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
     foot_contact (4), foot_height (4, m). failures (7). command (2) and commanded_dwell (1), by
     which the robot goes. state (37), the plant's. imu (9), the IMU's reading, only where it is
-    needed. Of a day alone, mode (1), acts (1) and damped (1).
+    needed.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the
@@ -85,7 +73,7 @@ def MakeLocomotion(  # noqa: N802
     steps, from the code that advances the simulator; see `glassgait.diagrams.plant_state.push`.
 
     Args:
-        gait: The gait whose reward machine runs, or several that change on request.
+        gait: The gait whose reward machine runs.
         scenario: The world, and how the loop is closed; the training world by default.
         policy: The controller. Its estimator gives the observed body state and the foot heights
             that the reward machine reads; they are the true ones where the scenario says so, and
@@ -94,57 +82,47 @@ def MakeLocomotion(  # noqa: N802
         meshcat: Shows robot, contacts and machine state there.
         intervention: Gives the policy another observation for some control steps; the outputs are
             the robot's own.
-        day: The robot's day, whose modes decide when the policy acts; it always does by default.
-            A robot that is to rise from its belly needs a station whose bodies collide.
 
     Raises:
-        InputError: if a day has no policy, or postures that the robot's joints cannot take; or a
-            policy was made for another gait or observation, or has no estimator, and
+        InputError: if a policy was made for another gait or observation, or has no estimator, and
             the scenario does not ask for the true body state; or the gait is not made for the
             command.
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
     scenario = scenario or Scenario()
-    if day is not None and policy is None:
-        raise InputError("locomotion: a day lets a policy act in one of its modes; give a policy")
     if policy is not None:
         senses = Senses.of(policy, true_body_state=scenario.true_body_state)
     senses = senses or Senses()
     robot, joint_law = scenario.robot_of(policy), scenario.joint_law(policy)
-    first = gait.gait if isinstance(gait, GaitSwitch) else gait
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise
     # and without, and the same noise whatever the robot's pose is drawn from.
-    drawn = AddCommand(builder, first, scenario.command, meshcat)
-    commanded = AddGivenCommand(builder, first, drawn)
+    drawn = AddCommand(builder, gait, scenario.command, meshcat)
+    commanded = AddGivenCommand(builder, gait, drawn)
     sensed_robot = AddSensedRobot(
-        builder, robot, scenario, imu=senses.need_imu or day is not None, joint_law=joint_law
+        builder, robot, scenario, imu=senses.need_imu, joint_law=joint_law
     )
     sensed = _sensed(sensed_robot, commanded)
-    machine = AddGaitMachine(builder, gait, scenario.command, meshcat)
+    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
     controller = AddController(
         builder,
         robot,
-        first,
+        gait,
         sensed,
         machine=machine,
         policy=policy,
         senses=senses,
         limited=joint_law.limited,
         intervention=intervention,
-        day=day,
     )
-    hold, modes = controller.hold, controller.modes
+    hold = controller.hold
     if policy is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
     _add_joint_targets(builder, sensed_robot, scenario, hold, limited=joint_law.limited)
     judged = AddJudges(builder, sensed_robot, scenario, sensed.command, machine, hold, joint_law)
     if meshcat is not None:
         rm_state = machine.get_rm_state_output_port()
-        AddLocomotionDisplay(builder, sensed_robot, first, rm_state, meshcat)
-    if day is not None and modes is not None:
-        requested, mode = modes.get_requested_mode_input_port(), modes.get_mode_output_port()
-        AddModeRequest(builder, day, requested, mode, scenario.command, meshcat)
+        AddLocomotionDisplay(builder, sensed_robot, gait, rm_state, meshcat)
     _export_outputs(builder, sensed, sensed_robot.sensors.feet, machine, controller, judged)
     diagram = builder.Build()
     diagram.set_name("Locomotion")
@@ -205,7 +183,6 @@ def _export_outputs(
 ) -> None:
     exported = {
         **controller.acting,
-        **controller.of_day,
         "observations": controller.observation,
         **judged,
         "rm_state": machine.get_rm_state_output_port(),

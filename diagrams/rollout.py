@@ -32,8 +32,6 @@ RECORDED_PORTS = (
     "command",
     "commanded_dwell",
     "state",
-    "mode",
-    "damped",
 )
 
 KEPT_STEPS = 3000

@@ -3,10 +3,8 @@
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, OutputPort, State
 
-from glassgait.models.link.remote import Sticks, remote_command
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.command import CommandRange
-from glassgait.systems.meshcat_gamepad import MeshcatGamepad
+from glassgait.models.task.command import CommandRange, gamepad_velocity
 
 # Short, since Meshcat cuts long names.
 SPEED_SLIDER = "speed (m/s)"
@@ -32,18 +30,15 @@ class MeshcatCommand(LeafSystem):
     State: what is commanded (3), latched every 20 ms (unrestricted update). Feedthrough: none.
     """
 
-    def __init__(self, limits: CommandRange, meshcat: Meshcat, *, attended: bool = False) -> None:
+    def __init__(self, limits: CommandRange, meshcat: Meshcat) -> None:
         """
         Args:
             limits: The gait, or what else says where sliders end.
             meshcat: Where they show.
-            attended: Whether speed and yaw rate are 0 at first, and go back to 0 while no browser
-                shows Meshcat; by default the robot goes at half speed at first, and goes on.
         """
         super().__init__()
-        self._meshcat, self._limits, self._attended = meshcat, limits, attended
-        self._gamepad = MeshcatGamepad(meshcat)
-        start = [0.0 if attended else 0.5 * limits.max_speed, 0.0, float(sum(limits.dwell) // 2)]
+        self._meshcat, self._limits = meshcat, limits
+        start = [0.5 * limits.max_speed, 0.0, float(sum(limits.dwell) // 2)]
         self._values = self.DeclareDiscreteState(start)
         speed, turn = limits.max_speed, limits.max_yaw_rate
         meshcat.AddSlider(SPEED_SLIDER, -speed, speed, 0.05, start[0], "KeyS", "KeyW")
@@ -80,13 +75,12 @@ class MeshcatCommand(LeafSystem):
         output.SetFromVector(self._stored(context)[2:])
 
     def _latch(self, context: Context, state: State) -> None:
-        if self._attended and self._meshcat.GetNumActiveConnections() == 0:
-            for slider in (SPEED_SLIDER, YAW_RATE_SLIDER):
-                self._meshcat.SetSliderValue(slider, 0.0)
         sliders = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
         values = [self._meshcat.GetSliderValue(name) for name in sliders]
-        held = self._gamepad.held()
-        if held is not None:
-            command = remote_command(held, self._limits, Sticks(), values[2])
-            values[:2] = command.velocity.tolist()
+        gamepad = self._meshcat.GetGamepad()
+        if gamepad.index is not None:
+            # Meshcat keeps the last report of a browser that is gone.
+            is_there = self._meshcat.GetNumActiveConnections() > 0
+            axes = gamepad.axes if is_there else ()
+            values[:2] = gamepad_velocity(self._limits, axes).tolist()
         state.get_mutable_discrete_state(self._values).SetFromVector(values)

@@ -13,7 +13,6 @@ from pydrake.systems.framework import (
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.mode_machine import restarted
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 from glassgait.systems.cached_value import CachedValue
 
@@ -28,7 +27,6 @@ class RewardMachineSystem(LeafSystem):
         - foot_contact
         - foot_height
         - commanded_dwell
-        - acted
         output_ports:
         - rm_state
         - rm_iterations
@@ -36,9 +34,7 @@ class RewardMachineSystem(LeafSystem):
         - served_dwell
 
     Inputs: foot_contact (4, {0, 1}), FL FR RL RR. foot_height (4, m), above the ground.
-    commanded_dwell (1, control steps). acted (1, {0, 1}), whether the policy acted at the control
-    step before: while it does not, the machine stays at its beginning; may stay unconnected where
-    it always does.
+    commanded_dwell (1, control steps).
     Outputs: rm_state (n_states, one-hot) and rm_iterations (1, control steps), after this instant's
     propositions. reward_multiplier (1), the factor on this step's plain reward. served_dwell (1,
     control steps), the share of commanded_dwell that the transition of this instant stands for, 0
@@ -54,7 +50,6 @@ class RewardMachineSystem(LeafSystem):
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
         self._foot_height_port = self.DeclareVectorInputPort("foot_height", quadruped.N_LEGS)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
-        self._acted_port = self.DeclareVectorInputPort("acted", 1)
         # Four outputs and the update are of one step; the machine takes it once.
         self._step = CachedValue(
             self, "machine step", self._calc_step, {self.all_input_ports_ticket(), self.xd_ticket()}
@@ -100,10 +95,6 @@ class RewardMachineSystem(LeafSystem):
         """Takes the commanded iterations in a state."""
         return self._commanded_dwell_port
 
-    def get_acted_input_port(self) -> InputPort:
-        """Takes whether the policy acted at the control step before."""
-        return self._acted_port
-
     def get_rm_state_output_port(self) -> OutputPort:
         """Gives the machine's state, one-hot."""
         return self._rm_state_port
@@ -121,12 +112,8 @@ class RewardMachineSystem(LeafSystem):
         return self._served_dwell_port
 
     def _before(self, context: Context) -> MachineState:
-        """Returns where the machine was at the control step before, or is to begin."""
         stored = context.get_discrete_state(self._machine_state).value().astype(np.int64)
-        if not self._acted_port.HasValue(context):
-            return MachineState(*stored)
-        acted = self._acted_port.Eval(context)[0] > 0.5
-        return restarted(self._machine.initial(), MachineState(*stored), acted)
+        return MachineState(*stored)
 
     def _calc_step(self, context: Context) -> MachineStep:
         return self._machine.step(

@@ -25,8 +25,6 @@ from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.formulas.expression import plus
 from glassgait.models.formulas.mirror import FormulaMirror
-from glassgait.models.link.gamepad import BUTTONS
-from glassgait.models.link.remote import Button
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
@@ -44,7 +42,6 @@ from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
 from glassgait.studies.export import files
 from glassgait.studies.export.files import has_compiler, load_controller
-from glassgait.systems.meshcat_request import request_button
 
 A1 = load_robot()
 
@@ -387,12 +384,11 @@ class Browsers:
 
     def __init__(self, meshcat: Meshcat) -> None:
         self.meshcat, self.n_browsers = meshcat, 1
-        self.gamepad = SimpleNamespace(index=None, axes=[], button_values=[])
+        self.gamepad = SimpleNamespace(index=None, axes=[])
 
-    def hold(self, *axes: float, buttons: Button = Button(0)) -> None:  # noqa: B008
-        """Has the gamepad reported, with sticks there and buttons held."""
-        values = [float(own in buttons) for own in BUTTONS]
-        self.gamepad = SimpleNamespace(index=0, axes=list(axes), button_values=values)
+    def hold(self, *axes: float) -> None:
+        """Has the gamepad reported, with its sticks there."""
+        self.gamepad = SimpleNamespace(index=0, axes=list(axes))
 
     def GetGamepad(self) -> SimpleNamespace:  # noqa: N802
         return self.gamepad
@@ -421,18 +417,3 @@ def meshcat(server: Meshcat) -> Iterator[Meshcat]:
 def browsers(meshcat: Meshcat) -> Browsers:
     """The same, shown by browsers with a gamepad."""
     return Browsers(meshcat)
-
-
-@pytest.fixture
-def click(meshcat: Meshcat) -> Callable[..., None]:
-    """Does what a browser does when a person clicks buttons, on whichever labels they have."""
-
-    def run(*names: str) -> None:
-        shown = meshcat.GetButtonNames()
-        for name in names:
-            labels = (request_button(name), request_button(name, True))
-            words = ("type", "button", "name", next(own for own in shown if own in labels))
-            packed = b"".join(bytes([0xA0 | len(word)]) + word.encode() for word in words)
-            meshcat._InjectWebsocketMessage(message=b"\x82" + packed)
-
-    return run

@@ -12,7 +12,6 @@ from pydantic import StringConstraints
 
 from glassgait.models.arrays import Array, clip
 from glassgait.models.errors import InputError, shown
-from glassgait.models.robots.foot_force import FootForce
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
 from glassgait.models.settings import DISTINCT, Positive, Range, Settings
 
@@ -59,7 +58,6 @@ class Robot(Settings):
         damping: Gain of their velocity control (N·m·s/rad).
         action_scale: What an action of 1 adds to a joint's target (rad).
         motor_order: Legs in the order in which the vendor's controller numbers their motors.
-        foot_force: How the feet's force sensors are read; only Unitree's messages have them.
         path: Where it was loaded from.
     """
 
@@ -83,7 +81,6 @@ class Robot(Settings):
     damping: Positive
     action_scale: Positive
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
-    foot_force: FootForce | None = None
     path: str = ""
 
     def __post_init__(self) -> None:

@@ -1,5 +1,7 @@
 """Commands: forward speed, yaw rate and the rhythm, and how they are drawn."""
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -10,6 +12,10 @@ from glassgait.models.task.gait import Gait
 
 DEAD_BAND = 0.2
 """Commanded speeds below this (m/s) become 0."""
+
+
+DEAD_ZONE = 0.1
+"""Share of a gamepad stick's way from its middle that commands nothing."""
 
 
 class CommandRange(Protocol):
@@ -121,3 +127,27 @@ def sound_command(limits: CommandRange, command: Command) -> Command:
     if not np.isfinite([*command.velocity, command.dwell]).all():
         return on_the_spot(limits)
     return limit_command(limits, command)
+
+
+def gamepad_velocity(limits: CommandRange, axes: Sequence[float]) -> Array:
+    """Returns the velocity (2; m/s, rad/s) that a gamepad commands.
+
+    The left stick commands the speed and the right one the yaw rate; a stick at its end commands
+    the greatest of the range.
+
+    Args:
+        limits: The range.
+        axes: The sticks, -1 to 1, in the order of the W3C's standard layout: left stick to the
+            right and back, right stick to the right and back. Axes that are missing or not finite
+            are at their middle.
+    """
+    _, back, right, _ = (*axes, 0.0, 0.0, 0.0, 0.0)[:4]
+    return np.array(
+        [-_beyond(back) * limits.max_speed, -_beyond(right) * limits.max_yaw_rate]
+    )
+
+
+def _beyond(axis: float) -> float:
+    """Returns a stick's share of its way beyond the dead zone, with its sign."""
+    stick = min(max(axis, -1.0), 1.0) if math.isfinite(axis) else 0.0
+    return math.copysign(max(abs(stick) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), stick)

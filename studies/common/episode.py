@@ -17,7 +17,6 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
@@ -28,13 +27,8 @@ from glassgait.models.policies.controller import (
     estimator_in_loop,
 )
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.day import REQUESTS, Day, lying_state
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.gait_switch import GaitSwitch
-from glassgait.models.task.mode_machine import ModeMachine, ModeStep
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -79,7 +73,6 @@ class ControlStep(NamedTuple):
         outcome: What the simulator returned.
         after: The task's state after the step.
         fallen: Which robots had fallen by the end of the step (n,).
-        modes: Of a day, what its machine brought.
     """
 
     step: int
@@ -91,7 +84,6 @@ class ControlStep(NamedTuple):
     outcome: BatchStep
     after: TaskState
     fallen: BoolArray
-    modes: ModeStep | None = None
 
 
 class Observer:
@@ -116,19 +108,11 @@ class Episode:
         simulator: The simulator.
         robots: Numbers of its robots (n,); all, but for those that were left out.
         step: Number of the control step that comes next.
-        silent: Whether each robot's controller is silent (n,): the joints keep their targets.
     """
 
     simulator: BatchSimulator
     robots: IntArray
     step: int
-    silent: BoolArray
-
-    @property
-    def switching(self) -> SwitchingSimulator:
-        """The robots of an episode of several gaits."""
-        assert isinstance(self.simulator, SwitchingSimulator)
-        return self.simulator
 
 
 class Event(NamedTuple):
@@ -177,53 +161,6 @@ def give(step: int | None, command: Command | FixedCommand) -> Event:
     return Event(step, None, apply)
 
 
-def request(step: int | IntArray, gait: int | IntArray, mask: BoolArray | None = None) -> Event:
-    """Returns a request of another gait, by its number; for episodes of several gaits."""
-
-    def apply(episode: Episode, robots: BoolArray) -> None:
-        simulator = episode.switching
-        simulator.requested = np.where(robots, _own(gait, 1, episode), simulator.requested)
-
-    return Event(step, mask, apply)
-
-
-def dropout(step: int | IntArray, mask: BoolArray | None = None) -> Event:
-    """Returns the end of controllers' answers: from then on joints keep their last targets."""
-
-    def apply(episode: Episode, robots: BoolArray) -> None:
-        episode.silent = episode.silent | robots
-
-    return Event(step, mask, apply)
-
-
-def request_mode(step: int | IntArray, requested: str, mask: BoolArray | None = None) -> Event:
-    """Returns the operator's request of a mode, such as `stand`; for episodes of a day."""
-    number = REQUESTS.index(requested)
-
-    def apply(episode: Episode, robots: BoolArray) -> None:
-        before = episode.simulator.requested_mode
-        episode.simulator.request_mode(np.where(robots, number, before))
-
-    return Event(step, mask, apply)
-
-
-def lie(robot: Robot, day: Day, errors: Array) -> Event:
-    """Returns the begin of a day: robots lie where they are to stand, facing as they did.
-
-    Args:
-        robot: The robot.
-        day: The day.
-        errors: What is added to the angles of folded legs (n, 12; rad).
-    """
-
-    def apply(episode: Episode, _: BoolArray) -> None:
-        state, lying = episode.simulator.state, lying_state(robot, day, errors)
-        lying[:, quadruped.QUATERNION] = state.plant[:, quadruped.QUATERNION]
-        episode.simulator.start_at(lying, state.command)
-
-    return Event(0, None, apply)
-
-
 class Ended(NamedTuple):
     """What became of the n robots of an episode.
 
@@ -237,7 +174,7 @@ class Ended(NamedTuple):
 
 
 def episode(
-    gait: Gait | GaitSwitch,
+    gait: Gait,
     controller: Controller | Policy,
     scenario: Scenario | World,
     *,
@@ -249,14 +186,13 @@ def episode(
     start: TaskState | None = None,
     when_fallen: Literal["rest", "restart", "go on"] = "rest",
     leave_out_every: int | None = None,
-    day: Day | None = None,
 ) -> Ended:
     """Lets a controller move robots, each control step alike: events, observe, act, step, record.
 
     Equal seeds give equal starts, commands and noise, whatever the controller does.
 
     Args:
-        gait: The gait, or several that change on request.
+        gait: The gait.
         controller: The controller, or a policy that acts alone.
         scenario: The world.
         n_robots: Number of robots.
@@ -269,17 +205,15 @@ def episode(
             well diverge on the ground; `restart` its episode; or `go on` as if nothing was.
         leave_out_every: Control steps after which fallen robots are left out, so that they cost
             nothing more; by default none is. Others draw other noise from then on.
-        day: A day, whose modes decide when the controller acts; it always does by default. With it
-            no robot may be left out.
 
     Raises:
         InputError: if commands come from sliders, or the gait is not made for them; or the
             controller has no estimator, and the scenario does not ask for the true body state.
     """
     controller = alone(controller) if isinstance(controller, Policy) else controller
-    make = _maker(gait, controller, scenario, np.random.default_rng(seed), day)
+    make = _maker(gait, controller, scenario, np.random.default_rng(seed))
     everyone = np.arange(n_robots)
-    running = Episode(make(n_robots), everyone, 0, np.zeros(n_robots, dtype=bool))
+    running = Episode(make(n_robots), everyone, 0)
     if start is not None:
         running.simulator.restore(start)
     fell = np.full(n_robots, n_steps)
@@ -301,9 +235,7 @@ def episode(
         memory, action = output.memory, output.action
         if when_fallen == "rest":
             action = np.where(fallen[:, None], 0.0, action)
-        if running.silent.any():
-            action = np.where(running.silent[:, None], before.action, action)
-        outcome = simulator.step(action, silent=running.silent)
+        outcome = simulator.step(action)
         fell[robots[outcome.terminated & ~fallen]] = step
         fallen = fallen | outcome.terminated
         after = simulator.state
@@ -319,7 +251,6 @@ def episode(
                     outcome,
                     after,
                     fallen,
-                    simulator.mode_step,
                 )
             )
         if any(observer.done for observer in observers):
@@ -332,29 +263,19 @@ def episode(
 
 
 def _maker(
-    gait: Gait | GaitSwitch,
+    gait: Gait,
     controller: Controller,
     scenario: Scenario | World,
     generator: np.random.Generator,
-    day: Day | None,
 ) -> Callable[[int], BatchSimulator]:
     """Returns what makes a simulator of some robots, closed on what the controller observes."""
-    shared: dict[str, Any] = {
-        "generator": generator,
-        "estimator": estimator_in_loop(controller, true_body_state=scenario.true_body_state),
-        "day": day and ModeMachine(day, controller.robot, controller.joint_law.limits),
-    }
-    if isinstance(gait, GaitSwitch):
-        assert isinstance(scenario, Scenario)
-        switch, world = gait, scenario
-        physics = make_physics(scenario.robot_of(controller), scenario.station_of(controller))
-        return lambda n: SwitchingSimulator(
-            switch, world, physics, n_robots=n, policy=controller, **shared
-        )
+    estimator = estimator_in_loop(controller, true_body_state=scenario.true_body_state)
     if isinstance(scenario, Scenario):
         scenario = World.of(gait, scenario, controller)
     task, physics, _ = scenario
-    return lambda n: BatchSimulator(task, physics, n_robots=n, **shared)
+    return lambda n: BatchSimulator(
+        task, physics, n_robots=n, generator=generator, estimator=estimator
+    )
 
 
 def _left(
@@ -362,9 +283,7 @@ def _left(
 ) -> tuple[Episode, Any]:
     """Returns an episode of the robots at some places alone, and their controllers' memory."""
     simulator.restore(running.simulator.state.of_robots(up))
-    if isinstance(simulator, SwitchingSimulator):
-        simulator.requested = running.switching.requested[up]
-    left = Episode(simulator, running.robots[up], running.step, running.silent[up])
+    left = Episode(simulator, running.robots[up], running.step)
     return left, _each(lambda own: own[up], memory)
 
 

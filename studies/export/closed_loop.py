@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
-from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import ACTION, LoadedController
 from glassgait.models.policies.controller import (
@@ -188,9 +187,7 @@ class _CompiledController(WrappedController):
 
     def sense(self, running: Episode, _: BoolArray) -> None:
         """Reads what each robot senses now."""
-        simulator = running.simulator
-        several = isinstance(simulator, SwitchingSimulator)
-        self._sensed[:] = moments(simulator.state, simulator.requested if several else None)
+        self._sensed[:] = moments(running.simulator.state, None)
 
     def begin(self, n_robots: int) -> list[Array]:
         return [self.compiled.initial() for _ in range(n_robots)]

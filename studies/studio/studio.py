@@ -3,7 +3,7 @@
 import hashlib
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain, count
@@ -19,11 +19,10 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, write_atomically
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.numbers import FileNumbers
-from glassgait.models.link.gamepad import read_gamepad
-from glassgait.models.link.remote import Remote, Sticks, remote_command
 from glassgait.models.policies.adjustable import AdjustablePolicy
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.command import gamepad_velocity
 from glassgait.models.task.gait import Gait
 from glassgait.studies.studio.background import Work, counted, proved
 from glassgait.studies.studio.live_robot import LiveRobot
@@ -134,7 +133,7 @@ class Studio:
                 command.check(self.gait)
                 self.robot.steer(command)
             case Gamepad(axes=axes):
-                self._steer_by(read_gamepad(axes, ()))
+                self._steer_by(axes)
             case Push(angle=angle, speed=speed):
                 turned = math.radians(angle)
                 self.robot.push(speed * np.array([math.cos(turned), math.sin(turned), 0.0]))
@@ -204,10 +203,10 @@ class Studio:
         """Returns the file with the numbers that count."""
         return self._session().file()
 
-    def _steer_by(self, held: Remote) -> None:
+    def _steer_by(self, axes: Sequence[float]) -> None:
         """Commands what a gamepad does that is touched, and a stop once it no longer is."""
         dwell = self.robot.steering.dwell
-        speed, yaw_rate = remote_command(held, self.gait, Sticks(), dwell).velocity.tolist()
+        speed, yaw_rate = gamepad_velocity(self.gait, axes).tolist()
         touched = speed != 0.0 or yaw_rate != 0.0
         if touched or self._gamepad_commands:
             self.robot.steer(FixedCommand(speed, yaw_rate, dwell), lasts=GAMEPAD_HOLDS)

@@ -8,9 +8,9 @@ import numpy as np
 from glassgait.models.certificates.certificate import OUTCOME_WORDS
 from glassgait.models.formulas.file import formula_lines
 from glassgait.models.formulas.text import written_number
-from glassgait.models.link.remote import Sticks
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.command import DEAD_ZONE
 from glassgait.models.task.palette import state_colors
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.studio.background import ROLLOUTS, Work
@@ -52,7 +52,7 @@ def setup(studio: Studio, policy_name: str) -> dict[str, Any]:
             "yaw_rate": gait.max_yaw_rate,
             "dwell": list(gait.dwell),
         },
-        "dead_zone": Sticks().dead_zone,
+        "dead_zone": DEAD_ZONE,
         "formulas": formulas,
         "places": [_place(place) for place in studio.places] if formulas else [],
         "definitions": [

@@ -1,6 +1,5 @@
 """`glassgait view`: watches one robot."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -14,23 +13,19 @@ from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scena
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import find_gait
-from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
-from glassgait.models.task.day import Day, load_day
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.gait_figure import gait_figure, session_figure
+from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.play import Steps, play
 from glassgait.studies.common.policies import EXPERT, Policies, PolicySource, find_policies_of
 from glassgait.studies.common.run_folder import default_folder, refuse_run, to_plain
-from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 
@@ -74,17 +69,13 @@ class View(PolicySource):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file. Of several the first runs, and each has a
-            button that changes to it while the robot walks; with --live, and with the expert or a
-            kind of students that every gait has.
+        gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
         ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
             default the policy acts alone.
         stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
         live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
-        day: With --live, the robot's day, in some of whose modes the policy acts, and which buttons
-            and a gamepad request: `day`, which ships, or path of a day's file.
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's, where there are no sliders; what is left
             out is the scenario's. A scenario that names no command asks for 0.5 m/s.
@@ -96,12 +87,11 @@ class View(PolicySource):
 
     title: ClassVar[str] = "view"
 
-    gait: Gaits = ("trot",)
+    gait: str = "trot"
     policy: str = "expert"
     ratio: str | None = None
     stills: bool = False
     live: bool = False
-    day: str | None = None
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
     n_steps: Steps | None = None
@@ -112,28 +102,20 @@ class View(PolicySource):
         super().__post_init__()
         if self.live and self.n_steps is not None:
             raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
-        if self.day is not None and not self.live:
-            raise InputError("view: a day's modes are requested by buttons; give --live with --day")
-        if len(self.gait) > 1 and not self.live:
-            raise InputError("view: gaits change by buttons; give --live with several gaits")
-        if len(self.gait) > 1 and self.ratio is not None:
-            raise InputError("view: of several gaits each policy acts alone; leave --ratio out")
 
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
-        gaits = [find_gait(name, self.robot) for name in gaits_named(self.gait)]
-        found = find_policies_of(gaits, self.source, [self.policy], self.robot)
-        policies = list(found.values())
-        gait, policy = self._several(policies) if len(gaits) > 1 else self._one(*policies)
+        gait = find_gait(self.gait, self.robot)
+        (found,) = find_policies_of([gait], self.source, [self.policy], self.robot).values()
+        gait, policy = found.gait, self._controller(found)
         scenario = load_scenario(self.scenario)
         if self.live:
             scenario = replace(scenario, command=SliderCommand())
         else:
             scenario = self.command.over(scenario)
-        day = None if self.day is None else load_day(self.day)
-        stem = self._stem(gaits, policy)
+        stem = self._stem(gait, policy)
         refuse_run(stem.parent)
-        rollout, ending = self._play(gait, policy, scenario, stem, day)
+        rollout, ending = self._play(gait, policy, scenario, stem)
         record = {**to_plain(self), "scenario": scenario.to_plain()}
         write_atomically(_beside(stem, ".yaml"), yaml.safe_dump(record, sort_keys=False))
         self._draw(gait, policy, rollout, stem)
@@ -142,14 +124,8 @@ class View(PolicySource):
         stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
         console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")
 
-    def _several(self, found: Sequence[Policies]) -> tuple[GaitSwitch, AlternatingController]:
-        """Loads the gaits that change, and the controller of each."""
-        switch = GaitSwitch([own.gait for own in found])
-        controllers = [own.controller(self.policy) for own in found]
-        return switch, alone(SwitchedPolicy(switch, controllers))
-
-    def _one(self, found: Policies) -> tuple[Gait, AlternatingController]:
-        """Loads the controller of the only gait."""
+    def _controller(self, found: Policies) -> AlternatingController:
+        """Loads the controller."""
         controller = found.controller(self.policy)
         student = None if self.policy == EXPERT else controller.policy
         period = parse_ratio(
@@ -157,37 +133,33 @@ class View(PolicySource):
         )
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
-        return found.gait, AlternatingController(controller.expert, student, period)
+        return AlternatingController(controller.expert, student, period)
 
     def _ratio(self, policy: AlternatingController) -> str | None:
         """Returns the ratio as the paper writes it, so that 0.25 and 1/4 are one."""
         return None if self.ratio is None else ratio_title(policy.period)
 
-    def _stem(self, gaits: Sequence[Gait], policy: AlternatingController) -> Path:
+    def _stem(self, gait: Gait, policy: AlternatingController) -> Path:
         """Returns the path of what is written, without its ending."""
         ratio = (self._ratio(policy) or "alone").replace("/", "-")
         world = scenario_name(self.scenario)
         parts = [Path(self.policy).stem, ratio]
         parts += [world] if world != TRAINING else []
-        parts += ["changing"] if len(gaits) > 1 else []
-        parts += [] if self.day is None else [Path(self.day).stem]
-        folder = default_folder(self.title, policy.robot.name) / gaits[0].name
+        folder = default_folder(self.title, policy.robot.name) / gait.name
         return (self.output or folder) / "_".join(parts)
 
     def _play(
         self,
-        gait: Gait | GaitSwitch,
+        gait: Gait,
         policy: AlternatingController,
         scenario: Scenario,
         stem: Path,
-        day: Day | None,
     ) -> tuple[Rollout, str]:
         """Returns what the robot did, and how it ended."""
         replay, meshcat = _beside(stem, ".html"), open_meshcat()
         if self.live:
-            rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed, day=day)
+            rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
             return rollout, f"stopped after {rollout.time[-1]:.2f} s"
-        assert isinstance(gait, Gait)
         n_steps = N_STEPS if self.n_steps is None else self.n_steps
         rollout = play(gait, policy, scenario, meshcat, replay, n_steps=n_steps, seed=self.seed)
         end = "fell" if rollout.failed else "stayed up"
@@ -196,23 +168,17 @@ class View(PolicySource):
 
     def _draw(
         self,
-        gait: Gait | GaitSwitch,
+        gait: Gait,
         policy: AlternatingController,
         rollout: Rollout,
         stem: Path,
     ) -> None:
         """Draws the gait diagram and, where they are asked for, stills."""
         ratio = f", ratio {self._ratio(policy)}" if self.ratio is not None else ""
-        title = f", {self.policy}{ratio}"
-        if isinstance(gait, GaitSwitch):
-            shown = gait.gait
-            figure = session_figure(rollout, gait, shown.description + title)
-        else:
-            shown = gait
-            figure = gait_figure(rollout, gait, gait.name + title)
-        save_figure(figure, stem)
+        title = f"{gait.name}, {self.policy}{ratio}"
+        save_figure(gait_figure(rollout, gait, title), stem)
         if self.stills:
-            strip = gait_strip(policy.robot, rollout, shown)
+            strip = gait_strip(policy.robot, rollout, gait)
             save_figure(strip, stem.with_name(f"{stem.name}_stills"))
 
 

@@ -33,7 +33,7 @@ SHAPES = {"trunk_box", "thigh_box", "calf_box"}
 LIMITS = {"position_limits", "effort_limits", "velocity_limits"}
 LAW = {"stance", "stiffness", "damping", "action_scale"}
 NEEDED = {"name", "full_name", "description"} | SIZES | SHAPES | LIMITS | LAW
-ALLOWED = NEEDED | {"motor_order", "foot_force", "inertias"}
+ALLOWED = NEEDED | {"motor_order", "inertias"}
 """Keys of a robot's file. Most are none of a proof's business, but no file has others."""
 
 Box = dict[str, tuple[float, float]]
