@@ -26,7 +26,6 @@ from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.contact_trust import ContactTrustSystem
-from glassgait.systems.observation_offset import Intervention, ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
@@ -121,7 +120,6 @@ def AddController(  # noqa: N802
     policy: Controller | Policy | None,
     senses: Senses,
     limited: bool,
-    intervention: Intervention | None = None,
 ) -> ControllerPorts:
     """Adds observation, estimator, policies and action hold, and connects the reward machine.
 
@@ -135,7 +133,6 @@ def AddController(  # noqa: N802
         senses: What it observes by. An estimator gives the observed body state and the foot heights
             that the reward machine reads.
         limited: Whether joints follow targets within their ranges alone.
-        intervention: Gives the policy another observation for some control steps.
 
     Raises:
         InputError: if a policy was made for another gait or observation.
@@ -166,8 +163,7 @@ def AddController(  # noqa: N802
     builder.Connect(body_state, observation.get_input_port(1))
     acting: dict[str, OutputPort] = {}
     if policy is not None:
-        given = _given_observation(builder, observation.get_output_port(), intervention)
-        acting = AddPolicies(builder, policy, given)
+        acting = AddPolicies(builder, policy, observation.get_output_port())
         if senses.limits is not None:
             acting["actions"] = _limited(
                 builder, robot, senses.limits, acting["actions"], sensed, hold
@@ -297,14 +293,3 @@ def _needed(port: OutputPort | None, what: str) -> OutputPort:
     if port is None:
         raise ValueError(f"controller: it observes by {what}; connect an output for it")
     return port
-
-
-def _given_observation(
-    builder: DiagramBuilder, observation: OutputPort, intervention: Intervention | None
-) -> OutputPort:
-    """Returns what the policies observe."""
-    if intervention is None:
-        return observation
-    offset = builder.AddNamedSystem("observation_offset", ObservationOffset(intervention))
-    builder.Connect(observation, offset.get_observation_input_port())
-    return offset.get_given_observation_output_port()

@@ -18,7 +18,6 @@ from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
-from glassgait.systems.observation_offset import Intervention
 from glassgait.systems.reward_machine import RewardMachineSystem
 
 
@@ -29,7 +28,6 @@ def MakeLocomotion(  # noqa: N802
     policy: Controller | Policy | None = None,
     senses: Senses | None = None,
     meshcat: Meshcat | None = None,
-    intervention: Intervention | None = None,
 ) -> Diagram:
     """Builds the station with the task and the policies around it.
 
@@ -80,8 +78,6 @@ def MakeLocomotion(  # noqa: N802
             where no policy is given.
         senses: Where no policy is given, what is observed by; the true body state by default.
         meshcat: Shows robot, contacts and machine state there.
-        intervention: Gives the policy another observation for some control steps; the outputs are
-            the robot's own.
 
     Raises:
         InputError: if a policy was made for another gait or observation, or has no estimator, and
@@ -113,7 +109,6 @@ def MakeLocomotion(  # noqa: N802
         policy=policy,
         senses=senses,
         limited=joint_law.limited,
-        intervention=intervention,
     )
     hold = controller.hold
     if policy is None:

@@ -142,9 +142,7 @@ def gamepad_velocity(limits: CommandRange, axes: Sequence[float]) -> Array:
             are at their middle.
     """
     _, back, right, _ = (*axes, 0.0, 0.0, 0.0, 0.0)[:4]
-    return np.array(
-        [-_beyond(back) * limits.max_speed, -_beyond(right) * limits.max_yaw_rate]
-    )
+    return np.array([-_beyond(back) * limits.max_speed, -_beyond(right) * limits.max_yaw_rate])
 
 
 def _beyond(axis: float) -> float:

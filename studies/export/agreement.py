@@ -16,20 +16,16 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
-from glassgait.models.task.day import REQUESTS, Day
+from glassgait.models.task.day import REQUESTS
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.imu import GRAVITY
 from glassgait.studies.common.episode import (
-    BoolArray,
     ControlStep,
-    Episode,
-    Event,
     IntArray,
     Observer,
     episode,
-    lie,
 )
 from glassgait.studies.common.observers import Observations
 
@@ -205,61 +201,23 @@ def _random_moments(
 
 
 def recorded_sequences(
-    gait: Gait | GaitSwitch,
-    controller: AlternatingController,
-    n_steps: int,
-    seed: int,
-    day: Day | None = None,
+    gait: Gait, controller: AlternatingController, n_steps: int, seed: int
 ) -> list[list[Moment]]:
-    """Records what robots sense that the controller moves, in the training world.
-
-    With a day they lie at first, and what is requested of them is drawn.
-    """
+    """Records what robots sense that the controller moves, in the training world."""
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
     own_steps = n_steps // n_robots
-    if isinstance(gait, GaitSwitch):
-        requested = drawn_requests(gait, n_robots, own_steps, REQUEST_STEPS, seed)
-        world, events = Scenario(), [asking(requested)]
-    else:
-        requested, world, events = None, UNLIMITED, []
-    modes = None
-    if day is not None:
-        modes = drawn_mode_requests(n_robots, own_steps, seed)
-        folded = np.zeros((n_robots, quadruped.N_JOINTS))
-        events += [lie(controller.robot, day, folded), asking_modes(modes)]
-    recorded = RecordedMoments(n_robots, requested, modes)
+    recorded = RecordedMoments(n_robots)
     episode(
         gait,
         controller,
-        world,
+        UNLIMITED,
         n_robots=n_robots,
         n_steps=own_steps,
         seed=seed,
         observers=[recorded],
-        events=events,
         when_fallen="go on",
-        day=day,
     )
     return recorded.sequences
-
-
-def drawn_mode_requests(n_robots: int, n_steps: int, seed: int) -> IntArray:
-    """Draws what the operator requests of robots (n_steps, n_robots), at first to walk."""
-    generator = np.random.default_rng([seed, 3])
-    asked = [_drawn_modes(n_steps, generator) for _ in range(n_robots)]
-    modes = np.stack(asked, axis=1)
-    # Long enough to rise and walk a while.
-    modes[: 3 * MODE_STEPS] = REQUESTS.index("walk")
-    return modes
-
-
-def asking_modes(requested: IntArray) -> Event:
-    """Returns the event that requests modes in each control step (T, n)."""
-
-    def ask(running: Episode, _: BoolArray) -> None:
-        running.simulator.request_mode(requested[running.step])
-
-    return Event(None, None, ask)
 
 
 def drawn_requests(
@@ -275,18 +233,6 @@ def drawn_requests(
     onward[0] = 0
     requested = np.cumsum(onward, axis=0) % n_gaits
     return np.repeat(requested, every, axis=0)[:n_steps]
-
-
-def asking(requested: IntArray) -> Event:
-    """Returns the event that requests gaits in each control step (T, n).
-
-    What is requested while a step goes on is read at its end, with what is sensed then.
-    """
-
-    def ask(running: Episode, _: BoolArray) -> None:
-        running.switching.requested = requested[running.step]
-
-    return Event(None, None, ask)
 
 
 class RecordedMoments(Observer):

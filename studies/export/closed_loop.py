@@ -18,12 +18,11 @@ from glassgait.models.policies.controller import (
 )
 from glassgait.models.task.command import sample_commands
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.episode import BoolArray, Episode, Event, IntArray, episode
 from glassgait.studies.common.observers import Log, Snapshots
 from glassgait.studies.common.scores import score_rollouts
-from glassgait.studies.export.agreement import Moment, asking, drawn_requests, moments
+from glassgait.studies.export.agreement import Moment, moments
 
 WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}
 """Scenario of each engine."""
@@ -48,7 +47,7 @@ class _Run(NamedTuple):
 
 
 def walk_both(
-    gait: Gait | GaitSwitch,
+    gait: Gait,
     controller: AlternatingController,
     exported: Maker,
     *,
@@ -84,17 +83,12 @@ def walk_both(
             for make in (by_policy, exported)
         )
         row = compared(engine, title, python.scores, other.scores)
-        if isinstance(gait, GaitSwitch):
-            row["changes, Python"] = _changes_of_gait(gait, python.states)
-            row[f"changes, {title}"] = _changes_of_gait(gait, other.states)
-            apart = np.any(python.states != other.states, axis=0)
-            row["robots, RM state apart"] = int(apart.sum())
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def _walked(
-    gait: Gait | GaitSwitch,
+    gait: Gait,
     controller: Controller,
     senses: Sequence[Event],
     scenario: Scenario,
@@ -103,11 +97,7 @@ def _walked(
     n_steps: int,
     seed: int,
 ) -> _Run:
-    if isinstance(gait, GaitSwitch):
-        requested = drawn_requests(gait, n_robots, n_steps, REQUEST_STEPS, seed)
-        events = [*senses, asking(requested)]
-    else:
-        events = [_one_command(gait, n_robots, seed), *senses]
+    events = [_one_command(gait, n_robots, seed), *senses]
     log = Log(controller, scenario)
     snapshots = Snapshots()
     episode(
@@ -139,12 +129,6 @@ def _one_command(gait: Gait, n_robots: int, seed: int) -> Event:
         simulator.set_command(command)
 
     return Event(0, None, begin)
-
-
-def _changes_of_gait(switch: GaitSwitch, states: IntArray) -> int:
-    """Counts the changes of the gait of all robots, in states (T, n) that are -1 after a fall."""
-    running = switch.gait_of(states)
-    return int(np.sum((running[1:] != running[:-1]) & (states[1:] >= 0)))
 
 
 def by_policy(controller: Controller) -> tuple[Controller, Sequence[Event]]:

@@ -186,7 +186,7 @@ class CFile(Exported):
         day, recorded, seed = self.deployment.day, effort.n_recorded, effort.seed
         drawn = random_sequences(controller.robot, gait, effort.n_steps - recorded, seed)
         sequences = {
-            "recorded": recorded_sequences(gait, controller, recorded, seed, day),
+            "recorded": recorded_sequences(gait, controller, recorded, seed),
             "random": drawn if day is None else with_requested_modes(drawn, seed),
         }
         python = PythonController(gait, controller, day)

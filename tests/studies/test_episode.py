@@ -16,13 +16,10 @@ from glassgait.models.policies.controller import (
     WrappedController,
     alone,
 )
-from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.gait_switch import GaitSwitch
-from glassgait.studies.common.episode import Event, Observer, dropout, episode, give, push, request
+from glassgait.studies.common.episode import Event, Observer, episode, give, push
 from glassgait.studies.common.observers import Observations, Snapshots
 
 CALM = Scenario(sensor_noise=0.0, command=FixedCommand(0.5))
@@ -130,28 +127,6 @@ def test_a_command_holds_from_its_step_on(expert):
     command = Command(np.full((3, 2), 0.3), np.full(3, 9.0))
     steps, _ = play(expert, events=[give(2, command)])
     assert [float(step.before.command.velocity[0, 1]) for step in steps] == [0, 0, *[0.3] * 4]
-
-
-def test_joints_keep_their_targets_where_a_controller_is_silent(expert):
-    steps, _ = play(expert, events=[dropout(2, np.array([False, True, False]))])
-    actions = np.array([step.action for step in steps])
-    assert (actions[2:, 1] == actions[1, 1]).all()
-    assert not (actions[2:, 0] == actions[1, 0]).any()
-
-
-def test_gaits_change_on_request():
-    gaits = [load_gait(name) for name in ("walk", "trot")]
-    switch = GaitSwitch(gaits)
-    policy = SwitchedPolicy(switch, [alone(load_expert(gait)) for gait in gaits])
-    steps, _ = play(
-        policy,
-        Scenario(command=FixedCommand(0.3)),
-        gait=switch,
-        n_steps=60,
-        events=[request(10, 1, np.array([True, False, True]))],
-    )
-    assert switch.gait_of(steps[9].after.machine.state).tolist() == [0, 0, 0]
-    assert switch.gait_of(steps[-1].after.machine.state).tolist() == [1, 0, 1]
 
 
 def test_memory_goes_from_step_to_step(expert):

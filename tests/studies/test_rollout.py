@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from itertools import count
 from queue import Empty, Queue
 
 import numpy as np
@@ -19,19 +18,15 @@ import glassgait.studies.view.command
 import glassgait.studies.view.live
 from glassgait.diagrams.commands import SliderCommand
 from glassgait.diagrams.gait_machine import gait_buttons
-from glassgait.diagrams.rollout import Rollout, make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.task.day import load_day
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.cli import main
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.gait_figure import gait_figure, session_figure
-from glassgait.studies.view.live import STOP_BUTTON, play_live
+from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.view.live import play_live
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
@@ -213,42 +208,6 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
     assert (tmp_path / "replay.html").exists()
 
 
-def test_a_robot_with_a_day_rises_by_its_button_and_is_not_put_back(trot, tmp_path, monkeypatch):
-    """Faster than the clock; the button is clicked as a browser does."""
-    monkeypatch.setattr(
-        glassgait.studies.view.live,
-        "make_simulator",
-        lambda *values, **named: make_simulator(*values, **(named | {"realtime_rate": 0.0})),
-    )
-    meshcat, steps = open_meshcat(), count()
-
-    def pusher(*_):
-        def pushed():
-            step = next(steps)
-            if step == 30:
-                click(meshcat, "stand")
-            if step == 200:
-                click(meshcat, STOP_BUTTON)
-
-        return pushed
-
-    monkeypatch.setattr(glassgait.studies.view.live, "pusher", pusher)
-    day = load_day()
-    rollout = play_live(
-        trot,
-        alone(load_student("trot", "sparse_formula"), load_expert("trot")),
-        Scenario(command=SliderCommand(), sensor_noise=0.0),
-        meshcat,
-        tmp_path / "replay.html",
-        day=day,
-    )
-    height, modes = rollout["state"][:, 6], rollout["mode"].ravel().astype(int)
-    # A robot that lies shows failures of the task, which do not end its day.
-    assert rollout["failures"][:20].any()
-    assert height[25] < 0.06 and height[-1] > 0.25
-    assert [day.names[mode] for mode in np.unique(modes)] == ["rest", "fold", "rise", "stand"]
-
-
 def click(meshcat, name):
     words = ("type", "button", "name", name)
     packed = b"".join(bytes([0xA0 | len(word)]) + word.encode() for word in words)
@@ -277,13 +236,7 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
         (["--seed", "99999999999999999999"], "seed"),
         (["--policy", "symbolic", "--ratio", ""], "alternation ratio"),
         (["--live", "--n-steps", "150"], "--n-steps"),
-        (["--day", "day"], "give --live with --day"),
-        (["--live", "--day", "night"], "unknown day 'night'"),
-        (["--gait", "trot", "walk"], "--live"),
-        (["--live", "--gait", "trot", "walk", "--ratio", "1"], "--ratio"),
-        (["--live", "--gait", "trot", "trot"], "gait"),
-        (["--live", "--gait", "trot", "gallop"], "gait 'gallop'"),
-        (["--live", "--gait", "trot", "walk", "--policy", "own.formulas"], "no files of your own"),
+        (["--gait", "gallop"], "gait 'gallop'"),
         (["--robot", "."], "is a folder"),
         (["--command.speed", "nan"], "speed"),
         (["--command.yaw-rate", "-9"], "yaw_rate"),
@@ -293,32 +246,6 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
 def test_bad_settings_are_refused_before_anything_is_written(refused, tmp_path, arguments, key):
     assert key in refused(["view", *arguments, "--output", str(tmp_path / "shown")])
     assert not (tmp_path / "shown").exists()
-
-
-def test_a_session_of_several_gaits_has_a_whole_diagram_of_each_that_ran(tmp_path):
-    switch = GaitSwitch([load_gait(name) for name in ("trot", "bound", "pace", "walk")])
-    # 3 s of trot, 2 s of walk, 0.2 s of trot; the walk has the last four of ten states.
-    states = np.repeat([0, 1, 6, 7, 8, 9, 1], [75, 75, 25, 25, 25, 25, 10])
-    values = {"rm_state": np.eye(10)[states], "foot_contact": np.ones((260, 4))}
-    rollout = Rollout(np.linspace(0.0, 5.18, 260), values)
-    figure = session_figure(rollout, switch, "session")
-    top, *rows = figure.axes
-    assert [label.get_text() for label in top.get_yticklabels()] == [
-        "trot",
-        "bound",
-        "pace",
-        "walk",
-    ]
-    assert [axes.get_title() for axes in rows] == ["trot", "walk"]
-    legends = [legend for axes in rows if (legend := axes.get_legend())]
-    names = [[text.get_text() for text in legend.get_texts()] for legend in legends]
-    assert names == [["contact", "q0", "q1"], ["contact", "q0", "q1", "q2", "q3"]]
-    np.testing.assert_allclose([axes.get_xlim() for axes in rows], [(1.0, 3.0), (3.0, 5.0)])
-    save_figure(figure, tmp_path / "session", ("png",))
-    for legend in legends:
-        box = legend.get_window_extent()
-        assert figure.bbox.y0 <= box.y0
-        assert box.y1 <= figure.bbox.y1
 
 
 @pytest.fixture

@@ -77,40 +77,12 @@ def test_a_gamepad_that_reports_nonsense_commands_within_the_range(trot, latch, 
     np.testing.assert_allclose(commanded(system, context), [1.0, 1.0, 8])
 
 
-def test_a_gamepad_whose_browser_is_gone_commands_nothing_until_it_reports_again(
-    trot, latch, meshcat, browsers
-):
+def test_a_gamepad_whose_browser_is_gone_commands_nothing(trot, latch, browsers):
     system = MeshcatCommand(trot, browsers)
     context = system.CreateDefaultContext()
-    browsers.n_browsers = 2
-    for before, after in ((2, 1), (1, 0)):
-        browsers.n_browsers = before
-        browsers.hold(0.0, -1.0, -0.55, 0.01 * before)
-        latch(system, context)
-        np.testing.assert_allclose(commanded(system, context)[:2], [1.0, 0.5])
-        # Meshcat goes on to give the last report, to another browser too.
-        browsers.n_browsers = after
-        for _ in range(2):
-            latch(system, context)
-            np.testing.assert_array_equal(commanded(system, context)[:2], [0.0, 0.0])
-        browsers.n_browsers = 1
-        latch(system, context)
-        np.testing.assert_array_equal(commanded(system, context)[:2], [0.0, 0.0])
-
-
-def test_an_attended_robot_steps_on_the_spot_at_first_and_while_no_browser_is_there(
-    trot, latch, browsers
-):
-    system = MeshcatCommand(trot, browsers, attended=True)
-    context = system.CreateDefaultContext()
-    assert commanded(system, context)[:2] == [0.0, 0.0]
+    browsers.hold(0.0, -1.0, -0.55, 0.0)
     latch(system, context)
-    assert commanded(system, context)[:2] == [0.0, 0.0]
-    move(browsers, 0.5, 0.25, 8)
-    latch(system, context)
-    assert commanded(system, context)[:2] == [0.5, 0.25]
+    np.testing.assert_allclose(commanded(system, context)[:2], [1.0, 0.5])
     browsers.n_browsers = 0
     latch(system, context)
-    browsers.n_browsers = 1
-    latch(system, context)
-    assert commanded(system, context)[:2] == [0.0, 0.0]
+    np.testing.assert_array_equal(commanded(system, context)[:2], [0.0, 0.0])

@@ -1,12 +1,10 @@
 """Ports of every leaf system: their names and sizes, feedthrough, docstrings and clones."""
 
-import copy
 import importlib
 import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Mapping
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,58 +14,42 @@ from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 import glassgait.systems
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.task.day import load_day
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.randomization import Randomization
-from glassgait.models.task.request import RequestGate
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.command import RandomCommand
-from glassgait.systems.command_receiver import CommandReceiver
-from glassgait.systems.command_sender import CommandSender
-from glassgait.systems.compiled_controller import CompiledController
 from glassgait.systems.contact_sensor import ContactSensor
 from glassgait.systems.contact_trust import ContactTrustSystem
 from glassgait.systems.fall_monitor import FallMonitor
-from glassgait.systems.foot_force_sensor import FootForceSensor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.function import FunctionSystem
 from glassgait.systems.gait_display import GaitDisplay
-from glassgait.systems.gait_switch import GaitSwitchSystem
 from glassgait.systems.given_command import GivenCommand
 from glassgait.systems.imu import ImuSensor
 from glassgait.systems.joint_sensor import JointSensor
 from glassgait.systems.joint_targets import JointTargets
-from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.meshcat_command import MeshcatCommand
-from glassgait.systems.meshcat_request import MeshcatRequest
-from glassgait.systems.mode_machine import ModeMachineSystem
-from glassgait.systems.observation_offset import Intervention, ObservationOffset
 from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward import RewardSystem
 from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.sensor_bias import SensorBias
-from glassgait.systems.sensors_receiver import SensorsReceiver
-from glassgait.systems.sensors_sender import SensorsSender
 from glassgait.systems.state_estimator import StateEstimator
 from glassgait.systems.symbolic_policy import make_symbolic_policy
 from glassgait.systems.target_limits import TargetLimitsSystem
-from glassgait.systems.targets_sender import TargetsSender
 from glassgait.systems.world_state import WorldState
 
-A1, TROT, WALK = load_robot(), load_gait("trot"), load_gait("walk")
+A1, TROT = load_robot(), load_gait("trot")
 LAYOUT = ObservationLayout(TROT.n_states)
 POLICY = LinearPolicy("trot", LAYOUT.names, np.ones((12, 49)), np.zeros(12))
 EXPERT, STUDENT = InputPortIndex(1), InputPortIndex(2)
@@ -89,15 +71,6 @@ class Ports(NamedTuple):
     """Pairs of input and output port; None where they are all."""
 
 
-def with_imu(compiled):
-    """A controller that has every port that one may have."""
-    own = copy.copy(compiled)
-    initial = own.initial()
-    own.has_imu = own.has_day = True
-    own.initial = lambda: initial
-    return own
-
-
 PORTS: dict[Any, Ports] = {
     ActionDelay: Ports(
         lambda: ActionDelay(0.01, 0.01), {"held_action": 12}, {"delayed_action": 12}, set()
@@ -109,22 +82,6 @@ PORTS: dict[Any, Ports] = {
         lambda: AlternationSchedule(2, EXPERT, STUDENT), {}, {"port_selector": ABSTRACT}
     ),
     BodyStateSensor: Ports(lambda: BodyStateSensor(A1), {"state": 37}, {"body_state": 7}),
-    CommandReceiver: Ports(
-        lambda: CommandReceiver(TROT),
-        {"message": ABSTRACT},
-        {**COMMAND, "requested_mode": 1},
-    ),
-    CommandSender: Ports(
-        lambda: CommandSender(session=3), {**COMMAND, "requested_mode": 1}, {"message": ABSTRACT}
-    ),
-    CompiledController: Ports(
-        lambda compiled_pages: CompiledController(with_imu(compiled_pages)),
-        {
-            **{"joints": 24, "touching": 4, **COMMAND},
-            **{"requested_gait": 1, "requested_mode": 1, "imu": 9},
-        },
-        {"action": 12, "targets": 12, "status": 1, "damped": 1, "mode": 1},
-    ),
     ContactSensor: Ports(
         lambda: ContactSensor(0.1), {"touching": 4, "uniform_noise": 4}, {"sensed_contact": 4}
     ),
@@ -138,19 +95,11 @@ PORTS: dict[Any, Ports] = {
         {"state": 37, "action": 12, "previous_action": 12},
         {"failures": 7},
     ),
-    FootForceSensor: Ports(
-        lambda: FootForceSensor({}), {"contact_results": ABSTRACT}, {"foot_force": 4}
-    ),
     FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, {**FEET, "touching": 4}),
     GaitDisplay: Ports(
         lambda meshcat: GaitDisplay(A1, TROT, meshcat),
         {"state": 37, "rm_state": 2, "foot_contact": 4},
         {},
-    ),
-    GaitSwitchSystem: Ports(
-        lambda: GaitSwitchSystem(GaitSwitch([TROT, WALK])),
-        {**FEET, "commanded_dwell": 1, "acted": 1, "requested_gait": 1},
-        {**MACHINE, "rm_state": 6},
     ),
     GivenCommand: Ports(
         lambda: GivenCommand(TROT),
@@ -177,53 +126,7 @@ PORTS: dict[Any, Ports] = {
     JointTargets: Ports(
         lambda: JointTargets(A1, quadruped.JOINTS), {"action": 12}, {"desired_state": 24}
     ),
-    LinkWatchdog: Ports(
-        lambda: LinkWatchdog(A1, Watchdog(), session=9, time_step=0.01),
-        {"message": ABSTRACT, "state": 37},
-        {"targets": 12, "phase": 1, "followed": 1, "mode": 1},
-        {("message", "mode")},
-    ),
     MeshcatCommand: Ports(lambda meshcat: MeshcatCommand(TROT, meshcat), {}, COMMAND),
-    MeshcatRequest: Ports(
-        lambda meshcat: MeshcatRequest(
-            ["up", "down"], meshcat, keys=(), by_gamepad=max, gate=RequestGate(None)
-        ),
-        {"mode": 1},
-        {"requested": 1},
-        set(),
-    ),
-    ModeMachineSystem: Ports(
-        lambda: ModeMachineSystem(A1, load_day()),
-        {
-            "action": 12,
-            "previous_action": 12,
-            "joints": 24,
-            "imu": 9,
-            "command": 2,
-            "requested_mode": 1,
-        },
-        {
-            "asked_action": 12,
-            "served_command": 2,
-            "mode": 1,
-            "acts": 1,
-            "damped": 1,
-            "acted": 1,
-        },
-        {
-            *product(
-                ("action", "previous_action", "joints", "imu", "command", "requested_mode"),
-                ("asked_action", "mode", "acts", "damped"),
-            ),
-            ("command", "served_command"),
-            ("requested_mode", "served_command"),
-        },
-    ),
-    ObservationOffset: Ports(
-        lambda: ObservationOffset(Intervention(np.zeros(3), first=2, count=2)),
-        {"observation": 3},
-        {"given_observation": 3},
-    ),
     OdometrySystem: Ports(
         lambda: OdometrySystem(A1, Odometry()),
         {"joints": 24, "imu": 9, "touching": 4},
@@ -248,7 +151,7 @@ PORTS: dict[Any, Ports] = {
     ),
     RandomCommand: Ports(lambda: RandomCommand(TROT), {"seed": 1}, COMMAND),
     RewardMachineSystem: Ports(
-        lambda: RewardMachineSystem(TROT), {**FEET, "commanded_dwell": 1, "acted": 1}, MACHINE
+        lambda: RewardMachineSystem(TROT), {**FEET, "commanded_dwell": 1}, MACHINE
     ),
     RewardSystem: Ports(
         lambda: RewardSystem(A1),
@@ -279,14 +182,6 @@ PORTS: dict[Any, Ports] = {
     SensorBias: Ports(
         lambda: SensorBias(Randomization()), {"seed": 1}, {"encoder_bias": 12, "imu_bias": 9}
     ),
-    SensorsReceiver: Ports(
-        SensorsReceiver, {"message": ABSTRACT}, {"joints": 24, "touching": 4, "imu": 9}
-    ),
-    SensorsSender: Ports(
-        lambda: SensorsSender(session=3),
-        {"joints": 24, "touching": 4, "imu": 9, "followed": 1},
-        {"message": ABSTRACT},
-    ),
     StateEstimator: Ports(
         lambda: StateEstimator(lambda own: own[:7], 42),
         {"proprioception": 42},
@@ -297,11 +192,6 @@ PORTS: dict[Any, Ports] = {
         lambda: TargetLimitsSystem(A1, TargetLimits(40.0)),
         {"action": 12, "previous_action": 12, "joints": 24, "imu": 9},
         {"limited_action": 12},
-    ),
-    TargetsSender: Ports(
-        lambda: TargetsSender(A1),
-        {"action": 12, "sensors": ABSTRACT, "damped": 1, "mode": 1},
-        {"message": ABSTRACT},
     ),
     WorldState: Ports(WorldState, {"plant_state": 37}, {"state": 37}),
     make_symbolic_policy: Ports(lambda: make_symbolic_policy(POLICY), {"u0": 49}, {"y0": 12}),
