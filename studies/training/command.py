@@ -11,15 +11,12 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots.library import load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.console import console, progress_bar
+from glassgait.studies.common.console import console
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import read_config
-from glassgait.studies.training.study import TrainingRun
-
-LINES_EVERY = 10
+from glassgait.studies.training.run import TrainingRun
 
 
 @dataclass(frozen=True)
@@ -84,30 +81,4 @@ def train_job(config: TrainingConfig, job: Job, *, resume: bool = True) -> None:
         free=("updates",),
     ):
         begun = (job.folder / CHECKPOINT_NAME).exists()
-        show_learning(TrainingRun(config, gait, job.folder, resume=begun))
-
-
-def show_learning(run: LearningRun) -> None:
-    """Lets a run learn to its end, and reports how it goes.
-
-    Raises:
-        InputError: if the run has more updates already than its settings name.
-    """
-    updates = run.config.updates
-    if run.progress.update > updates:
-        raise InputError(
-            f"{run.folder}: has {run.progress.update} updates already; ask for more with --updates"
-        )
-    with progress_bar(updates, run.progress.update) as (progress, task):
-
-        def report(run: LearningRun, row: dict[str, float]) -> None:
-            line = (
-                f"{run.control_steps / run.progress.seconds:5.0f} steps/s  "
-                f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "
-                f"difficulty {row['difficulty']:.2f}  failures {row['failure_rate']:.4f}"
-            )
-            progress.update(task, completed=run.progress.update, text=line)
-            if not console.is_terminal and run.progress.update % LINES_EVERY == 0:
-                console.print(f"update {run.progress.update}/{updates}  {line}")
-
-        run.run(report)
+        TrainingRun(config, gait, job.folder, resume=begun).run()

@@ -1,6 +1,5 @@
 """The batch simulator as PPO sees it: observation groups, scaled rewards and resets."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -33,7 +32,7 @@ OBSERVATION_GROUPS = {
 
 
 def observed_by_actor(observations: TensorDict) -> torch.Tensor:
-    """Returns what the actor observes (n, n_observations), of observation groups (n, ...)."""
+    """Returns the actor's observations (n, n_observations) from observation groups (n, ...)."""
     return torch.cat([observations[group] for group in OBSERVATION_GROUPS["actor"]], dim=1)
 
 
@@ -43,10 +42,10 @@ class TrainingStep(NamedTuple):
     Attributes:
         observations: Observation groups (n, ...).
         rewards: Scaled rewards (n,).
-        dones: Whether the episode ended (n,), also in a sink of the machine: what follows
-            earns nothing.
+        dones: Whether the episode ended (n,). It also ends in a sink of the reward machine, where
+            nothing more can be earned.
         time_outs: Whether it ended only by its length (n,).
-        task: What the simulator reports.
+        task: The simulator's report of the step.
     """
 
     observations: TensorDict
@@ -56,55 +55,8 @@ class TrainingStep(NamedTuple):
     task: BatchStep
 
 
-class Environment(ABC):
-    """Robots that learn; an episode that ends starts anew in the same step.
-
-    Attributes:
-        difficulty: Factor on what the reward machine's transitions ask for.
-        hardship: Share of the pushes' speed, and from the next draw of worlds on of the ground's.
-    """
-
-    difficulty: float
-    hardship: float
-
-    @abstractmethod
-    def draw_worlds(self) -> None:
-        """Draws the groups' frictions anew, and lays ground of today's hardship."""
-
-    @abstractmethod
-    def observe(self) -> TensorDict:
-        """Returns the observation groups of all robots."""
-
-    @abstractmethod
-    def step(self, actions: torch.Tensor) -> TrainingStep:
-        """Holds actions (n, 12) for one control step and resets the robots that ended."""
-
-    def play(
-        self, act: Callable[[TensorDict], torch.Tensor], n_steps: int
-    ) -> Iterator[tuple[TensorDict, TrainingStep]]:
-        """Lets robots act for some control steps, and yields each with what was observed before.
-
-        Args:
-            act: Maps observation groups (n, ...) to actions (n, 12).
-            n_steps: Control steps.
-        """
-        observations = self.observe()
-        for _ in range(n_steps):
-            step = self.step(act(observations))
-            yield observations, step
-            observations = step.observations
-
-    @abstractmethod
-    def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
-
-    @abstractmethod
-    def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
-        """Continues from what `to_arrays` returned."""
-
-
-class TrainingEnvironment(Environment):
-    """The robots of one batch simulator."""
+class Environment:
+    """The robots of one batch simulator; an episode that ends starts anew in the same step."""
 
     def __init__(
         self,
@@ -119,8 +71,8 @@ class TrainingEnvironment(Environment):
         Args:
             config: Settings.
             gait: The gait.
-            estimator: Odometry, or what maps proprioception (n, k) to its estimate of trunk and
-                feet (n, 7).
+            estimator: Odometry, or a network that maps proprioception (n, k) to its estimate of
+                trunk and feet (n, 7).
             generator: Source of randomness.
             observes_imu: Whether gravity and angular velocity are observed.
         """
@@ -160,6 +112,7 @@ class TrainingEnvironment(Environment):
 
     @property
     def difficulty(self) -> float:
+        """Factor on the demands of the reward machine's transitions."""
         return self.simulator.difficulty
 
     @difficulty.setter
@@ -168,6 +121,7 @@ class TrainingEnvironment(Environment):
 
     @property
     def hardship(self) -> float:
+        """Share of the pushes' speed and, from the next draw of worlds on, of the ground's."""
         return self.simulator.push_share
 
     @hardship.setter
@@ -175,12 +129,12 @@ class TrainingEnvironment(Environment):
         self.simulator.push_share = share
 
     def draw_worlds(self) -> None:
-        """Draws the groups' frictions anew, and lays ground of today's hardship."""
+        """Draws new frictions for all groups, and lays ground of the current hardship."""
         self.simulator.resample_friction()
         self._lay_ground(self.hardship)
 
     def _lay_ground(self, hardship: float) -> None:
-        """Scales the ground; where that changes none of it the physics stay as they are."""
+        """Scales the ground; the physics stay as they are where that changes nothing."""
         now, then = (at_hardship(self._stations, h) for h in (self._ground_hardship, hardship))
         self._ground_hardship = hardship
         if then != now:
@@ -188,20 +142,20 @@ class TrainingEnvironment(Environment):
 
     def observe(self) -> TensorDict:
         """Returns the observation groups of all robots."""
-        own = _tensor(self.simulator.proprioception())
+        proprioception = _tensor(self.simulator.proprioception())
         if isinstance(self._estimator, Odometry):
             estimate = _tensor(self.simulator.state.estimate)
         else:
             with torch.no_grad():
-                estimate = self._estimator(own)
+                estimate = self._estimator(proprioception)
         return TensorDict(
             {
-                "proprioception": own,
+                "proprioception": proprioception,
                 "estimate": estimate,
                 "body_state": _tensor(self.simulator.body_state()),
                 "privileged": _tensor(self._privileged()),
             },
-            batch_size=[len(own)],
+            batch_size=[len(proprioception)],
         )
 
     def step(self, actions: torch.Tensor) -> TrainingStep:
@@ -218,6 +172,21 @@ class TrainingEnvironment(Environment):
             time_outs=torch.from_numpy(step.truncated & ~worthless),
             task=step,
         )
+
+    def play(
+        self, act: Callable[[TensorDict], torch.Tensor], n_steps: int
+    ) -> Iterator[tuple[TensorDict, TrainingStep]]:
+        """Yields control steps, each after the observations that its actions answer.
+
+        Args:
+            act: Maps observation groups (n, ...) to actions (n, 12).
+            n_steps: Number of control steps.
+        """
+        observations = self.observe()
+        for _ in range(n_steps):
+            step = self.step(act(observations))
+            yield observations, step
+            observations = step.observations
 
     def _privileged(self) -> Array:
         s = self.simulator.state
@@ -245,7 +214,7 @@ class TrainingEnvironment(Environment):
         return (ImuReading.of(reading).gravity,)
 
     def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
+        """Returns the state for a checkpoint: named arrays, and values that JSON can hold."""
         arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
         values = {
             "difficulty": self.simulator.difficulty,

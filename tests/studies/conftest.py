@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
@@ -26,6 +27,8 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.explanation.page import explain_rollout, render_page
+from glassgait.studies.training.config import PpoConfig, TrainingConfig
+from glassgait.studies.training.run import TrainingRun
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
@@ -219,6 +222,27 @@ def few_students(tmp_path_factory: pytest.TempPathFactory) -> Path:
     OpenLoopPolicy("trot", names, np.zeros((2, 5, 12))).save(folder / "open_loop.safetensors")
     still = LinearPolicy("trot", walk, np.zeros((12, len(walk))), np.zeros(12))
     still.save(folder / "ebm.safetensors")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_training() -> TrainingConfig:
+    """Settings of a training of seconds, in Drake and in MuJoCo."""
+    return TrainingConfig(
+        updates=4,
+        n_robots=8,
+        worlds=DomainRandomization(n_groups=2, fine_steps=(0.005,)),
+        friction_updates=2,
+        checkpoint_updates=2,
+        ppo=PpoConfig(steps_per_update=8, actor_layers=(16,), critic_layers=(16,), epochs=2),
+    )
+
+
+@pytest.fixture(scope="session")
+def trained(tiny_training: TrainingConfig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of a tiny training that ended; not to be changed."""
+    folder = tmp_path_factory.mktemp("trained")
+    TrainingRun(tiny_training, load_gait("trot"), folder).run()
     return folder
 
 

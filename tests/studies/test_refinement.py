@@ -233,7 +233,10 @@ def test_the_best_of_the_candidates_is_the_result(refinement, tmp_path, monkeypa
     monkeypatch.setattr(study, "rank_alone", rank)
     run = refinement(tmp_path)
     texts = {}
-    run.run(lambda run, row: texts.update({int(row["update"]): run.policy().to_text()}))
+    while run.n_updates < run.config.updates:
+        run.update()
+        texts[run.n_updates] = run.policy().to_text()
+    run.save()
     assert list(asked) == ["update 2", "update 4", "as they were"]
     assert texts[2] != texts[4]
     assert (tmp_path / "short.formulas").read_text() == texts[2]
@@ -251,18 +254,18 @@ def test_only_formulas_as_short_as_asked_for_are_candidates():
 def test_a_run_that_is_continued_ends_with_the_same_text(refinement, tmp_path):
     config = replace(TINY, terms=40)
     whole = refinement(tmp_path / "whole", config)
-    whole.run(lambda run, row: None)
+    whole.run()
     halted = refinement(tmp_path / "halted", config)
     for _ in range(3):
         halted.update()
     halted.save()
     again = refinement(tmp_path / "halted", config, resume=True)
-    again.run(lambda run, row: None)
+    again.run()
     assert again.policy().to_text() == whole.policy().to_text()
     for made in ("short.formulas", "candidates.csv"):
         halted_bytes = (tmp_path / "halted" / made).read_bytes()
         assert halted_bytes == (tmp_path / "whole" / made).read_bytes()
-    assert [row["terms"] for row in again.progress.curve][-1] == 40.0
+    assert [row["terms"] for row in again.curve][-1] == 40.0
 
 
 def test_the_command_writes_the_formulas_and_their_record(short_page, tmp_path):

@@ -17,9 +17,8 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.training.checkpoint import load_checkpoint
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
-from glassgait.studies.training.study import TrainingRun
+from glassgait.studies.training.run import TrainingRun
 
 GAIT = load_gait("trot")
 EXPERT = load_expert("trot")
@@ -88,6 +87,7 @@ def resumes(finished, tmp_path):
     """Copies the runs, and reports for each file that is resumed from whether it ends the same."""
     folder, r2, scores, run, weights = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    run.folder = tmp_path / "training"
 
     def distills():
         again = distill(
@@ -96,8 +96,7 @@ def resumes(finished, tmp_path):
         return again.equals(r2)
 
     def trains():
-        path = tmp_path / "training" / CHECKPOINT_NAME
-        load_checkpoint(path, environment=run.environment, learner=run.learner, of=run.identity)
+        run.restore()
         arrays, _ = run.learner.to_arrays()
         return all(np.array_equal(value, weights[name]) for name, value in arrays.items())
 

@@ -17,7 +17,6 @@ from glassgait.studies.common.run_folder import CHECKPOINT_NAME, open_run
 from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.study import RefinementRun
 from glassgait.studies.distillation.students.library import OnePolicy
-from glassgait.studies.training.command import show_learning
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ class Refine(OnePolicy):
             run = RefinementRun(self.config, gait, expert, policy, folder, name=name, resume=begun)
             # The formulas observe by its estimator, wherever the folder is moved.
             expert.save(policy_path(folder, EXPERT))
-            show_learning(run)
+            run.run()
         console.print(f"formulas written to {folder / name}{policy.suffix}")
 
 

@@ -23,14 +23,9 @@ from glassgait.studies.common.tables import write_table
 from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.students.symbolic import short_numbers
-from glassgait.studies.training.environment import (
-    Environment,
-    TrainingEnvironment,
-    observed_by_actor,
-)
+from glassgait.studies.training.environment import Environment, observed_by_actor
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
-from glassgait.studies.training.learning_run import LearningRun
-from glassgait.studies.training.record import write_learned
+from glassgait.studies.training.run import LearningRun
 
 SEEN_STEPS = 50
 """Control steps that robots walk before the run, to see what each number does."""
@@ -78,14 +73,14 @@ class RefinementRun(LearningRun):
     def update(self) -> dict[str, float]:
         """Collects one batch of steps, learns from it, and returns the row of the curve."""
         row = super().update()
-        count = self._refinement.n_terms(self.progress.update, len(self._network.start))
+        count = self._refinement.n_terms(self.n_updates, len(self._network.start))
         if count < self._network.n_numbers:
             stored = self.learner.ppo.storage.observations.flatten(0, 1)
             index = torch.randperm(len(stored))[:N_BALANCED]
             self._network.prune(count, observed_by_actor(stored[index]))
         row["terms"] = float(self._network.n_numbers)
-        if self._refinement.is_candidate(self.progress.update, self._network.n_numbers):
-            self.policy().save(self._candidate(self.progress.update))
+        if self._refinement.is_candidate(self.n_updates, self._network.n_numbers):
+            self.policy().save(self._candidate(self.n_updates))
         return row
 
     def policy(self) -> FormulaPolicy:
@@ -106,16 +101,14 @@ class RefinementRun(LearningRun):
         Noise and worlds of learning say little of how formulas walk alone, and more learning may
         make them worse. So the candidates walk alone, and the best of them is the result.
         """
-        finished = self.progress.update >= self.config.updates
+        finished = self.n_updates >= self.config.updates
         best = self._best_candidate() if finished else self.policy()
-        write_learned(
-            best, self._name, self.config, self.progress, self.folder, study=self._refinement
-        )
+        self._write_learned(best, self._name, self._refinement)
 
     def _best_candidate(self) -> Policy:
         candidates: dict[str, Policy] = {
             f"update {update}": load_policy(self._candidate(update))
-            for update in range(1, self.progress.update + 1)
+            for update in range(1, self.n_updates + 1)
             if self._candidate(update).exists()
         }
         if self._refinement.is_candidate(0, self._policy.n_terms()):
@@ -140,7 +133,7 @@ class RefinementRun(LearningRun):
         own = self._expert.estimator
         estimator = own if isinstance(own, Odometry) else _Frozen(own)
         generator = np.random.default_rng(self.config.seed)
-        environment = TrainingEnvironment(
+        environment = Environment(
             self.config,
             self.gait,
             estimator,

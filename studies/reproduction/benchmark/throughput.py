@@ -29,7 +29,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.study import TrainingRun
+from glassgait.studies.training.run import TrainingRun
 
 
 def throughput(

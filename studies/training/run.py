@@ -1,0 +1,349 @@
+"""Runs that learn by PPO: collect, learn, log, checkpoint, and in the end write the policy."""
+
+import platform
+import time
+from abc import ABC, abstractmethod
+from collections import defaultdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+import yaml
+from torch.utils.tensorboard import SummaryWriter
+
+from glassgait.models.errors import InputError
+from glassgait.models.files import load_arrays, save_arrays, write_atomically
+from glassgait.models.policies.library import load_policy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy, read_policy_file
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.settings import Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.reward import REWARD_TERMS
+from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+from glassgait.studies.common.console import console, progress_bar
+from glassgait.studies.common.run_folder import CHECKPOINT_NAME, to_plain
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.environment import Environment, TrainingStep
+from glassgait.studies.training.learner import (
+    Learner,
+    Mirrored,
+    StateEstimator,
+    act_by,
+    gaussian_actor,
+    network_of,
+    set_layers,
+)
+
+LINES_EVERY = 10
+"""Updates between two printed lines where there is no terminal."""
+
+RECENT_UPDATES = 20
+"""Updates that the final values of a record are averaged over."""
+
+
+class LearningRun(ABC):
+    """A run in its folder, from the first update or from its checkpoint.
+
+    Attributes:
+        n_updates: Updates done.
+        seconds: Wall time spent (s), over all parts of an interrupted run.
+        curve: The learning curve, a row for each update.
+    """
+
+    environment: Environment
+    learner: Learner
+
+    def __init__(
+        self, config: TrainingConfig, gait: Gait, folder: Path, *, resume: bool = False
+    ) -> None:
+        """
+        Args:
+            config: Settings; a resumed run must have the same, except for more updates.
+            gait: The gait that they name.
+            folder: Where checkpoint, curve and TensorBoard events go.
+            resume: Whether to continue from the folder's checkpoint.
+
+        Raises:
+            InputError: if there is nothing to resume, or it is damaged or of another run.
+        """
+        self.config = config
+        self.gait = gait
+        self.folder = folder
+        self.n_updates = 0
+        self.seconds = 0.0
+        self.curve: list[dict[str, float]] = []
+        torch.manual_seed(config.seed)
+        self.environment, self.learner = self._begin()
+        if resume:
+            self.restore()
+
+    @abstractmethod
+    def _begin(self) -> tuple[Environment, Learner]:
+        """Makes the robots, and the networks that learn."""
+
+    @abstractmethod
+    def write_result(self) -> None:
+        """Writes what was learned so far, with its record."""
+
+    def _inputs(self) -> tuple[str, ...]:
+        """Returns digests of what the run learns from, besides its gait."""
+        return ()
+
+    def run(self) -> None:
+        """Learns to the end, and reports progress.
+
+        Raises:
+            InputError: if the run has more updates already than its settings name.
+        """
+        updates, every = self.config.updates, self.config.checkpoint_updates
+        if self.n_updates > updates:
+            raise InputError(
+                f"{self.folder}: has {self.n_updates} updates already; ask for more with --updates"
+            )
+        if self.n_updates == updates:
+            # A run may have been killed after its last checkpoint and before its result.
+            self.write_result()
+        with (
+            SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.n_updates) as writer,
+            progress_bar(updates, self.n_updates) as (progress, task),
+        ):
+            while self.n_updates < updates:
+                row = self.update()
+                for name, value in row.items():
+                    writer.add_scalar(name, value, self.n_updates)
+                if (
+                    self.n_updates % self.config.checkpoint_updates == 0
+                    or self.n_updates == updates
+                ):
+                    self.save()
+                line = (
+                    f"{self.n_updates * self.config.steps_per_update / self.seconds:5.0f} steps/s  "
+                    f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "
+                    f"difficulty {row['difficulty']:.2f}  failures {row['failure_rate']:.4f}"
+                )
+                progress.update(task, completed=self.n_updates, text=line)
+                if not console.is_terminal and self.n_updates % LINES_EVERY == 0:
+                    console.print(f"update {self.n_updates}/{updates}  {line}")
+
+    def update(self) -> dict[str, float]:
+        """Collects one batch of steps, learns from it, and returns the row of the curve."""
+        started = time.monotonic()
+        if self.n_updates and self.n_updates % self.config.friction_updates == 0:
+            self.environment.draw_worlds()
+
+        # Collect.
+        self.learner.hold_actor(self.n_updates < self.config.ppo.critic_updates)
+        ppo, n_steps = self.learner.ppo, self.config.ppo.steps_per_update
+        totals: defaultdict[str, float] = defaultdict(float)
+        with torch.inference_mode():
+            for _, step in self.environment.play(ppo.act, n_steps):
+                ppo.process_env_step(
+                    step.observations, step.rewards, step.dones, {"time_outs": step.time_outs}
+                )
+                for name, value in _means_over_robots(step).items():
+                    totals[name] += value
+
+        # Learn.
+        losses = self.learner.update(step.observations, self.n_updates)
+        self.n_updates += 1
+        self.seconds += time.monotonic() - started
+        row = {
+            "update": float(self.n_updates),
+            "control_steps": float(self.n_updates * self.config.steps_per_update),
+            "difficulty": self.environment.difficulty,
+            "hardship": self.environment.hardship,
+            **{name: total / n_steps for name, total in totals.items()},
+            **losses,
+            "seconds": self.seconds,
+        }
+        self._raise_demands(row["rhythm"], row["failure_rate"])
+        self.curve.append(row)
+        return row
+
+    def _raise_demands(self, rhythm: float, failure_rate: float) -> None:
+        curriculum, environment = self.config.curriculum, self.environment
+        if rhythm <= curriculum.required_rhythm:
+            return
+        if environment.difficulty == 1.0 and failure_rate <= curriculum.most_failures:
+            environment.hardship = min(1.0, environment.hardship + curriculum.hardship_rise)
+        environment.difficulty = min(1.0, environment.difficulty + curriculum.rise)
+
+    @property
+    def _made_of(self) -> dict[str, Any]:
+        """What a resumed run must have in common with the one that wrote the checkpoint."""
+        settings = {key: value for key, value in to_plain(self.config).items() if key != "updates"}
+        return {"settings": settings, "inputs": [self.gait.digest(), *self._inputs()]}
+
+    def save(self) -> None:
+        """Writes weights, optimizers, every robot and all generators, and the result so far."""
+        arrays, values = {}, {}
+        for name, part in (("environment", self.environment), ("learner", self.learner)):
+            part_arrays, values[name] = part.to_arrays()
+            arrays |= {f"{name}:{key}": value for key, value in part_arrays.items()}
+        header = {
+            "update": self.n_updates,
+            "seconds": self.seconds,
+            "curve": self.curve,
+            "of": self._made_of,
+            **values,
+        }
+        save_arrays(self.folder / CHECKPOINT_NAME, arrays, header)
+        self.write_result()
+
+    def restore(self) -> None:
+        """Continues from the folder's checkpoint.
+
+        Raises:
+            InputError: if it is missing or damaged, or its run had other settings or inputs.
+        """
+        path = self.folder / CHECKPOINT_NAME
+        arrays, header = load_arrays(path)
+        if header.get("of") != self._made_of:
+            raise InputError(
+                f"{path}: its run had other settings or another gait or policy to begin with; "
+                "name another folder with --output"
+            )
+        try:
+            for name, part in (("environment", self.environment), ("learner", self.learner)):
+                start = f"{name}:"
+                part.restore(
+                    {k.removeprefix(start): v for k, v in arrays.items() if k.startswith(start)},
+                    header[name],
+                )
+            self.n_updates, self.seconds = header["update"], header["seconds"]
+            self.curve = header["curve"]
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+            raise InputError(f"{path}: is damaged; train anew into another folder") from error
+
+    def _write_learned(self, policy: Policy, name: str, study: Settings | None = None) -> None:
+        """Writes a policy, its record `<name>.yaml` and its curve `<name>.csv`, each atomically.
+
+        Args:
+            policy: The policy that learned.
+            name: Name of the files.
+            study: Settings of a study that does more than train, for the record.
+        """
+        curve = pd.DataFrame(self.curve)
+        recent = curve.tail(RECENT_UPDATES).mean()
+        steps = self.n_updates * self.config.steps_per_update
+        record = {
+            "gait": policy.gait,
+            "seed": self.config.seed,
+            "updates": self.n_updates,
+            "control_steps": steps,
+            "simulated_hours": round(steps * CONTROL_PERIOD / 3600, 2),
+            "wall_minutes": round(self.seconds / 60, 1),
+            "control_steps_per_second": round(steps / self.seconds),
+            "final": {
+                key: round(float(recent[key]), 4)
+                for key in ("plain_reward", "reward", "rhythm", "failure_rate", "difficulty")
+            },
+            "software": {
+                package: version(package) for package in ("drake", "torch", "rsl-rl-lib", "numpy")
+            }
+            | {"python": platform.python_version()},
+            **({} if study is None else {study.title: to_plain(study)}),
+            "config": to_plain(self.config),
+        }
+        policy.save(self.folder / f"{name}{policy.suffix}")
+        text = yaml.safe_dump(record, sort_keys=False)
+        write_atomically(self.folder / f"{name}.yaml", text)
+        text = curve.to_csv(index=False, float_format="%.6g")
+        write_atomically(self.folder / f"{name}.csv", text)
+
+
+class TrainingRun(LearningRun):
+    """A run that trains an expert, and with `senses` "learned" its state estimator."""
+
+    def _begin(self) -> tuple[Environment, Learner]:
+        config = self.config
+        # Refuses a robot that it does not fit before anything is learned.
+        self._law = config.expert_law
+        imu = config.senses == "imu"
+        layout = ObservationLayout(self.gait.n_states, imu=imu)
+        mirror = self._mirrored_states = mirrored_states(self.gait) if config.mirrored else None
+        self._start = _load_start(config, layout, mirror)
+        reflection = None if mirror is None else reflect_observation(layout.names, mirror)
+
+        # The estimator learns beside the actor, or is odometry.
+        learned = None
+        if config.senses == "learned":
+            learned = StateEstimator(layout.n_proprioceptive, config.estimator, reflection)
+        self.estimator = learned or config.odometry
+        generator = np.random.default_rng(config.seed)
+        environment = Environment(config, self.gait, self.estimator, generator, observes_imu=imu)
+
+        # The actor begins anew or as another expert.
+        observations = environment.observe()
+        actor = gaussian_actor(config.ppo, observations)
+        if self._start is not None:
+            set_layers(actor.mlp, self._start.actor.plain)
+        if reflection is not None:
+            act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
+        return environment, Learner(config, observations, actor, learned)
+
+    def _inputs(self) -> tuple[str, ...]:
+        return () if self._start is None else (self._start.digest(),)
+
+    def write_result(self) -> None:
+        """Writes the expert as it is now, its record and its curve."""
+        policy = NeuralPolicy(
+            self.gait.name,
+            self.environment.simulator.layout.names,
+            network_of(self.learner.ppo.actor.mlp),
+            self.estimator if isinstance(self.estimator, Odometry) else self.estimator.to_network(),
+            self._mirrored_states,
+            robot=load_robot(self.config.robot),
+        )
+        self._write_learned(policy.with_joint_law(self._law), self.gait.name)
+
+
+def _means_over_robots(step: TrainingStep) -> dict[str, float]:
+    task = step.task
+    terms = {f"terms/{name}": task.terms[:, i] for i, name in enumerate(REWARD_TERMS)}
+    values = {
+        "reward": task.reward,
+        "plain_reward": task.plain_reward,
+        "rhythm": task.served_dwell,
+        "failure_rate": task.terminated,
+        **terms,
+    }
+    return {name: float(value.mean()) for name, value in values.items()}
+
+
+def _load_start(
+    config: TrainingConfig, layout: ObservationLayout, mirrored: tuple[int, ...] | None
+) -> NeuralPolicy | None:
+    """Loads the expert that the actor begins as, if there is one."""
+    if config.warm_start is None:
+        return None
+    path, robot = Path(config.warm_start), load_robot(config.robot)
+    # It may be of this robot, which need not ship, or of one that does.
+    same_robot = read_policy_file(path)[1].get("robot", DEFAULT_ROBOT) == robot.name
+    start = load_policy(path, robot if same_robot else None)
+    if not isinstance(start, NeuralPolicy):
+        raise InputError(f"{path}: is {start.kind!r}; a run starts from the network of an expert")
+    if start.observation_names != layout.names:
+        raise InputError(
+            f"{path}: observes {len(start.observation_names)} entries, others than the "
+            f"{len(layout.names)} of this run; start from an expert with the same senses, of a "
+            "gait with as many states"
+        )
+    widths = start.actor.plain.hidden_layers
+    if widths != config.ppo.actor_layers:
+        raise InputError(
+            f"{path}: has layers of {widths}; train with --ppo.actor-layers "
+            f"{' '.join(map(str, widths))}"
+        )
+    if start.mirrored_states != mirrored:
+        remedy = "leave --no-mirrored out" if mirrored is None else "train with --no-mirrored"
+        raise InputError(f"{path}: would act otherwise than it learned to; {remedy}")
+    return start.for_robot(robot)
