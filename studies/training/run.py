@@ -119,10 +119,7 @@ class LearningRun(ABC):
                 row = self.update()
                 for name, value in row.items():
                     writer.add_scalar(name, value, self.n_updates)
-                if (
-                    self.n_updates % self.config.checkpoint_updates == 0
-                    or self.n_updates == updates
-                ):
+                if self.n_updates % every == 0 or self.n_updates == updates:
                     self.save()
                 line = (
                     f"{self.n_updates * self.config.steps_per_update / self.seconds:5.0f} steps/s  "
