@@ -1,7 +1,6 @@
 """The report's contents: each of the paper's tables and figures, and ours for it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -10,7 +9,7 @@ from glassgait.models.robots.robot import Robot
 from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.registry import STUDENTS, paper_students, student_title
 from glassgait.studies.reproduction.gait import GaitResults
-from glassgait.studies.reproduction.page import Section, Table
+from glassgait.studies.reproduction.page import Section
 
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 
@@ -75,87 +74,35 @@ def deviations(robot: Robot, *, trains: bool) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True)
-class _Figure:
-    """A figure of every gait.
-
-    Attributes:
-        number: The paper's number for it.
-        title: What it shows.
-        files: Its pictures in a gait's folder, each with what it shows.
-        first: The gait that the paper shows; it comes first.
-        note: How to read it.
-        wide: Whether a picture takes the page's whole width.
-    """
-
-    number: str
-    title: str
-    files: Mapping[str, str]
-    first: str = ""
-    note: str = ""
-    wide: bool = True
-
-    def section(self, results: Sequence[GaitResults]) -> Section:
-        """Returns it as a section."""
-        ordered = sorted(results, key=lambda own: own.gait != self.first) if self.first else results
-        figures = [
-            (f"{own.gait.capitalize()}: {what}", own.folder / f"{stem}.png")
-            for stem, what in self.files.items()
-            for own in ordered
-        ]
-        return Section(self.title, self.number, self.note, figures=figures, wide=self.wide)
-
-
-ONE_JOINT = (
-    _Figure(
-        "Figure 6",
-        "A weak learner of the GBM, FL hip",
-        {f"{GBM.name}_FL_hip_tree": "decision tree"},
-        first="walk",
-    ),
-    _Figure(
+JOINT_FIGURES = (
+    ("Figure 6", "A weak learner of the GBM", f"{GBM.name}_FL_hip_tree", True),
+    (
         "Figure 7",
-        "Partial dependence on the top 3 observations, GBM, FL hip",
-        {f"{GBM.name}_FL_hip_partial_dependence": "dependence"},
-        first="walk",
+        "Partial dependence on the top 3 observations, GBM",
+        f"{GBM.name}_FL_hip_partial_dependence",
+        True,
     ),
-    _Figure(
+    (
         "Figure 8, top",
-        "Functions of one observation, explainable boosting, FL hip",
-        {f"{EBM.name}_FL_hip_shapes": "shapes"},
-        first="trot",
-        note="Bands of two standard deviations between bags, where there is more than one.",
+        "Functions of one observation, explainable boosting",
+        f"{EBM.name}_FL_hip_shapes",
+        True,
     ),
-    _Figure(
+    (
         "Figure 8, bottom",
-        "A function of two observations, explainable boosting, FL hip",
-        {f"{EBM.name}_FL_hip_pair_1": "pair"},
-        first="trot",
-        wide=False,
+        "A function of two observations, explainable boosting",
+        f"{EBM.name}_FL_hip_pair_1",
+        False,
     ),
-    _Figure(
-        "Figure 9",
-        "Local explanation, explainable boosting, FL hip",
-        {f"{EBM.name}_local": "local explanation"},
-        first="pace",
-        wide=False,
-    ),
-    _Figure(
+    ("Figure 9", "Local explanation, explainable boosting", f"{EBM.name}_local", False),
+    (
         "Figure 10",
-        "Global importances of the terms, explainable boosting, FL hip",
-        {f"{EBM.name}_FL_hip_terms": "importances of terms"},
-        wide=False,
-    ),
-    _Figure(
-        "Figure 11",
-        "Observation importances of the GBM, by two methods",
-        {
-            f"{GBM.name}_impurity": "impurity importance",
-            f"{GBM.name}_permutation": "permutation importance",
-        },
+        "Global importances of the terms, explainable boosting",
+        f"{EBM.name}_FL_hip_terms",
+        False,
     ),
 )
-"""Figures of one student and mostly one joint."""
+"""Figures of FL hip: the paper's number, the title, the file's stem, whether it is wide."""
 
 
 def contents(results: Sequence[GaitResults]) -> list[Section]:
@@ -163,6 +110,10 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
     further = [kind for kind in _students(results) if kind not in paper_students()]
     papers = dict(zip(("Figure 3", "Figure 4", "Figure 5"), paper_students(), strict=True))
     ours = {f"Ours {place}": kind for place, kind in enumerate(further, start=1)}
+    importances = {
+        f"{GBM.name}_impurity": "impurity importance",
+        f"{GBM.name}_permutation": "permutation importance",
+    }
     return [
         Section(
             "The framework, as the Drake diagram that runs it",
@@ -172,22 +123,49 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
             wide=True,
         ),
         *_tables(results),
-        *(_sequences(number, kind).section(results) for number, kind in papers.items()),
-        *(figure.section(results) for figure in ONE_JOINT),
-        *(_sequences(number, kind).section(results) for number, kind in ours.items()),
+        *(_sequences(results, number, kind) for number, kind in papers.items()),
+        *(
+            Section(f"{title}, FL hip", number, figures=_figures(results, stem, title), wide=wide)
+            for number, title, stem, wide in JOINT_FIGURES
+        ),
+        Section(
+            "Observation importances of the GBM, by two methods",
+            "Figure 11",
+            figures=[
+                figure
+                for stem, what in importances.items()
+                for figure in _figures(results, stem, what)
+            ],
+            wide=True,
+        ),
+        *(_sequences(results, number, kind) for number, kind in ours.items()),
     ]
 
 
+def _figures(results: Sequence[GaitResults], stem: str, what: str) -> list[tuple[str, Path]]:
+    """Lists one picture of every gait with its caption."""
+    return [(f"{own.gait.capitalize()}: {what}", own.folder / f"{stem}.png") for own in results]
+
+
+def _sequences(results: Sequence[GaitResults], number: str, kind: str) -> Section:
+    return Section(
+        f"Gait sequences, {student_title(kind)}",
+        number,
+        "Feet in contact (dark) over the reward machine's states, without the expert.",
+        figures=_figures(results, f"{kind}_sequence", "gait sequence"),
+        wide=True,
+    )
+
+
 def _tables(results: Sequence[GaitResults]) -> list[Section]:
-    ratios = _Figure("Figure 2", "", {"return": "return against ratio"}).section(results)
     return [
         Section(
             "Top 3 observations by importance for each joint type, GBM (boosted trees)",
             "Table I",
             "An asterisk marks what the paper lists at the same place.",
             tables=[
-                Table(_tops(results, "impurity"), "Feature importance (impurity)"),
-                Table(_tops(results, "permutation"), "Permutation importance"),
+                ("Feature importance (impurity)", _tops(results, "impurity")),
+                ("Permutation importance", _tops(results, "permutation")),
             ],
         ),
         Section(
@@ -195,26 +173,17 @@ def _tables(results: Sequence[GaitResults]) -> list[Section]:
             "Table II",
             "Ours by the paper's shuffled split, the paper's beside it, and ours with whole "
             "episodes held out.",
-            tables=[Table(r2_by_gait(results))],
+            tables=[("", r2_by_gait(results))],
         ),
         Section(
             "Return and falls against the alternation ratio",
             "Figure 2",
             "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; "
             "shares compare each robot with the expert's under the same commands and noise.",
-            tables=[Table(own.standalone, f"{own.gait.capitalize()}, alone") for own in results],
-            figures=ratios.figures,
+            tables=[(f"{own.gait.capitalize()}, alone", own.standalone) for own in results],
+            figures=_figures(results, "return", "return against ratio"),
         ),
     ]
-
-
-def _sequences(number: str, kind: str) -> _Figure:
-    return _Figure(
-        number,
-        f"Gait sequences, {student_title(kind)}",
-        {f"{kind}_sequence": "gait sequence"},
-        note="Feet in contact (dark) over the reward machine's states, the student alone.",
-    )
 
 
 def _students(results: Sequence[GaitResults]) -> list[str]:

@@ -33,7 +33,7 @@ from glassgait.studies.reproduction.contents import (
     r2_by_gait,
 )
 from glassgait.studies.reproduction.gait import PAPER_GAITS, GaitResults, ReportConfig, study_gait
-from glassgait.studies.reproduction.page import Page, Section
+from glassgait.studies.reproduction.page import Section, write_page
 from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
 from glassgait.studies.training.command import train_job
 from glassgait.studies.training.config import TrainingConfig
@@ -85,7 +85,7 @@ class Report(ReportConfig):
         return load_robot() if self.robot is None else load_robot(self.robot)
 
     def run(self) -> None:
-        """Runs every study, then writes report.html and report.md."""
+        """Runs every study, then writes report.html."""
         names = gaits_named(self.gait)
         inputs = self._inputs(names)
         started = time.monotonic()
@@ -96,24 +96,23 @@ class Report(ReportConfig):
                 runs.enter_context(open_run(folder, settings=own, free=("gait",), **of))
             results = _study(names, reports)
             for folder, own in reports.items():
-                page = own.page(results[folder], folder)
-                path = page.write(folder)
+                path = own._write(results[folder], folder)
                 print_table("R²", r2_by_gait(results[folder]))
-                console.print(f"report written to {path} and report.md")
+                console.print(f"report written to {path}")
         console.print(f"after {(time.monotonic() - started) / 60:.1f} minutes")
 
-    def page(self, results: Sequence[GaitResults], folder: Path) -> Page:
-        """Makes the page, and writes the tables on it."""
+    def _write(self, results: Sequence[GaitResults], folder: Path) -> Path:
+        """Writes the page, and the tables on it."""
         gaits = [found.gait for found in results]
         sections = contents(results)
         for section in sections:
-            for place, table in enumerate(section.tables, start=1):
+            for place, (_, table) in enumerate(section.tables, start=1):
                 stem = section.number.lower().replace(" ", "_")
-                write_table(table.frame, folder / f"{stem}_{place}")
+                write_table(table, folder / f"{stem}_{place}")
         rollouts, distillation = self.rollouts, self.distillation
-        quick = ": the quick setting, which is for looking, not for quoting" * self.quick
+        quick = "; the quick setting is for looking, not for quoting" * self.quick
         lead = (
-            "*Distilling Reinforcement Learning Policies for Interpretable Robot Locomotion* "
+            "Distilling Reinforcement Learning Policies for Interpretable Robot Locomotion "
             f"(Acero and Li), on Drake: {', '.join(gaits)}. For each gait {distillation.episodes} "
             f"episodes of {distillation.episode_steps} control steps were distilled, and "
             f"{rollouts.n_robots * rollouts.n_seeds} robots rolled out for {rollouts.n_steps} "
@@ -121,7 +120,7 @@ class Report(ReportConfig):
         )
         differs = Section("Where this differs from the paper", points=self.deviations(folder))
         title = "The paper's tables and figures, made anew"
-        return Page(title, [lead], [differs, *sections])
+        return write_page(folder, title, [lead], [differs, *sections])
 
     def deviations(self, folder: Path) -> tuple[str, ...]:
         """Lists what differs from the paper: by nature and, where all is done anew, by settings.

@@ -1,4 +1,4 @@
-"""The paper's own settings: what they say, what is less in a quick run, and the whole in small."""
+"""The demo, the report and the paper's settings: what they say, and all of it in small."""
 
 import math
 from dataclasses import replace
@@ -15,18 +15,24 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import rounds
+from glassgait.studies.distillation.config import DistillationConfig, rounds
 from glassgait.studies.distillation.students.boosting import additive_regressor, boosting_regressor
-from glassgait.studies.distillation.students.symbolic_regression import pysr_starts
-from glassgait.studies.reproduction import report
-from glassgait.studies.reproduction.contents import WITHOUT_PYSR
+from glassgait.studies.distillation.students.registry import paper_students
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
+from glassgait.studies.reproduction import demo, report
+from glassgait.studies.reproduction.contents import WITHOUT_PYSR, contents, r2_by_gait
+from glassgait.studies.reproduction.gait import GaitResults
 from glassgait.studies.reproduction.report import Report
 from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
 
-A1 = load_robot()
-
-
 PAPER = settings_file("paper")
+
+TINY_STUDENTS = {
+    "gbm": {"n_trees": 3},
+    "ebm": {"outer_bags": 2, "round_bags": 1, "interactions": 3, "max_rounds": 5},
+    "symbolic": {"engine": "operon", "generations": 2, "population": 20},
+}
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +42,7 @@ def paper():
 
 @pytest.fixture
 def small(tmp_path):
-    """A copy of the paper's settings of which a quick run takes seconds."""
+    """The paper's settings with a quick run that takes seconds."""
     values = yaml.safe_load(PAPER.read_text())
     values["quick"] = {
         "gait": ["trot"],
@@ -49,11 +55,7 @@ def small(tmp_path):
             "episodes": 6,
             "episodes_per_round": 2,
             "episode_steps": 20,
-            "settings": {
-                "gbm": {"n_trees": 3},
-                "ebm": {"outer_bags": 2, "round_bags": 1, "interactions": 3, "max_rounds": 5},
-                "symbolic": {"engine": "operon", "generations": 2, "population": 20},
-            },
+            "settings": TINY_STUDENTS,
         },
         "periods": [1, 2, 0],
         "rollouts": {"n_robots": 2, "n_steps": 20},
@@ -69,17 +71,12 @@ def test_experts_learn_as_the_paper_says(paper):
     training = paper.training
     assert paper.gait == ("walk", "trot", "pace", "bound")
     assert (training.n_robots, training.updates, training.ppo.steps_per_update) == (1024, 1500, 24)
-    hours = training.updates * training.steps_per_update * CONTROL_PERIOD / 3600
-    assert round(hours) == 205
+    assert round(training.updates * training.steps_per_update * CONTROL_PERIOD / 3600) == 205
     assert training.curriculum.initial_difficulty == 1.0
     assert not training.mirrored
-
-
-def test_experts_learn_in_one_world(paper):
-    stations = paper.training.worlds.stations(A1, np.random.default_rng(0))
-    assert set(stations) == {paper.training.worlds.station}
+    stations = training.worlds.stations(load_robot(), np.random.default_rng(0))
+    assert set(stations) == {training.worlds.station}
     assert (stations[0].stiffness, stations[0].damping) == (20.0, 0.5)
-    assert paper.training.worlds.randomization.latency == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("kind", ["gbm", "ebm", "symbolic"])
@@ -90,73 +87,37 @@ def test_every_student_is_distilled_by_algorithm_1(kind, paper):
     assert [list(own.episodes) for own in planned] == [[episode] for episode in range(1, 31)]
     assert [own.period for own in planned] == [math.ceil(episode / 4) for episode in range(1, 31)]
     assert {own.steps for own in planned} == {1000}
-    assert sum(own.steps for own in planned) * CONTROL_PERIOD == 600.0
     assert config.speeds == (0.0, 0.25, 0.5, 0.75)
-    settings = config.settings.of(kind)
-    assert settings.for_rounds() == settings.for_shuffled_split() == settings
-    assert len(settings.candidates()) <= 1
+    assert len(config.settings.of(kind).candidates()) <= 1
 
 
-@pytest.mark.parametrize(("gait", "fastest"), [("walk", 0.5), ("trot", 0.75)])
-def test_students_are_rolled_out_at_the_speeds_that_they_learned(gait, fastest, paper):
-    assert paper.rollouts_of(load_gait(gait)).speed_range == (0.0, fastest)
-
-
-def test_boosted_trees_are_those_of_scikit_learns_defaults(paper, generator):
+def test_students_are_those_of_their_libraries_defaults(paper, generator):
     x = generator.normal(size=(200, 5))
     y = x[:, 0] + np.sin(3 * x[:, 1])
-    ours = boosting_regressor(paper.distillation.settings.of("gbm"), seed=3).fit(x, y)
+    settings = paper.distillation.settings
+    ours = boosting_regressor(settings.of("gbm"), seed=3).fit(x, y)
     default = GradientBoostingRegressor(random_state=3).fit(x, y)
     np.testing.assert_array_equal(ours.predict(x), default.predict(x))
-
-
-def test_additive_models_are_those_of_interprets_defaults(paper):
     default = ExplainableBoostingRegressor().get_params()
-    ours = additive_regressor(paper.distillation.settings.of("ebm"), 5, seed=3).get_params()
-    # How many processes fit is no part of a model; what is observed is numbers.
-    assert {name for name in default if ours[name] != default[name]} == {
-        "feature_types",
-        "n_jobs",
-        "random_state",
-    }
-
-
-def test_formulas_are_pysrs(paper):
-    settings = paper.distillation.settings.of("symbolic")
-    assert settings.engine == "pysr"
-    assert (settings.max_length, settings.operator_complexity, settings.iterations) == (90, 4, 20)
-    assert settings.start_weights == (1,)
+    ours = additive_regressor(settings.of("ebm"), 5, seed=3).get_params()
+    changed = {name for name in default if ours[name] != default[name]}
+    assert changed == {"feature_types", "n_jobs", "random_state"}
+    formulas = settings.of("symbolic")
+    assert (formulas.engine, formulas.max_length, formulas.iterations) == ("pysr", 90, 20)
 
 
 def test_policies_are_rolled_out_as_the_paper_says(paper):
     assert len(paper.periods) == 11
-    assert {1, 2, 4, 6, 0} <= set(paper.periods)
     assert (paper.rollouts.n_robots, paper.rollouts.n_seeds) == (26, 1)
+    assert paper.rollouts_of(load_gait("walk")).speed_range == (0.0, 0.5)
+    assert paper.rollouts_of(load_gait("trot")).speed_range == (0.0, 0.75)
 
 
-def leaves(values, prefix=""):
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        yield from leaves(value, f"{name}.") if isinstance(value, dict) else (name,)
-
-
-def test_what_a_quick_run_does_less_of_is_listed(paper):
+def test_differences_from_the_paper_are_listed(paper, tmp_path, monkeypatch):
     quick = load_settings(Report, PAPER, quick=True)
-    listed = differences(paper, quick)
-    assert set(listed["setting"]) == set(leaves(yaml.safe_load(PAPER.read_text())["quick"])) - {
-        "output"
-    }
-    [row] = listed[listed["setting"] == "training.updates"].itertuples(index=False)
-    assert list(row) == ["training.updates", "1500", str(quick.training.updates)]
-    assert quick.training.updates < 1500
+    listed = differences(paper, quick).set_index("setting")
+    assert listed.loc["training.updates", "in full"] == "1500"
     assert differences(paper, paper).empty
-    # The method is the paper's in small too.
-    assert quick.distillation.episodes_per_fit == 1
-    assert quick.distillation.collector == "itself"
-    assert quick.periods == paper.periods
-
-
-def test_another_engine_is_a_difference_that_the_report_says(paper, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "pysr_starts", lambda: True)
     operon = replace(paper, engine="operon").settled()
     assert list(differences(paper, operon)["setting"]) == ["distillation.settings.symbolic.engine"]
@@ -164,82 +125,113 @@ def test_another_engine_is_a_difference_that_the_report_says(paper, tmp_path, mo
     assert WITHOUT_PYSR not in paper.settled().deviations(tmp_path)
 
 
-@pytest.mark.parametrize("quick", [[], ["--quick"]])
-def test_without_julia_the_papers_formulas_are_refused_at_once(
-    quick, tmp_path, monkeypatch, refused
-):
+def test_without_julia_the_papers_formulas_are_refused_at_once(tmp_path, monkeypatch, refused):
     monkeypatch.setattr(report, "pysr_starts", lambda: False)
     output = tmp_path / "run"
-    message = refused(["reproduce", "paper", *quick, "--output", str(output)])
-    assert "needs Julia" in message
+    message = refused(["reproduce", "paper", "--quick", "--output", str(output)])
     assert "--engine operon" in message
     assert not output.exists()
 
 
-@pytest.mark.parametrize(("text", "starts"), [("", True), ("raise OSError('no Julia')", False)])
-def test_whether_pysr_starts_is_seen_in_another_process(text, starts, tmp_path, monkeypatch):
-    (tmp_path / "pysr.py").write_text(text)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    assert pysr_starts() is starts
-
-
-def test_settings_that_are_none_are_refused(tmp_path, refused):
-    assert "did you mean 'reproduce paper'" in refused(["reproduce", "papper"])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("training: {n_robot: 5}\n", "n_robot"),
+        ("- trot\n", "mapping"),
+        ("study: dance\n", "key 'study' is 'dance'"),
+    ],
+)
+def test_settings_files_that_are_wrong_are_refused(text, message, tmp_path, refused):
     path = tmp_path / "mine.yaml"
-    path.write_text("training: {n_robot: 5}\n")
-    with pytest.raises(InputError, match="n_robot"):
-        load_settings(Report, path)
+    path.write_text(text if "study" in text or text[0] == "-" else f"study: report\n{text}")
+    assert message in refused(["reproduce", str(path)])
+
+
+def test_a_quick_run_needs_quick_settings(tmp_path):
+    path = tmp_path / "mine.yaml"
     path.write_text("training: {n_robots: 32}\n")
     assert load_settings(Report, path).training.n_robots == 32
-    assert "key 'study' is None" in refused(["reproduce", str(path)])
-    path.write_text("study: report\ntraining: {n_robots: 32}\n")
-    message = refused(["reproduce", str(path), "--quick"])
-    assert f"{path}: has no settings under the key 'quick'" in message
-    path.write_text("- trot\n")
-    with pytest.raises(InputError, match="mapping"):
-        load_settings(Report, path)
+    with pytest.raises(InputError, match="quick"):
+        load_settings(Report, path, quick=True)
+
+
+@pytest.fixture
+def results(tmp_path):
+    r2 = pd.DataFrame(
+        {
+            "student": paper_students(),
+            "r2": [0.9, 0.8, 0.7],
+            "r2_shuffled_split": [0.95, 0.85, 0.75],
+        }
+    )
+    tops = pd.DataFrame({"gait": ["pace"], "student": ["gbm"], "method": ["impurity"], "1st": "x"})
+    return [GaitResults("pace", tmp_path / "pace", r2, pd.DataFrame({"policy": ["GBM"]}), tops)]
+
+
+def test_every_table_and_figure_of_the_paper_is_there(results):
+    numbers = [section.number.split(",")[0] for section in contents(results)]
+    figures = [f"Figure {number}" for number in range(1, 12)]
+    assert set(numbers) == {"Table I", "Table II", *figures}
+
+
+def test_r2_stands_beside_the_papers(results):
+    table = r2_by_gait(results).set_index(["student", "split"])["pace"]
+    assert table["GBM", "shuffled"] == 0.95
+    assert table["GBM", "by episode"] == 0.9
+    assert table["GBM", "paper"] == 0.9752
+    assert table["Symbolic", "paper"] == 0.7331
 
 
 @pytest.mark.slow
-def test_command_does_everything_in_small_and_resumes(small, tmp_path, refused, capsys):
+def test_the_paper_is_reproduced_in_small_and_resumed(small, tmp_path, refused):
     folder = tmp_path / "run"
     arguments = ["reproduce", str(small), "--quick", "--output", str(folder)]
     main(arguments)
-    reported = capsys.readouterr().out
-    assert "training.updates" in reported
-    assert "1500" in reported
-    listed = pd.read_csv(folder / "differences.csv").set_index("setting")
-    assert listed.loc["distillation.settings.symbolic.engine", "here"] == "operon"
     page = (folder / "report.html").read_text()
     assert "training.updates: 2, not 1500." in page
-    assert "Formulas are searched by Operon, not by PySR" in page
+    assert page.count("data:image/png;base64") == 12
+    assert (folder / "table_i_1.csv").exists()
     students = folder / "trot" / "distillation"
     for kind in ("gbm", "ebm", "symbolic"):
         assert len(list((students / kind).glob("round_*.safetensors"))) == 6
-    assert not (students / "histogram_gbm").exists()
     ratios = pd.read_csv(folder / "trot" / "ratios.csv")
     assert set(ratios["ratio"].astype(str)) == {"1", "1/2", "0"}
-    assert "continue it with --resume" in refused(arguments)
-    kept = [students / "ebm" / "round_06.safetensors", students / "ebm" / "record.json"]
-    made = [path.stat().st_mtime_ns for path in kept]
+    assert "--resume" in refused(arguments)
+    kept = students / "ebm" / "record.json"
+    made = kept.stat().st_mtime_ns
     (folder / "report.html").unlink()
     main([*arguments, "--resume"])
     assert (folder / "report.html").read_text() == page
-    assert made == [path.stat().st_mtime_ns for path in kept]
+    assert kept.stat().st_mtime_ns == made
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "demo",
-        *(f"reproduce {name}" for name in ("report", "benchmark")),
-    ],
-)
-def test_robots_without_an_expert_and_folders_are_refused(
-    command, tmp_path, monkeypatch, own_robot, refused
-):
-    monkeypatch.chdir(tmp_path)
-    parts = ["--parts", "inference"] if command.endswith("benchmark") else []
-    assert "holds no policies of the" in refused([*command.split(), *parts, "--robot", own_robot])
-    assert "is a folder" in refused([*command.split(), *parts, "--robot", "."])
-    assert not list(tmp_path.iterdir())
+@pytest.mark.slow
+@pytest.mark.parametrize("full", [[], ["--full"]])
+def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path, monkeypatch):
+    tiny = DistillationConfig(
+        students=("linear", "statewise_symbolic"),
+        episodes=5,
+        alone_rounds=0,
+        episode_steps=60,
+        settings=StudentsSettings(
+            statewise_symbolic=StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
+        ),
+        n_workers=1,
+    )
+    for name, value in {"QUICK": tiny, "FULL": tiny, "REPLAY_STEPS": 50}.items():
+        monkeypatch.setattr(demo, name, value)
+    before = []
+
+    def distill(*arguments, **options):
+        before.append((tmp_path / "run" / "report.html").read_text())
+        return own_distill(*arguments, **options)
+
+    own_distill = demo.distill
+    monkeypatch.setattr(demo, "distill", distill)
+    main(["demo", "--output", str(tmp_path / "run"), "--n-robots", "2", *full])
+    assert 'src="statewise_symbolic_replay.html"' in before[0]
+    assert "not complete" in before[0]
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "not complete" not in page
+    assert "Linear" in page
+    assert ("return.png" in [path.name for path in (tmp_path / "run").iterdir()]) == bool(full)
