@@ -113,7 +113,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "paper.",
         ),
         "reproduce benchmark": (
-            "reproduction.benchmark.command:Benchmark",
+            "reproduction.benchmark:Benchmark",
             "Measure training throughput and the time of one action, as ratios.",
         ),
     },

@@ -1,1 +1,0 @@
-"""Speed, measured as ratios against the obvious alternative in one run."""
