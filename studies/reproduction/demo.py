@@ -40,6 +40,7 @@ from glassgait.studies.distillation.students.boosting import (
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMULA
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
@@ -50,8 +51,11 @@ from glassgait.studies.evaluation.alternation import alternation_report, standal
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
 
+SHOWN = SPARSE_FORMULA.name
+"""The shipped policy whose robot, gait diagram and explanation come first."""
+
 FORMULAS = STATEWISE_SYMBOLIC.name
-"""The student whose robot, gait diagram and explanation come first."""
+"""The formulas that are distilled here."""
 
 QUICK = DistillationConfig(
     students=(FORMULAS, HISTOGRAM_GBM.name, EBM.name),
@@ -125,7 +129,7 @@ class Demo(Settings):
         with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
             road = _Road(gait, found.expert, folder)
             # Another robot may have no formulas yet.
-            shown = FORMULAS if FORMULAS in found.students else EXPERT
+            shown = SHOWN if SHOWN in found.students else EXPERT
             road.show(shown, found.students.get(shown, found.expert))
             if self.full:
                 road.show(EXPERT, found.expert)

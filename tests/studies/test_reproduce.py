@@ -229,7 +229,7 @@ def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path,
     own_distill = demo.distill
     monkeypatch.setattr(demo, "distill", distill)
     main(["demo", "--output", str(tmp_path / "run"), "--n-robots", "2", *full])
-    assert 'src="statewise_symbolic_replay.html"' in before[0]
+    assert 'src="sparse_formula_replay.html"' in before[0]
     assert "not complete" in before[0]
     page = (tmp_path / "run" / "report.html").read_text()
     assert "not complete" not in page
