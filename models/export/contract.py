@@ -7,7 +7,7 @@ of what was exported. All of it must be there, and be what the robot's own file 
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
@@ -25,7 +25,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import robot_of
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Count, Positive, Range, Settings
+from glassgait.models.settings import Count, Positive, Range, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.day import REQUESTS, Day
 from glassgait.models.task.gait import Gait
@@ -51,7 +51,7 @@ Names = Annotated[tuple[str, ...], MaxLen(100)]
 OfJoints = Annotated[tuple[float, ...], MaxLen(100)]
 
 
-@dataclass(frozen=True)
+@checked
 class Signal(Settings):
     """What is sensed, commanded or sent.
 
@@ -68,7 +68,7 @@ class Signal(Settings):
     frame: Text = "none"
 
 
-@dataclass(frozen=True)
+@checked
 class Observed(Settings):
     """An entry of the observation.
 
@@ -120,7 +120,7 @@ DAMPED = {"damped": Signal(1, "1 where joints are to have no stiffness, else 0")
 """What a controller with a day is asked for and gives besides."""
 
 
-@dataclass(frozen=True)
+@checked
 class Contract(Settings):
     """What an exported controller needs of its robot.
 

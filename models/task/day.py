@@ -26,7 +26,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.quadruped import JOINTS, LEGS
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.settings import NotNegative, Settings
+from glassgait.models.settings import NotNegative, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.formula import Formula, Names, parse_formula, valuations
 from glassgait.models.task.gait_keys import LONGEST_DESCRIPTION, LONGEST_STATE, is_plain
@@ -66,7 +66,7 @@ Angle = Annotated[float, Ge(-7.0), Le(7.0)]
 Leg = tuple[Angle, Angle, Angle]
 
 
-@dataclass(frozen=True)
+@checked
 class Posture(Settings):
     """Joint angles of a robot whose left and right legs are alike.
 
@@ -87,7 +87,7 @@ class Posture(Settings):
         return legs.ravel()
 
 
-@dataclass(frozen=True)
+@checked
 class Mode(Settings):
     """What a robot does until something leads to another mode.
 
@@ -119,7 +119,7 @@ class Edge:
     when: Formula
 
 
-@dataclass(frozen=True)
+@checked
 class Day(Settings):
     """A robot's day.
 
@@ -157,7 +157,6 @@ class Day(Settings):
     postures: dict[str, Posture] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for name in self.modes:
             if not is_plain(name, LONGEST_STATE):
                 raise InputError(

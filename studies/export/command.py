@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -12,7 +11,7 @@ from glassgait.models.export.language import Real
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.settings import Count, Natural, Seed
+from glassgait.models.settings import Count, Natural, Seed, checked
 from glassgait.models.task.day import load_day
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
@@ -25,7 +24,7 @@ from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.export.files import CFile, Deployment, Effort, Exported
 
 
-@dataclass(frozen=True)
+@checked
 class Export(PolicySource):
     """Write a controller as one C file, or its policy as ONNX, and check it against Python.
 
@@ -67,7 +66,6 @@ class Export(PolicySource):
     output: Path | None = None
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if len(self.gait) > 1 and self.format == "onnx":
             raise InputError(
                 "export: an ONNX file holds the policy of one gait; name one with --gait, or give "
