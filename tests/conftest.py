@@ -21,27 +21,23 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.arrays import Array
-from glassgait.models.export.binding import LoadedController
-from glassgait.models.export.controller import ControllerSource, write_controller
+from glassgait.models.export.binding import LoadedController, has_compiler, load_controller
+from glassgait.models.export.c_source import ControllerSource, write_controller
 from glassgait.models.formulas.expression import plus
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
-from glassgait.studies.export import files
-from glassgait.studies.export.files import has_compiler, load_controller
 
 A1 = load_robot()
 
@@ -231,54 +227,6 @@ def compiled_page(
     if not has_compiler():
         pytest.skip("needs a C compiler, cc")
     return load_controller(written_page, tmp_path_factory.mktemp("page"))
-
-
-@pytest.fixture(scope="session")
-def switched_pages() -> SwitchedPolicy:
-    """The pages of formulas of three gaits as one policy."""
-    switch = GaitSwitch([load_gait(name) for name in ("walk", "trot", "bound")])
-    walkers = [
-        alone(load_student(gait.name, "sparse_formula"), load_expert(gait)) for gait in switch.gaits
-    ]
-    return SwitchedPolicy(switch, walkers)
-
-
-@pytest.fixture(scope="session")
-def written_pages(switched_pages: SwitchedPolicy) -> ControllerSource:
-    """Their C, in one file."""
-    names = {"name": "pages", "policy_name": "sparse_formula", "version": "0"}
-    return write_controller(switched_pages.switch, alone(switched_pages), **names)
-
-
-@pytest.fixture(scope="session")
-def compiled_pages(
-    written_pages: ControllerSource, tmp_path_factory: pytest.TempPathFactory
-) -> LoadedController:
-    """The same, compiled; skips where there is no C compiler."""
-    if not has_compiler():
-        pytest.skip("needs a C compiler, cc")
-    return load_controller(written_pages, tmp_path_factory.mktemp("pages"))
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compiled_once() -> Iterator[None]:
-    """What the C compiler makes of a controller it makes once: a page takes it a second."""
-    made: dict[tuple[bytes, bytes, tuple[str, ...]], bytes] = {}
-    compile_c = files.compile_c
-
-    def compile_or_copy(source: Path, output: Path, flags: Sequence[str] = files.FLAGS) -> None:
-        header = source.with_suffix(".h")
-        beside = header.read_bytes() if header.exists() else b""
-        key = source.read_bytes(), beside, tuple(flags)
-        if key in made:
-            output.write_bytes(made[key])
-        else:
-            compile_c(source, output, flags)
-            made[key] = output.read_bytes()
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(files, "compile_c", compile_or_copy)
-        yield
 
 
 @pytest.fixture

@@ -1,18 +1,15 @@
 """The deployed loop in Python: what the C of a controller has to agree with."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import (
     ACTION,
-    BAD_INPUT,
     COMMAND_LIMITED,
     FOOT_HEIGHT,
     MACHINE,
-    N_DAY,
     N_MEMORY,
     N_ODOMETRY,
     ODOMETRY,
@@ -31,148 +28,71 @@ from glassgait.models.policies.controller import (
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command, sound_command
 from glassgait.models.task.contact import ContactTrust
-from glassgait.models.task.day import Day
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.imu import ImuReading
-from glassgait.models.task.mode_machine import ModeMachine, ModeReadings, ModeState, restarted
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.odometry import Odometry
-from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
+from glassgait.models.task.reward_machine import MachineState, RewardMachine
 
 
 class PythonController:
-    """A policy with all that stands between it and sensors; it has no memory of its own.
+    """A policy with all that stands between it and sensors; the caller keeps its memory.
 
     It calls the functions that the systems diagram and the batch simulator call.
     """
 
-    def __init__(
-        self,
-        gait: Gait | GaitSwitch,
-        controller: AlternatingController,
-        day: Day | None = None,
-    ) -> None:
+    def __init__(self, gait: Gait, controller: AlternatingController) -> None:
         """
-        Args:
-            gait: The gait, whose reward machine runs, or several of which one is requested at each
-                step.
-            controller: One policy alone, of several gaits a `SwitchedPolicy`.
-            day: The robot's day.
-
         Raises:
-            InputError: if it has no estimator, the robot cannot take the day's postures, or it was
-                made for another machine than the gait's.
+            InputError: if the controller has no estimator, or was made for another machine than the
+                gait's.
         """
-        if isinstance(gait, Gait):
-            refuse_other_machine(controller, gait)
-        self._switch = gait if isinstance(gait, GaitSwitch) else None
-        self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
-        self._limits = gait.gait if isinstance(gait, GaitSwitch) else gait
+        refuse_other_machine(controller, gait)
+        self._gait, self._machine = gait, RewardMachine(gait)
         self._policy = controller.policy
         self._estimator = estimator_in_loop(controller)
         self._law = controller.joint_law
-        self._day = day and ModeMachine(day, controller.robot, self._law.limits)
 
     def initial(self) -> Array:
-        """Returns what it remembers before its first step (27, or 50; of a day 16 more)."""
+        """Returns the memory before the first step (27, or 50)."""
         odometry = N_ODOMETRY if isinstance(self._estimator, Odometry) else 0
         memory = np.zeros(N_MEMORY + odometry)
         memory[READING], memory[UNCHANGED] = ContactTrust.begin()
         memory[MACHINE] = np.ravel(self._machine.initial())
-        if self._day is None:
-            return memory
-        return np.concatenate([memory, self._day.initial().packed()])
+        return memory
 
-    def step(
-        self,
-        memory: Array,
-        sensors: Sensors,
-        command: Command,
-        requested: int = 0,
-        requested_mode: int = 0,
-    ) -> Step:
+    def step(self, memory: Array, sensors: Sensors, command: Command) -> Step:
         """Takes one step.
 
         Args:
-            memory: What it remembers of the step before, as `Step` lays it out.
-            sensors: What the robot senses now.
-            command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded; the
-                nearest that the gait is made for is taken, and if one is not finite the robot is to
-                step on the spot.
-            requested: Number of the gait that is to run, of several.
-            requested_mode: Number of what the operator requests, of a day.
+            memory: The memory after the step before, as `Step` lays it out.
+            sensors: The present readings.
+            command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded. The
+                nearest command that the gait is made for is taken; where one is not finite the
+                robot steps on the spot.
         """
-        within = sound_command(self._limits, command)
-        if self._day is None:
-            step = self._acted(memory, sensors, within, requested)
-        else:
-            step = self._lived(self._day, memory, sensors, within, requested, requested_mode)
+        within = sound_command(self._gait, command)
+        step = self._acted(memory, sensors, within)
         same = np.array_equal([*within.velocity, within.dwell], [*command.velocity, command.dwell])
         return step if same or step.status else step._replace(status=COMMAND_LIMITED)
 
-    def _lived(
-        self,
-        day: ModeMachine,
-        memory: Array,
-        sensors: Sensors,
-        command: Command,
-        requested: int,
-        requested_mode: int,
-    ) -> Step:
-        """Takes a step of a day. Without sound readings the day's machine alone does."""
-        own, state = memory[:-N_DAY].copy(), ModeState.unpacked(memory[-N_DAY:])
-        request, before = np.array(requested_mode), own[ACTION].copy()
-        served = day.served(command.velocity, request)
-        assert sensors.imu is not None
-        readings = ModeReadings(sensors.joint_position, sensors.joint_velocity, sensors.imu)
-        machine = MachineState(*own[MACHINE].astype(np.int64))
-        begun = restarted(self._machine.initial(), machine, day.acted(state))
-        policy_action, status = before, BAD_INPUT
-        after = own
-        if day.sound(readings):
-            own[MACHINE] = np.ravel(begun)
-            given = command._replace(velocity=served)
-            after, policy_action = self._observed(own, sensors, given, requested)
-            status = OK
-        step = day.step(
-            state,
-            readings,
-            requested=request,
-            served=served,
-            action=policy_action,
-            before=before,
-        )
-        action = before
-        if status == OK:
-            action = self._within(step.action, before, sensors)
-        after[ACTION] = action
-        targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
-        whole = np.concatenate([after, step.state.packed()])
-        return Step(whole, targets, status, bool(step.damped))
-
-    def _acted(self, memory: Array, sensors: Sensors, command: Command, requested: int) -> Step:
-        """Takes a step in which the policy acts."""
-        after, asked = self._observed(memory, sensors, command, requested)
+    def _acted(self, memory: Array, sensors: Sensors, command: Command) -> Step:
+        after, asked = self._observed(memory, sensors, command)
         action = self._within(asked, memory[ACTION], sensors)
         after[ACTION] = action
         targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
         return Step(after, targets, OK)
 
-    def _observed(
-        self, memory: Array, sensors: Sensors, command: Command, requested: int
-    ) -> tuple[Array, Array]:
-        """Returns what is remembered after a step, but for its action, and what the policy asks for
-        (12)."""
+    def _observed(self, memory: Array, sensors: Sensors, command: Command) -> tuple[Array, Array]:
+        """Returns the memory after a step, except its action, and the policy's action (12)."""
         reading, unchanged = memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64)
         before = ContactTrust(reading, unchanged)
         trust = before.after(sensors.touching)
         height = self._expected_height(memory, sensors)
         contact = trust.believed(before.lasting(sensors.touching), height)
         sensors = replace(sensors, touching=trust.believed(sensors.touching, height))
-        machine = self._step_machine(
+        machine = self._machine.step(
             MachineState(*memory[MACHINE].astype(np.int64)),
-            requested,
             foot_contact=contact,
             foot_height=memory[FOOT_HEIGHT],
             commanded_dwell=command.dwell,
@@ -242,8 +162,3 @@ class PythonController:
             return np.zeros(quadruped.N_LEGS)
         robot = self._policy.robot
         return self._estimator.expected_heights(robot, before, sensors.joint_position)
-
-    def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
-        if self._switch is None:
-            return self._machine.step(machine, **senses)
-        return self._switch.step(machine, requested=np.array(requested), **senses)

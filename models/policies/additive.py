@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import variable
 from glassgait.models.policies.arrays import Indices, Reals, rounded
-from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import (
     INTERCEPT,
     Contributions,
+    FactoredTerm,
     Policy,
     contributions_of_action,
 )
@@ -21,26 +21,6 @@ from glassgait.models.task.observation import symbols_of
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
-
-
-def _factors(policy: "AdditivePolicy", joint: int) -> tuple[FactoredTerm, ...]:
-    pairs = policy.pairs[policy.pair_joints == joint].tolist()
-    of = [(index,) for index in range(len(policy.observation_names))] + pairs
-    functions = (FactoredTerm((), tuple(variable(index) for index in own)) for own in of)
-    intercept = (
-        policy.robot.default_stance[joint] + policy.robot.action_scale * policy.intercepts[joint]
-    )
-    return (FactoredTerm((float(intercept),), ()), *functions)
-
-
-def _importance(policy: "AdditivePolicy", observations: Array) -> tuple[str, Array]:
-    """Returns the mean size of each function; one of two observations counts half for each."""
-    single, pairs = policy.term_values(observations)
-    importances = np.abs(single - single.mean(axis=0)).mean(axis=0)
-    sizes = np.abs(pairs - pairs.mean(axis=0)).mean(axis=0)
-    for (first, second), joint, size in zip(policy.pairs, policy.pair_joints, sizes, strict=True):
-        importances[joint, [first, second]] += 0.5 * size
-    return "terms", importances
 
 
 class AdditivePolicy(Policy):
@@ -64,13 +44,6 @@ class AdditivePolicy(Policy):
     """
 
     kind = "additive"
-    capabilities = Capabilities(
-        factors=_factors,
-        importance=_importance,
-        code="export.policies:additive_code",
-        graph="export.graphs.policies:add_additive",
-        stepwise=True,
-    )
     array_specs: ClassVar = {
         "cuts": Reals("observations cuts", most=np.inf, ascending=True),
         "pair_cuts": Reals("observations pair_cuts", most=np.inf, ascending=True),
@@ -201,6 +174,23 @@ class AdditivePolicy(Policy):
         """
         single, paired = self._looked_up(observations, self.tables, self.pair_tables)
         return np.moveaxis(single, 0, 1), paired
+
+    def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
+        pairs = self.pairs[self.pair_joints == joint].tolist()
+        of = [(index,) for index in range(len(self.observation_names))] + pairs
+        robot = self.robot
+        intercept = robot.default_stance[joint] + robot.action_scale * self.intercepts[joint]
+        functions = (FactoredTerm((), tuple(variable(index) for index in own)) for own in of)
+        return (FactoredTerm((float(intercept),), ()), *functions)
+
+    def importance(self, observations: Array) -> tuple[str, Array]:
+        """Returns the mean size of each function; a function of a pair counts half for each."""
+        single, pairs = self.term_values(observations)
+        importances = np.abs(single - single.mean(axis=0)).mean(axis=0)
+        sizes = np.abs(pairs - pairs.mean(axis=0)).mean(axis=0)
+        for (first, second), joint, size in zip(self.pairs, self.pair_joints, sizes, strict=True):
+            importances[joint, [first, second]] += 0.5 * size
+        return "terms", importances
 
     def disagreement(self, observations: Array) -> Array:
         """Measures how far the bagged models' actions differ.

@@ -16,7 +16,6 @@ from glassgait.models.policies.arrays import (
     rounded,
     single_precision_cuts,
 )
-from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot
 
@@ -41,12 +40,6 @@ class BoostedTreesPolicy(Policy):
     """
 
     kind = "boosted_trees"
-    capabilities = Capabilities(
-        importance=lambda policy, _: ("impurity", policy.importances),
-        code="export.policies:trees_code",
-        graph="export.graphs.policies:add_trees",
-        stepwise=True,
-    )
     array_specs: ClassVar = {
         "features": Indices("joints trees nodes", of="observations"),
         # A branch that ends early goes left of infinity.
@@ -138,6 +131,9 @@ class BoostedTreesPolicy(Policy):
         if _LOWER in own and "thresholds" not in own:
             own["thresholds"] = single_precision_cuts(own.pop(_LOWER))
         return super().from_arrays(own, values, **names)
+
+    def importance(self, observations: Array) -> tuple[str, Array]:
+        return "impurity", self.importances
 
     def tree_values(self, observations: Array, joint: int) -> Array:
         """Returns what each tree adds to a joint's action (m, n_trees), of observations (m, n)."""

@@ -1,32 +1,20 @@
 """Linear policies: one weight vector a joint, or one a joint and state of the reward machine."""
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import variable
 from glassgait.models.policies.arrays import ArraySpec, Reals
-from glassgait.models.policies.capabilities import Capabilities, FactoredTerm, weighted_terms
 from glassgait.models.policies.policy import (
     INTERCEPT,
     Contributions,
+    FactoredTerm,
     Policy,
     contributions_of_action,
 )
 from glassgait.models.task.observation import symbols_of
-
-
-def _factors(policy: "LinearPolicy", joint: int) -> tuple[FactoredTerm, ...]:
-    scale, stance = policy.robot.action_scale, policy.robot.default_stance[joint]
-    weights, intercepts = policy.by_state()
-    slopes = [tuple(own) for own in (scale * weights[:, joint]).T.tolist()]
-    return weighted_terms(tuple((stance + scale * intercepts[:, joint]).tolist()), slopes)
-
-
-def _importance(policy: "LinearPolicy", observations: Array) -> tuple[str, Array]:
-    slopes = np.tensordot(policy.state_shares(observations), np.abs(policy.by_state()[0]), axes=1)
-    return "derivatives", slopes * observations.std(axis=0)
 
 
 class LinearPolicy(Policy):
@@ -38,12 +26,6 @@ class LinearPolicy(Policy):
     """
 
     kind = "linear"
-    capabilities = Capabilities(
-        factors=_factors,
-        importance=_importance,
-        code="export.policies:linear_code",
-        graph="export.graphs.policies:add_linear",
-    )
     array_specs: ClassVar[dict[str, ArraySpec]] = {
         "weights": Reals("joints observations"),
         "intercepts": Reals("joints"),
@@ -61,6 +43,20 @@ class LinearPolicy(Policy):
     def state_shares(self, observations: Array) -> Array:
         """Returns the share of observations (m, n) to which each entry of `by_state` applies."""
         return np.ones(1)
+
+    def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
+        scale, stance = self.robot.action_scale, self.robot.default_stance[joint]
+        weights, intercepts = self.by_state()
+        constant = tuple((stance + scale * intercepts[:, joint]).tolist())
+        slopes = (scale * weights[:, joint]).T.tolist()
+        return (
+            FactoredTerm(constant, ()),
+            *(FactoredTerm(tuple(own), (variable(i),)) for i, own in enumerate(slopes)),
+        )
+
+    def importance(self, observations: Array) -> tuple[str, Array]:
+        slopes = np.tensordot(self.state_shares(observations), np.abs(self.by_state()[0]), axes=1)
+        return "derivatives", slopes * observations.std(axis=0)
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
         weights, intercepts = (own[:, joint] for own in self.by_state())
@@ -81,9 +77,6 @@ class StatewiseLinearPolicy(LinearPolicy):
     """
 
     kind = "statewise_linear"
-    capabilities = replace(
-        LinearPolicy.capabilities, graph="export.graphs.policies:add_statewise_linear"
-    )
     array_specs: ClassVar[dict[str, ArraySpec]] = {
         "weights": Reals("states joints observations"),
         "intercepts": Reals("states joints"),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.arrays import ArraySpec, Reals, take_arrays
-from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import N_ESTIMATED
@@ -144,9 +143,6 @@ class NeuralPolicy(Policy):
     """
 
     kind = "neural"
-    capabilities = Capabilities(
-        code="export.policies:neural_code", graph="export.graphs.policies:add_neural"
-    )
 
     def __init__(
         self,

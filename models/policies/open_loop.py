@@ -7,7 +7,6 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.policies.arrays import Reals
-from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of
 
@@ -20,9 +19,6 @@ class OpenLoopPolicy(Policy):
     """
 
     kind = "open_loop"
-    capabilities = Capabilities(
-        code="export.policies:open_loop_code", graph="export.graphs.policies:add_open_loop"
-    )
     array_specs: ClassVar = {"table": Reals("states iterations joints")}
     needed_groups = ("machine state", "iterations")
     table: Array

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.arrays import ArraySpec, narrowest, refuse_other_arrays, take_arrays
-from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
@@ -31,6 +30,9 @@ from glassgait.models.task.observation import (
     machine_state_entries,
 )
 from glassgait.models.task.odometry import Odometry
+
+if TYPE_CHECKING:
+    from glassgait.models.formulas.expression import Expression
 
 FORMAT_VERSION = 1
 
@@ -48,6 +50,22 @@ _HEADER = {
     "values": (dict, "a mapping"),
 }
 """Keys of a policy file's header, with what each must be; other keys are left alone."""
+
+
+@dataclass(frozen=True)
+class FactoredTerm:
+    """A term of a joint's target: a weight times quantities, or a function of them.
+
+    Attributes:
+        weights: The weight, one for all RM states or one each; empty where the term is a function
+            of its quantities.
+        quantities: Variables of the policy, or functions of them.
+        state: RM state whose formula the term is part of; None where it serves all.
+    """
+
+    weights: tuple[float, ...]
+    quantities: "tuple[Expression, ...]"
+    state: int | None = None
 
 
 @dataclass(frozen=True)
@@ -109,8 +127,6 @@ class Policy(ABC):
     """What the policy's arrays must be; their names are its attributes and its arguments."""
     needed_groups: ClassVar[tuple[Group, ...]] = ()
     """Groups of observations that this kind of policy asks for."""
-    capabilities: ClassVar[Capabilities] = Capabilities()
-    """What can be done with policies of this class, besides letting them act."""
 
     def __init__(
         self,
@@ -287,9 +303,18 @@ class Policy(ABC):
         Raises:
             InputError: if this kind of policy has no such terms.
         """
-        if self.capabilities.factors is None:
-            raise self._without_terms()
-        return self.capabilities.factors(self, joint)
+        raise self._without_terms()
+
+    def importance(self, observations: Array) -> tuple[str, Array] | None:
+        """Returns the importance of observations that the policy's parts give.
+
+        Args:
+            observations: Observations (m, n).
+
+        Returns:
+            The name of the method, and an array (12, n); None for policies without such parts.
+        """
+        return None
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
         raise self._without_terms()

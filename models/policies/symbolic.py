@@ -22,8 +22,7 @@ from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabul
 from glassgait.models.formulas.readings import Readings
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
-from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
-from glassgait.models.policies.policy import Contributions, Policy
+from glassgait.models.policies.policy import Contributions, FactoredTerm, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
@@ -31,15 +30,6 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import refuse_other_mirror
-
-
-def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
-    by_state = policy.formulas_by_state
-    return tuple(
-        _factored(term, state if len(by_state) > 1 else None)
-        for state, formulas in enumerate(by_state)
-        for term in formulas[joint].terms()
-    )
 
 
 def _factored(term: Expression, state: int | None) -> FactoredTerm:
@@ -65,11 +55,6 @@ def factors_of(term: Expression) -> tuple[Expression, ...]:
             return (term,)
 
 
-def _importance(policy: "FormulaPolicy", observations: Array) -> tuple[str, Array]:
-    slopes = np.abs(policy.derivatives(observations)).mean(axis=0)
-    return "derivatives", slopes * observations.std(axis=0)
-
-
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each machine state.
 
@@ -86,12 +71,6 @@ class FormulaPolicy(Policy):
     dims: ClassVar[tuple[str, ...]]
     """Dimensions of `expressions`."""
     suffix = SUFFIX
-    capabilities = Capabilities(
-        factors=_factors,
-        importance=_importance,
-        code="export.formulas:formula_code",
-        graph="export.graphs.formulas:add_formulas",
-    )
 
     def __init__(
         self,
@@ -121,6 +100,18 @@ class FormulaPolicy(Policy):
     @abstractmethod
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         """Formulas of each state of the machine; a single row where all states share them."""
+
+    def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
+        by_state = self.formulas_by_state
+        return tuple(
+            _factored(term, state if len(by_state) > 1 else None)
+            for state, formulas in enumerate(by_state)
+            for term in formulas[joint].terms()
+        )
+
+    def importance(self, observations: Array) -> tuple[str, Array]:
+        slopes = np.abs(self.derivatives(observations)).mean(axis=0)
+        return "derivatives", slopes * observations.std(axis=0)
 
     @abstractmethod
     def derivatives(self, observation: Array) -> Array:

@@ -1,6 +1,7 @@
 """A robot as data: what differs from one quadruped to another, as `quadruped` lays one out."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ from pydantic import StringConstraints
 from glassgait.models.arrays import Array, clip
 from glassgait.models.errors import InputError, shown
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
-from glassgait.models.settings import DISTINCT, Positive, Range, Settings, checked
+from glassgait.models.settings import DISTINCT, Positive, Range, Settings
 
 DEFAULT_ROBOT = "a1"
 """Name of the robot that is meant where none is named."""
@@ -29,7 +30,7 @@ Box = tuple[Length, Length, Length]
 Triple = tuple[float, float, float]
 
 
-@checked
+@dataclass(frozen=True, eq=False)
 class Robot(Settings):
     """A quadruped: lengths, limits, gains and the joint-level law that drives it.
 
@@ -82,10 +83,8 @@ class Robot(Settings):
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
     path: str = ""
 
-    __eq__ = object.__eq__
-    __hash__ = object.__hash__
-
     def __post_init__(self) -> None:
+        super().__post_init__()
         for key in ("position_limits", "effort_limits", "velocity_limits"):
             _refuse_other_keys(key, getattr(self, key), {*LEG_JOINTS, *JOINTS})
             self._of_joints(key)

@@ -11,8 +11,7 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.expression import Expression, variable
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
-from glassgait.models.policies.capabilities import FactoredTerm
-from glassgait.models.policies.policy import Contributions, Policy
+from glassgait.models.policies.policy import Contributions, FactoredTerm, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait

@@ -1,182 +1,159 @@
-"""Whether the C of a controller does what Python does: both take the same steps."""
+"""Comparison of an exported controller with Python, on the same sensors and in a closed loop."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.export.binding import MACHINE, N_DAY, LoadedController, Sensors
+from glassgait.models.errors import InputError
+from glassgait.models.export.binding import ACTION, MACHINE, LoadedController, Sensors
 from glassgait.models.export.reference import PythonController
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    ControllerOutput,
+    WrappedController,
+)
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
-from glassgait.models.task.day import REQUESTS
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.imu import GRAVITY
 from glassgait.studies.common.episode import (
+    BoolArray,
     ControlStep,
-    IntArray,
+    Episode,
+    Event,
     Observer,
     episode,
 )
-from glassgait.studies.common.observers import Observations
+from glassgait.studies.common.observers import Log, Observations
+from glassgait.studies.common.scores import score_rollouts
+
+SAME = 1e-6
+"""Difference of a joint target (rad) up to which C in double precision is the same controller."""
 
 COMMAND_STEPS = 50
 """Control steps between two commands of random sequences."""
 
-UNLIMITED = Scenario(limit_targets=False)
-"""The training world, in which joints follow any target."""
-
-REQUEST_STEPS = 100
-"""Control steps from one request to the next of robots that are recorded (2 s)."""
-
-RANDOM_REQUEST_STEPS = 20
-"""Control steps from one request to the next where sensors are drawn at random."""
-
-MODE_STEPS = 100
-"""Control steps from one request of a mode to the next, where they are drawn."""
-
-LEANING = 5
-"""Every so many random sequences of a day are of robots that lean anyhow."""
-
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
 
+UNLIMITED = Scenario(limit_targets=False)
+"""The training scenario, except that joints follow any target."""
 
-MODE = -N_DAY
-"""Where the number of the mode stands in what a controller with a day remembers."""
-
-COUNTS = slice(MODE, MODE + 4)
-"""Where its mode and its counts of control steps do."""
+ENGINES = {"Drake": "training", "MuJoCo": "mujoco"}
+"""Scenario of each physics engine."""
 
 
 class Moment(NamedTuple):
-    """What a controller reads in a step.
+    """The inputs of a controller in one step.
 
     Attributes:
-        sensors: What the robot senses.
+        sensors: The readings of the robot's sensors.
         command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
-        requested: Number of the gait that is to run, of several.
-        requested_mode: Number of what the operator requests, of a day.
     """
 
     sensors: Sensors
     command: Command
-    requested: int = 0
-    requested_mode: int = 0
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How far two controllers are apart over the same sequences.
+class Agreement(NamedTuple):
+    """The differences between two controllers over the same sequences.
 
     Attributes:
         steps: Control steps that were taken.
         target: Greatest difference of a joint target (rad).
         machine: Control steps at which the machine's state, iterations or age differ.
         changes: Changes of the machine's state.
-        gaits: Changes of the gait among them; None where there is only one.
-        modes: Control steps at which what is remembered of a day differs; None without one.
-        mode_changes: Changes of its mode.
     """
 
     steps: int
     target: float
     machine: int
     changes: int
-    gaits: int | None = None
-    modes: int | None = None
-    mode_changes: int | None = None
+
+
+def agreement_table(
+    gait: Gait,
+    controller: AlternatingController,
+    compiled: LoadedController,
+    n_steps: int,
+    seed: int,
+    *,
+    exact: bool = True,
+) -> pd.DataFrame:
+    """Compares C and Python over recorded and over random sequences, one row each.
+
+    Args:
+        gait: The gait.
+        controller: The controller in Python.
+        compiled: The controller in C.
+        n_steps: Control steps, half of recorded and half of random sensors.
+        seed: Seed of all randomness.
+        exact: Whether differences above `SAME` are refused, as of C in double precision.
+
+    Raises:
+        InputError: if they are.
+    """
+    recorded = (n_steps + 1) // 2
+    sequences = {
+        "recorded": recorded_sequences(gait, controller, recorded, seed),
+        "random": random_sequences(controller.robot, gait, n_steps - recorded, seed),
+    }
+    python = PythonController(gait, controller)
+    found = {name: compare_controllers(python, compiled, one) for name, one in sequences.items()}
+    for one in found.values():
+        if exact and (one.target > SAME or one.machine):
+            raise InputError(
+                f"export: a joint target of C differs from Python's by {one.target:.2g} rad, and "
+                f"the machine at {one.machine} of {one.steps} steps; C stands still where the "
+                "policy asks for targets that are not finite or beyond 1e6, so give formulas that "
+                "do not"
+            )
+    return pd.DataFrame([{"sensors": name, **one._asdict()} for name, one in found.items()])
 
 
 def compare_controllers(
-    python: PythonController, compiled: LoadedController, sequences: list[list[Moment]]
+    python: PythonController, compiled: LoadedController, sequences: Sequence[Sequence[Moment]]
 ) -> Agreement:
-    """Lets both take the steps of each sequence, each with its own memory."""
-    greatest, apart, changes, gaits, modes, mode_changes = 0.0, 0, 0, 0, 0, 0
+    """Lets both controllers take the steps of each sequence."""
+    greatest, apart, changes = 0.0, 0, 0
     for sequence in sequences:
         ours, theirs = python.initial(), compiled.initial()
         for moment in sequence:
-            state, gait = ours[MACHINE][0], compiled.gait_of(ours)
-            mode = ours[MODE]
-            one = python.step(ours, *moment)
-            other = compiled.step(theirs, *moment)
+            state = ours[MACHINE][0]
+            one, other = python.step(ours, *moment), compiled.step(theirs, *moment)
             ours, theirs = one.memory, other.memory
-            modes += not np.array_equal(ours[COUNTS], theirs[COUNTS])
-            mode_changes += bool(ours[MODE] != mode)
             greatest = max(greatest, float(np.abs(one.targets - other.targets).max()))
             apart += not np.array_equal(ours[MACHINE], theirs[MACHINE])
             changes += bool(ours[MACHINE][0] != state)
-            gaits += compiled.gait_of(ours) != gait
-    steps = sum(map(len, sequences))
-    of_day = (modes, mode_changes) if compiled.has_day else (None, None)
-    of_gaits = gaits if compiled.n_gaits > 1 else None
-    return Agreement(steps, greatest, apart, changes, of_gaits, *of_day)
+    return Agreement(sum(map(len, sequences)), greatest, apart, changes)
 
 
-def random_sequences(
-    robot: Robot, gait: Gait | GaitSwitch, n_steps: int, seed: int
-) -> list[list[Moment]]:
-    """Draws sensors at random, in sequences of `SEQUENCE_STEPS`, and requests of several gaits.
+def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
+    """Draws sensors at random, in sequences of `SEQUENCE_STEPS`.
 
-    Joints are anywhere in their ranges, as fast as they can be; every other stance is one in which
-    a transition of the gait fires, or of one of the gaits. The trunk leans and turns anyhow.
+    Joints are anywhere in their ranges, at any velocity up to their limits. In every other step a
+    transition of the gait fires. The trunk leans and turns in any direction.
     """
     generator, of_trunk = np.random.default_rng(seed), np.random.default_rng([seed, 1])
-    machine = gait.gait if isinstance(gait, GaitSwitch) else gait
-    tables = np.array([transition.when.table for transition in machine.transitions])
+    tables = np.array([transition.when.table for transition in gait.transitions])
     counts = [min(SEQUENCE_STEPS, n_steps - k) for k in range(0, n_steps, SEQUENCE_STEPS)]
-    sequences = [
-        list(_random_moments(robot, machine, tables, random_readings(own, of_trunk), generator))
-        for own in counts
-    ]
-    if isinstance(gait, Gait):
-        return sequences
-    requested = drawn_requests(gait, len(sequences), SEQUENCE_STEPS, RANDOM_REQUEST_STEPS, seed)
     return [
-        [moment._replace(requested=int(asked)) for moment, asked in zip(own, row, strict=False)]
-        for own, row in zip(sequences, requested.T, strict=True)
+        list(_random_moments(robot, gait, tables, random_readings(count, of_trunk), generator))
+        for count in counts
     ]
-
-
-def with_requested_modes(sequences: list[list[Moment]], seed: int) -> list[list[Moment]]:
-    """Draws what the operator requests, another thing from time to time.
-
-    Trunks are held nearly level in all but a few sequences: a lean would end the day's others.
-    """
-    generator = np.random.default_rng([seed, 2])
-    return [
-        [
-            _level(moment)._replace(requested_mode=int(asked)) if (number + 1) % LEANING else moment
-            for moment, asked in zip(own, _drawn_modes(len(own), generator), strict=True)
-        ]
-        for number, own in enumerate(sequences)
-    ]
-
-
-def _drawn_modes(count: int, generator: np.random.Generator) -> IntArray:
-    asked = generator.integers(len(REQUESTS), size=-(-count // MODE_STEPS))
-    return np.repeat(asked, MODE_STEPS)[:count]
-
-
-def _level(moment: Moment) -> Moment:
-    sensors = moment.sensors
-    assert sensors.imu is not None
-    imu = np.concatenate([sensors.imu[:6] * [0.5, 0.5, 0.5, 1, 1, 1], [0.0, 0.0, -1.0]])
-    slow = replace(sensors, joint_velocity=0.1 * sensors.joint_velocity, imu=imu)
-    return moment._replace(sensors=slow)
 
 
 def random_readings(count: int, generator: np.random.Generator) -> Array:
-    """Draws readings of an IMU (count, 9) of robots that lean and turn anyhow."""
+    """Draws readings of an IMU (count, 9) of robots that lean and turn in any direction."""
     turning, change, down = generator.normal(size=(3, count, 3))
     down /= np.sqrt(np.sum(np.square(down), axis=1, keepdims=True))
     change *= CONTROL_PERIOD * GRAVITY
@@ -190,11 +167,10 @@ def _random_moments(
         if step % COMMAND_STEPS == 0:
             drawn = sample_commands(gait, 1, generator)
             command = Command(drawn.velocity[0], drawn.dwell[0])
+        touching = np.zeros(quadruped.N_LEGS, dtype=bool)
         if step % 2:
             codes = np.flatnonzero(tables[generator.integers(len(tables))])
             touching = STANCES[generator.choice(codes)]
-        else:
-            touching = np.zeros(quadruped.N_LEGS, dtype=bool)
         position = generator.uniform(robot.lower_limits, robot.upper_limits)
         velocity = generator.uniform(-robot.velocity, robot.velocity)
         yield Moment(Sensors(position, velocity, touching, imu), command)
@@ -203,70 +179,30 @@ def _random_moments(
 def recorded_sequences(
     gait: Gait, controller: AlternatingController, n_steps: int, seed: int
 ) -> list[list[Moment]]:
-    """Records what robots sense that the controller moves, in the training world."""
+    """Records the sensors of robots that the controller moves, in the training scenario."""
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
-    own_steps = n_steps // n_robots
-    recorded = RecordedMoments(n_robots)
-    episode(
-        gait,
-        controller,
-        UNLIMITED,
-        n_robots=n_robots,
-        n_steps=own_steps,
-        seed=seed,
-        observers=[recorded],
-        when_fallen="go on",
-    )
+    recorded = _Moments([[] for _ in range(n_robots)])
+    _walk(gait, controller, n_robots, n_steps // n_robots, seed, recorded)
     return recorded.sequences
-
-
-def drawn_requests(
-    switch: GaitSwitch, n_robots: int, n_steps: int, every: int, seed: int
-) -> IntArray:
-    """Draws the numbers of the gaits that robots are asked for (n_steps, n_robots).
-
-    The first gait is asked for at first, and from time to time another one than before.
-    """
-    generator = np.random.default_rng(seed)
-    n_gaits, n_requests = len(switch.gaits), -(-n_steps // every)
-    onward = generator.integers(1, max(n_gaits, 2), size=(n_requests, n_robots))
-    onward[0] = 0
-    requested = np.cumsum(onward, axis=0) % n_gaits
-    return np.repeat(requested, every, axis=0)[:n_steps]
-
-
-class RecordedMoments(Observer):
-    """Records what each robot senses.
-
-    Attributes:
-        sequences: Moments of each robot.
-    """
-
-    def __init__(
-        self,
-        n_robots: int,
-        requested: IntArray | None = None,
-        requested_modes: IntArray | None = None,
-    ) -> None:
-        self.sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
-        self._requested, self._requested_modes = requested, requested_modes
-
-    def observe(self, step: ControlStep) -> None:
-        """Records a control step."""
-        asked = self._requested
-        # What is requested in a step is read in the next one.
-        now = None if asked is None or step.step == 0 else asked[step.step - 1]
-        for i, moment in enumerate(moments(step.before, now)):
-            # A mode is requested before robots are observed.
-            mode = 0 if self._requested_modes is None else int(self._requested_modes[step.step, i])
-            self.sequences[i].append(moment._replace(requested_mode=mode))
 
 
 def recorded_observations(
     gait: Gait, controller: AlternatingController, n_robots: int, n_steps: int, seed: int
 ) -> Array:
-    """Records what robots observe (m, n) that the controller moves in the training world."""
+    """Records observations (m, n) of robots that the controller moves, likewise."""
     observations = Observations()
+    _walk(gait, controller, n_robots, n_steps, seed, observations)
+    return np.concatenate(observations.array)
+
+
+def _walk(
+    gait: Gait,
+    controller: AlternatingController,
+    n_robots: int,
+    n_steps: int,
+    seed: int,
+    observer: Observer,
+) -> None:
     episode(
         gait,
         controller,
@@ -274,24 +210,111 @@ def recorded_observations(
         n_robots=n_robots,
         n_steps=n_steps,
         seed=seed,
-        observers=[observations],
+        observers=[observer],
         when_fallen="go on",
     )
-    return np.concatenate(observations.array)
 
 
-def moments(state: TaskState, requested: IntArray | None = None) -> Iterator[Moment]:
-    """Returns what each robot senses and is asked for in a state; see `Moment`."""
-    gaits = np.zeros(len(state.steps), dtype=np.int64) if requested is None else requested
-    measured = joint_readings(state.plant, state.joint_noise)
-    for row, touching, imu, velocity, dwell, gait in zip(
-        measured, state.sensed, state.imu[:, -1], *state.command, gaits, strict=True
+@dataclass
+class _Moments(Observer):
+    """Records the inputs of each robot's controller."""
+
+    sequences: list[list[Moment]]
+
+    def observe(self, step: ControlStep) -> None:
+        for sequence, moment in zip(self.sequences, moments(step.before), strict=True):
+            sequence.append(moment)
+
+
+def moments(state: TaskState) -> Iterator[Moment]:
+    """Returns the inputs of each robot's controller in a state."""
+    joints = [state.plant[:, quadruped.JOINT_POSITION], state.plant[:, quadruped.JOINT_VELOCITY]]
+    measured = np.concatenate(joints, axis=1) + state.joint_noise
+    for row, touching, imu, velocity, dwell in zip(
+        measured, state.sensed, state.imu[:, -1], *state.command, strict=True
     ):
         position, speed = np.split(row, 2)
-        yield Moment(Sensors(position, speed, touching, imu), Command(velocity, dwell), int(gait))
+        yield Moment(Sensors(position, speed, touching, imu), Command(velocity, dwell))
 
 
-def joint_readings(plant: Array, noise: Array) -> Array:
-    """Returns what the joints' sensors measure: positions, then velocities (n, 24; rad, rad/s)."""
-    parts = [plant[:, quadruped.JOINT_POSITION], plant[:, quadruped.JOINT_VELOCITY]]
-    return np.concatenate(parts, axis=1) + noise
+def closed_loop_table(
+    gait: Gait,
+    controller: AlternatingController,
+    compiled: LoadedController,
+    *,
+    n_robots: int,
+    n_steps: int,
+    seed: int,
+) -> pd.DataFrame:
+    """Lets robots walk by Python and by C, in both physics engines, with the same noise.
+
+    Returns:
+        One row an engine: `falls` and mean `return` of both, and the greatest difference of a
+        robot's return (share of it).
+    """
+    in_c = _CompiledController(controller, compiled)
+    rows = []
+    for engine, name in ENGINES.items():
+        scenario, scores = load_scenario(name), []
+        for acting, events in ((controller, []), (in_c, [Event(None, None, in_c.sense)])):
+            log = Log(acting, scenario)
+            episode(
+                gait,
+                acting,
+                scenario,
+                n_robots=n_robots,
+                n_steps=n_steps,
+                seed=seed,
+                observers=[log],
+                events=[_one_command(gait, n_robots, seed), *events],
+            )
+            scores.append(score_rollouts(log.rollout(n_steps), controller.robot.mass))
+        python, ours = (one["return"] for one in scores)
+        rows.append(
+            {
+                "engine": engine,
+                "robots": n_robots,
+                "falls, Python": int(scores[0]["fell"].sum()),
+                "falls, C": int(scores[1]["fell"].sum()),
+                "return, Python": float(python.mean()),
+                "return, C": float(ours.mean()),
+                "apart, robot (%)": 100.0 * float(((ours - python).abs() / python.abs()).max()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _one_command(gait: Gait, n_robots: int, seed: int) -> Event:
+    """Returns the event that gives each robot a command for the whole episode."""
+    command = sample_commands(gait, n_robots, np.random.default_rng(seed))
+
+    def begin(running: Episode, _: BoolArray) -> None:
+        simulator = running.simulator
+        simulator.start_at(simulator.state.plant, command)
+        # The simulator would draw another command after 10 s.
+        simulator.set_command(command)
+
+    return Event(0, None, begin)
+
+
+@dataclass(frozen=True)
+class _CompiledController(WrappedController):
+    """Acts by a compiled controller for each robot, whose sensors an event reads."""
+
+    compiled: LoadedController
+    _sensed: list[Moment] = field(default_factory=list)
+
+    def sense(self, running: Episode, _: BoolArray) -> None:
+        """Reads the present sensors of each robot."""
+        self._sensed[:] = moments(running.simulator.state)
+
+    def begin(self, n_robots: int) -> list[Array]:
+        return [self.compiled.initial() for _ in range(n_robots)]
+
+    def advance(self, step: int, observation: Array, memory: list[Array]) -> ControllerOutput:
+        memory = [
+            self.compiled.step(one, *moment).memory
+            for one, moment in zip(memory, self._sensed, strict=True)
+        ]
+        action = np.array(memory)[:, ACTION]
+        return ControllerOutput(action, np.zeros(len(action), dtype=bool), memory)

@@ -82,8 +82,8 @@ def measure_importances(
     """
     generator = np.random.default_rng([seed, 1])
     found = {"permutation": permutation_importance(student, samples, generator, repeats)}
-    if (own_importance := student.capabilities.importance) is not None:
-        method, values = own_importance(student, samples.observations)
+    if (importance := student.importance(samples.observations)) is not None:
+        method, values = importance
         found[method] = values[None]
     tables = []
     for method, values in found.items():

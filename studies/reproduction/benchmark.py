@@ -5,7 +5,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -15,12 +15,13 @@ import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.export.controller import write_controller
+from glassgait.models.export.binding import FLAGS, compile_c, has_compiler, write_source
+from glassgait.models.export.c_source import write_controller
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.settings import Count, checked
+from glassgait.models.settings import Count
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.pages import page_template
@@ -38,7 +39,6 @@ from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.export.command import controller_name
-from glassgait.studies.export.files import FLAGS, compile_c, has_compiler, write_source
 from glassgait.studies.reproduction.page import TEMPLATES
 from glassgait.studies.reproduction.throughput import throughput
 from glassgait.studies.training.config import TrainingConfig
@@ -57,7 +57,7 @@ REPETITIONS = 5
 """Repetitions, of which the fastest is reported: the machine does other work too."""
 
 
-@checked
+@dataclass(frozen=True)
 class Benchmark(OneGait):
     """Measure training throughput and the time of one action, as ratios.
 

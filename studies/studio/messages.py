@@ -1,12 +1,13 @@
 """What a page may ask for: each message is checked before anything is done."""
 
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from annotated_types import Ge, Le, Lt, MaxLen
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.robots import quadruped
-from glassgait.models.settings import Settings, checked
+from glassgait.models.settings import Settings
 
 Name = Annotated[str, MaxLen(80)]
 
@@ -14,7 +15,7 @@ MOST_AXES = 32
 """Axes that a gamepad may have; browsers report the sticks first."""
 
 
-@checked
+@dataclass(frozen=True)
 class Choose(Settings):
     """Show the formula of another place: its number among those that the file holds."""
 
@@ -23,7 +24,7 @@ class Choose(Settings):
     place: Annotated[int, Ge(0)]
 
 
-@checked
+@dataclass(frozen=True)
 class Joint(Settings):
     """Draw another joint in the browser that asks, where there are no formulas."""
 
@@ -32,7 +33,7 @@ class Joint(Settings):
     joint: Annotated[int, Ge(0), Lt(quadruped.N_JOINTS)]
 
 
-@checked
+@dataclass(frozen=True)
 class Shown(Settings):
     """Say that the page has taken what it was sent, up to a message of this number."""
 
@@ -41,7 +42,7 @@ class Shown(Settings):
     number: Annotated[int, Ge(0)]
 
 
-@checked
+@dataclass(frozen=True)
 class Coefficient(Settings):
     """Change what a term of the formula that is shown is multiplied by.
 
@@ -58,7 +59,7 @@ class Coefficient(Settings):
     goes_on: bool = False
 
 
-@checked
+@dataclass(frozen=True)
 class Number(Settings):
     """Change a number of a definition.
 
@@ -73,7 +74,7 @@ class Number(Settings):
     value: float
 
 
-@checked
+@dataclass(frozen=True)
 class Switch(Settings):
     """Switch a term of the formula that is shown off or on."""
 
@@ -83,7 +84,7 @@ class Switch(Settings):
     on: bool
 
 
-@checked
+@dataclass(frozen=True)
 class Steer(Settings):
     """Command the robot: forward speed (m/s), yaw rate (rad/s), dwell (control steps)."""
 
@@ -94,7 +95,7 @@ class Steer(Settings):
     dwell: float
 
 
-@checked
+@dataclass(frozen=True)
 class Gamepad(Settings):
     """Command the robot by a gamepad, for a moment.
 
@@ -107,7 +108,7 @@ class Gamepad(Settings):
     axes: Annotated[tuple[float, ...], MaxLen(MOST_AXES)]
 
 
-@checked
+@dataclass(frozen=True)
 class Push(Settings):
     """Push the trunk: where to (°, 0 ahead, 90 to the left), and how much (m/s)."""
 
@@ -117,7 +118,7 @@ class Push(Settings):
     speed: Annotated[float, Ge(0.0), Le(3.0)]
 
 
-@checked
+@dataclass(frozen=True)
 class Surroundings(Settings):
     """Change the ground's slope (°) and how late actions are (s); the robots begin anew."""
 
@@ -127,7 +128,7 @@ class Surroundings(Settings):
     latency: Annotated[float, Ge(0.0), Le(0.04)]
 
 
-@checked
+@dataclass(frozen=True)
 class Ghost(Settings):
     """Let the ghost walk, or not."""
 
@@ -136,7 +137,7 @@ class Ghost(Settings):
     walks: bool
 
 
-@checked
+@dataclass(frozen=True)
 class Evaluate(Settings):
     """Count falls in scenarios that ship."""
 
@@ -145,7 +146,7 @@ class Evaluate(Settings):
     scenarios: Annotated[tuple[Name, ...], MaxLen(60)]
 
 
-@checked
+@dataclass(frozen=True)
 class Act(Settings):
     """Do one of the things that need no more words."""
 

@@ -13,7 +13,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.certificates.checker import RefusedError
 from glassgait.models.certificates.checker.text import FormulaText
 from glassgait.models.errors import InputError
-from glassgait.models.export.controller import write_controller
+from glassgait.models.export.c_source import write_controller
 from glassgait.models.formulas.mirror import completed, without_images
 from glassgait.models.formulas.quantities import known_definitions
 from glassgait.models.formulas.reader import read_formulas

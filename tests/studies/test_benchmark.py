@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
+from glassgait.models.export.binding import has_compiler
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
@@ -17,7 +18,6 @@ from glassgait.studies.distillation.students.boosting import (
     HistogramGbmSettings,
 )
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.export.files import has_compiler
 from glassgait.studies.reproduction import benchmark
 from glassgait.studies.reproduction.throughput import training_and_physics
 from glassgait.studies.training.config import PpoConfig, TrainingConfig

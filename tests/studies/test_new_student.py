@@ -16,10 +16,15 @@ from typing import ClassVar
 import numpy as np
 from sklearn.linear_model import Ridge
 
-from glassgait.models.export.code import Code
+from glassgait.models.export.c_policies import Code, policy_code
+from glassgait.models.formulas.expression import variable
 from glassgait.models.policies.arrays import Reals
-from glassgait.models.policies.capabilities import Capabilities, weighted_terms
-from glassgait.models.policies.policy import INTERCEPT, Policy, contributions_of_action
+from glassgait.models.policies.policy import (
+    INTERCEPT,
+    FactoredTerm,
+    Policy,
+    contributions_of_action,
+)
 from glassgait.models.settings import Positive
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.student import Student, StudentSettings
@@ -44,32 +49,17 @@ def fit(samples, settings, *, seed, n_jobs):
     )
 
 
-def factors(policy, joint):
-    return weighted_terms((0.0,), [(weight,) for weight in policy.weights[joint].tolist()])
-
-
-def code(policy, style):
-    lines = [
-        f"    action[{joint}] = {intercept!r}"
-        + "".join(f" + {w!r} * observation[{i}]" for i, w in enumerate(weights))
-        + ";"
-        for joint, (weights, intercept) in enumerate(
-            zip(policy.weights.tolist(), policy.intercepts.tolist())
-        )
-    ]
-    signature = style.signature(takes_state=False)
-    return Code("Stiff sums.", signature + "\\n{\\n" + "\\n".join(lines) + "\\n}\\n")
-
-
 class StiffPolicy(Policy):
     kind = "stiff_policy"
     array_specs: ClassVar = {"weights": Reals("joints observations"), "intercepts": Reals("joints")}
-    capabilities = Capabilities(
-        factors=factors,
-        importance=lambda policy, observations: ("derivatives", np.abs(policy.weights)),
-        code=code,
-        graph="export.graphs.policies:add_linear",
-    )
+
+    def factored_terms(self, joint):
+        weights = enumerate(self.weights[joint].tolist())
+        terms = (FactoredTerm((weight,), (variable(index),)) for index, weight in weights)
+        return (FactoredTerm((0.0,), ()), *terms)
+
+    def importance(self, observations):
+        return "derivatives", np.abs(self.weights)
 
     def __call__(self, observation):
         return observation @ self.weights.T + self.intercepts
@@ -80,6 +70,20 @@ class StiffPolicy(Policy):
         values = np.concatenate([intercepts, parts], axis=-1)
         terms = (INTERCEPT, *self.observation_names)
         return contributions_of_action(self.robot, terms, values, joint)
+
+
+@policy_code.register
+def code(policy: StiffPolicy, style) -> Code:
+    lines = [
+        f"    action[{joint}] = {intercept!r}"
+        + "".join(f" + {w!r} * observation[{i}]" for i, w in enumerate(weights))
+        + ";"
+        for joint, (weights, intercept) in enumerate(
+            zip(policy.weights.tolist(), policy.intercepts.tolist())
+        )
+    ]
+    signature = style.signature(takes_state=False)
+    return Code("Stiff sums.", signature + "\\n{\\n" + "\\n".join(lines) + "\\n}\\n")
 
 
 STUDENTS["stiff"] = Student(
@@ -178,10 +182,7 @@ def test_it_is_explained_by_the_file_alone(run, distilled, folder):
     assert '"q.FL_hip"' in (folder / "explained" / "index.html").read_text()
 
 
-@pytest.mark.parametrize("form", ["c", "onnx"])
-def test_it_is_exported(run, distilled, folder, form):
-    if form == "onnx":
-        pytest.importorskip("onnxruntime")
-    short = ["--n-robots", "1", "--n-steps", "20", "--output", form]
-    run("export", *RUN, "--policy", "stiff", "--format", form, *short)
-    assert (folder / form / f"trot_stiff.{form}").exists()
+def test_it_is_exported(run, distilled, folder):
+    short = ["--n-robots", "1", "--n-steps", "20", "--output", "c"]
+    run("export", *RUN, "--policy", "stiff", *short)
+    assert (folder / "c" / "trot_stiff.c").exists()

@@ -1,5 +1,5 @@
 /* Returns the number of cuts that are at most as great as a value. */
-static int {{ own }}bin_of({{ real }} value, const {{ cut_type }} *cuts, int n_cuts)
+static int bin_of({{ real }} value, const {{ cut_type }} *cuts, int n_cuts)
 {
     int low = 0;
 
@@ -19,25 +19,25 @@ static int {{ own }}bin_of({{ real }} value, const {{ cut_type }} *cuts, int n_c
 {
 {% if n_pairs %}
     {{ real }} of_pairs[12] = {0};
-    int bins[{{ OWN }}N_OBSERVATIONS];
+    int bins[N_OBSERVATIONS];
 
 {% endif %}
     for (int joint = 0; joint < 12; joint++)
         action[joint] = {{ 0.0 | number }};
-    for (int i = 0; i < {{ OWN }}N_OBSERVATIONS; i++) {
-        const int bin = {{ own }}bin_of(observation[i], {{ OWN }}CUTS[i], {{ n_cuts }});
+    for (int i = 0; i < N_OBSERVATIONS; i++) {
+        const int bin = bin_of(observation[i], CUTS[i], {{ n_cuts }});
         for (int joint = 0; joint < 12; joint++)
-            action[joint] += ({{ real }}){{ OWN }}EFFECTS[i][bin][joint];
+            action[joint] += ({{ real }})EFFECTS[i][bin][joint];
     }
     for (int joint = 0; joint < 12; joint++)
-        action[joint] += ({{ real }}){{ OWN }}INTERCEPTS[joint];
+        action[joint] += ({{ real }})INTERCEPTS[joint];
 {% if n_pairs %}
 
-    for (int i = 0; i < {{ OWN }}N_OBSERVATIONS; i++)
-        bins[i] = {{ own }}bin_of(observation[i], {{ OWN }}PAIR_CUTS[i], {{ n_pair_cuts }});
+    for (int i = 0; i < N_OBSERVATIONS; i++)
+        bins[i] = bin_of(observation[i], PAIR_CUTS[i], {{ n_pair_cuts }});
     for (int pair = 0; pair < {{ n_pairs }}; pair++) {
-        const int first = bins[{{ OWN }}PAIRS[pair][0]], second = bins[{{ OWN }}PAIRS[pair][1]];
-        of_pairs[{{ OWN }}PAIRS[pair][2]] += ({{ real }}){{ OWN }}PAIR_EFFECTS[pair][first][second];
+        const int first = bins[PAIRS[pair][0]], second = bins[PAIRS[pair][1]];
+        of_pairs[PAIRS[pair][2]] += ({{ real }})PAIR_EFFECTS[pair][first][second];
     }
     for (int joint = 0; joint < 12; joint++)
         action[joint] += of_pairs[joint];

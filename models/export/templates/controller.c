@@ -3,21 +3,15 @@
  * From what a {{ robot }}'s joints{{ ',' if has_imu else ' and' }} feet{{ ' and IMU' if has_imu }} sense to the targets of its joints,
  * {{ rate }} times a second. It reads no other sensor, needs only math.h, and takes no memory of its own.
  *
-{% block made_of %}
- *   gait       {{ '%-28s' % only.title }} {{ only.digests[0] }}
- *   policy     {{ '%-28s' % policy_name }} {{ only.digests[1] }}
- *   estimator  {{ '%-28s' % ('odometry' if odometry else 'of the expert') }} {{ only.digests[2] }}
-{% endblock %}
-{% if day %}
- *   day        {{ '%-28s' % '' }} {{ day.digest }}
-{% endif %}
+ *   gait       {{ '%-28s' % gait_name }} {{ digests[0] }}
+ *   policy     {{ '%-28s' % policy_name }} {{ digests[1] }}
+ *   estimator  {{ '%-28s' % ('odometry' if odometry else 'of the expert') }} {{ digests[2] }}
  *   numbers    {{ real }}
  *
  * Made by glassgait {{ version }}. Edit the policy and export it anew rather than this file.
  *
  * One step:
  *
-{% block diagram %}
  *   feet ----> contacts believed ------> machine <-------- heights estimated at the step before
  *                                        |
  *   joints, {{ 'IMU, command, action' if observes_imu else 'command, last action' }} ----> observation ----> {{ 'policy' if odometry else 'estimator ----> policy' }} ----> targets
@@ -25,7 +19,6 @@
  *                                        ^
  *   joints, feet, IMU ----> odometry ----+
 {% endif %}
-{% endblock %}
  *
  * Compile:  cc -O2 -std=c99 -ffp-contract=off -c {{ name }}.c     (link with -lm)
  * Call:
@@ -36,15 +29,6 @@
  *       status = {{ name }}_step(&controller, &sensors, &command, &targets);
  *       torque = {{ stiffness }} * (targets.joint_position - position) - {{ damping }} * velocity
  *
-{% block changes_of_gait %}
-{% endblock %}
-{% if day %}
- * Set command.request to what the operator wants at any time; controller.mode tells what the robot
- * does. The policy acts in some modes alone, and is started anew each time. Where targets.damped is
- * not 0, a driver that has gains sets the stiffness to 0; the targets alone damp as well, since
- * they are where the joints are.
- *
-{% endif %}
  * -ffp-contract=off keeps a product and a sum two operations, as they are where the policy was
  * made; without it last digits differ on some machines.
  *
@@ -179,9 +163,7 @@ static void believe_contacts(Controller *controller, Sensors *sensors, int conta
 #define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
 #define LONGEST 1000000000 /* control steps that are counted */
 
-{% block states %}
-enum { {{ only.constants | join(', ') }}, N_STATES, STAY };
-{% endblock %}
+enum { {{ constants | join(', ') }}, N_STATES, STAY };
 
 /* What a transition asks for. */
 typedef struct {
@@ -190,19 +172,29 @@ typedef struct {
     {{ '%-17s' % (real ~ ' ' ~ field) }} /* {{ note }} */
 {% endfor %}
     int spent;        /* control steps in the state, with this one */
-    int age;          /* control steps since the {% block begin_of_age %}start{% endblock %} */
+    int age;          /* control steps since the start */
 } Propositions;
 
-{% block next_state %}
-{% for gait in gaits %}
-{% with own = gait.own, cases = gait.cases %}
-{% include 'next_state.c' %}
-{% endwith %}
-
+/* Returns the state that is entered, or STAY. */
+static int next_state(int state, const Propositions *now)
+{
+    switch (state) {
+{% for case in cases %}
+    case {{ case.state }}:
+{% for formula, condition, target in case.exits %}
+        /* {{ formula }} */
+        if ({{ condition | join('\n            ') }})
+            return {{ target }};
 {% endfor %}
-{% endblock %}
-static void step_machine(Controller *controller, const int contact[4], {{ real }} dwell
-{%- block requested %}{% endblock %})
+        break;
+{% endfor %}
+    default:
+        break;
+    }
+    return STAY;
+}
+
+static void step_machine(Controller *controller, const int contact[4], {{ real }} dwell)
 {
     Propositions now;
     int entered;
@@ -215,26 +207,22 @@ static void step_machine(Controller *controller, const int contact[4], {{ real }
     now.spent = controller->iterations + 1;
     now.age = controller->age;
 
-    entered = next_state({% block where %}controller->state{% endblock %}, &now);
+    entered = next_state(controller->state, &now);
     if (entered != STAY)
         controller->state = entered;
     controller->iterations = entered != STAY ? 0 : now.spent < LONGEST ? now.spent : LONGEST;
     controller->age += controller->age < LONGEST;
-{% block change_gait %}
-{% endblock %}
 }
 
 {{ '/* ---- Observation: what the policy sees ------------------------------------------------------- */' if odometry else '/* ---- Observation: what the estimator and the policy see -------------------------------------- */' }}
 
-{% block places %}
 enum {
-{% for title, start, note in only.places %}
+{% for title, start, note in places %}
     {{ '%-28s' % (title ~ ' = ' ~ start ~ ',') }}/* {{ note }} */
 {% endfor %}
-    N_OBSERVATIONS = {{ only.n_observations }}
+    N_OBSERVATIONS = {{ n_observations }}
 };
 
-{% endblock %}
 #define OVERDUE {{ overdue | number }} /* control steps by which the observed time may pass the commanded one */
 
 static {{ real }} nearest({{ real }} value, {{ real }} least, {{ real }} greatest) /* to a value, in a range */
@@ -244,10 +232,8 @@ static {{ real }} nearest({{ real }} value, {{ real }} least, {{ real }} greates
 
 /* Writes all but what is estimated. */
 static void observe(const Controller *controller, const Sensors *sensors, const Command *command,
-    {{ real }} observation[{% block room %}N_OBSERVATIONS{% endblock %}])
+    {{ real }} observation[N_OBSERVATIONS])
 {
-{% block n_states %}
-{% endblock %}
     const {{ real }} spent = ({{ real }})controller->iterations;
     const {{ real }} longest = command->dwell + OVERDUE;
 
@@ -270,17 +256,16 @@ static void observe(const Controller *controller, const Sensors *sensors, const 
         observation[ANGULAR_VELOCITY + axis] = sensors->angular_velocity[axis] * {{ 0.25 | number }};
     }
 {% endif %}
-    for (int state = 0; state < {% block observed_states %}N_STATES{% endblock %}; state++)
+    for (int state = 0; state < N_STATES; state++)
         observation[RM_STATE + state] = state == controller->state ? {{ 1.0 | number }} : {{ 0.0 | number }};
-    observation[{% block iterations %}RM_ITERATIONS{% endblock %}] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
-    observation[{% block commanded_iterations %}COMMAND_RM_ITERATIONS{% endblock %}] = command->dwell * {{ 0.1 | number }};
+    observation[RM_ITERATIONS] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
+    observation[COMMAND_RM_ITERATIONS] = command->dwell * {{ 0.1 | number }};
 }
 
-{% block estimator_and_policy %}
 {% if not odometry %}
 /* ---- Estimator ------------------------------------------------------------------------------- */
 
-{{ (only.estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
+{{ (estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
 
 {% endif %}
 {% if needs_elu %}
@@ -291,14 +276,13 @@ static {{ real }} elu({{ real }} x)
 
 {% endif %}
 {% if not odometry %}
-{{ only.estimator.functions }}
+{{ estimator.functions }}
 {% endif %}
 /* ---- Policy: from the observation to the action ---------------------------------------------- */
 
-{{ only.policy.title | comment }}
+{{ policy.title | comment }}
 
-{{ helpers | join }}{{ only.policy.functions }}
-{% endblock %}
+{{ policy.functions }}
 {% if limits %}
 /* ---- Limits: what comes last, whatever the policy asks for ----------------------------------- */
 
@@ -339,22 +323,15 @@ static int all_sound(const {{ real }} *values, int count)
     return 1;
 }
 
-static int sound_input(const Sensors *sensors{{ ', const Command *command' if day or gaits | length > 1 }})
+static int sound_input(const Sensors *sensors)
 {
     return all_sound(sensors->joint_position, 12)
         && all_sound(sensors->joint_velocity, 12){% if has_imu %}
 
         && all_sound(sensors->angular_velocity, 3) && all_sound(sensors->velocity_change, 3)
-        && all_sound(sensors->gravity, 3){% endif %}{% block sound_request %}{% endblock %}
-{%- if day %}
-
-        && command->request >= 0 && command->request <= {{ prefix }}_REQUEST_{{ day.requests[-1] | upper }}
-{%- endif %};
+        && all_sound(sensors->gravity, 3){% endif %};
 }
 
-{% if day %}
-{% include 'day.c' %}
-{% endif %}
 static int sound_counts(const Controller *controller)
 {
     for (int foot = 0; foot < 4; foot++)
@@ -378,17 +355,12 @@ static int sound_odometry(const Controller *controller)
 static int sound_memory(const Controller *controller)
 {
     return all_sound(controller->action, 12) && all_sound(controller->foot_height, 4)
-        && {% block sound_state %}controller->state >= 0 && controller->state < N_STATES{% endblock %}
-
+        && controller->state >= 0 && controller->state < N_STATES
         && controller->iterations >= 0 && controller->iterations <= LONGEST
         && controller->age >= 0 && controller->age <= LONGEST && sound_counts(controller)
 {%- if odometry %}
 
         && sound_odometry(controller)
-{%- endif %}
-{%- if day %}
-
-        && sound_mode(controller)
 {%- endif %};
 }
 
@@ -399,8 +371,6 @@ static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greates
     return nearest(value, least, greatest);
 }
 
-{% block limit_change %}
-{% endblock %}
 static void set_targets(const {{ real }} action[12], Targets *targets)
 {
 {% if limits_targets %}
@@ -413,28 +383,13 @@ static void set_targets(const {{ real }} action[12], Targets *targets)
 {% endif %}
 }
 
-{% if day %}
-/* Keeps the targets of the step before, and lets time pass; returns no flag. */
-static int stay(Controller *controller, Targets *targets)
-{
-    step_blindly(controller);
-    targets->damped = DAMPS[controller->mode];
-    return {{ prefix }}_OK;
-}
-
-{% endif %}
 void {{ name }}_init(Controller *controller)
 {
-{% block standing %}
     const Controller standing = {
         .initialised = INITIALISED,
         .reading = {-1, -1, -1, -1}, /* nothing yet */
         .state = {{ initial }},
-{% if day %}
-        .mode = {{ prefix }}_{{ day.initial }},
-{% endif %}
     };
-{% endblock %}
 
     *controller = standing;
 }
@@ -446,18 +401,10 @@ int {{ name }}_step(
     Controller next;
     Sensors believed;
     Command within;
-{% block observation %}
     {{ real }} observation[N_OBSERVATIONS];
-{% endblock %}
     int contact[4], flags = {{ prefix }}_OK;
-{% if day %}
-    int go;
-{% endif %}
 
     set_targets(standing, targets);
-{% if day %}
-    targets->damped = 1;
-{% endif %}
     if (controller->initialised != INITIALISED)
         return {{ prefix }}_NOT_INITIALISED;
     if (!sound_memory(controller))
@@ -466,13 +413,8 @@ int {{ name }}_step(
 
     /* Until all is known to be sound, the targets are those of the step before. */
     set_targets(controller->action, targets);
-{% if day %}
-    if (!sound_input(sensors{{ ', command' if day or gaits | length > 1 }}) || !sound_readings(sensors))
-        return {{ prefix }}_BAD_INPUT | stay(controller, targets);
-{% else %}
-    if (!sound_input(sensors{{ ', command' if day or gaits | length > 1 }}))
+    if (!sound_input(sensors))
         return {{ prefix }}_BAD_INPUT;
-{% endif %}
     within = *command;
     /* Where a command is not finite the robot is to step on the spot. */
     if (!isfinite(within.speed) || !isfinite(within.yaw_rate) || !isfinite(within.dwell)) {
@@ -486,24 +428,9 @@ int {{ name }}_step(
         -{{ prefix }}_MAX_YAW_RATE, {{ prefix }}_MAX_YAW_RATE, &flags);
     within.dwell = limited(within.dwell,
         {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
-{% if day %}
-
-    /* The policy is given no command unless it is to walk, and begins anew where it did not act. */
-    go = command->request == {{ prefix }}_REQUEST_WALK
-        && ({{ 'fabs' | function }}(within.speed) > SPEED || {{ 'fabs' | function }}(within.yaw_rate) > YAW_RATE);
-    if (!go)
-        within.speed = within.yaw_rate = {{ 0.0 | number }};
-    if (!ACTS[next.mode]) {
-{% block begin_anew %}
-        next.state = {{ initial }};
-{% endblock %}
-        next.iterations = next.age = 0;
-    }
-{% endif %}
 
     believed = *sensors;
     believe_contacts(&next, &believed, contact);
-{% block take %}
     step_machine(&next, contact, within.dwell);
     observe(&next, &believed, &within, observation);
 {% if odometry %}
@@ -513,30 +440,18 @@ int {{ name }}_step(
     estimate(observation, &observation[BASE_VELOCITY]);
     if (!all_sound(observation, N_OBSERVATIONS))
 {% endif %}
-        return flags | {{ prefix }}_BAD_TARGET{{ ' | stay(controller, targets)' if day }};
-{% if day %}
-    step_mode(&next, sensors, command->request, go);
-    if (ACTS[next.mode])
-        act({{ 'next.state, ' if takes_state }}observation, next.action);
-    else
-        pose(&next, sensors, next.action);
-{% else %}
+        return flags | {{ prefix }}_BAD_TARGET;
     act({{ 'next.state, ' if takes_state }}observation, next.action);
-{% endif %}
     if (!all_sound(next.action, 12))
-        return flags | {{ prefix }}_BAD_TARGET{{ ' | stay(controller, targets)' if day }};
+        return flags | {{ prefix }}_BAD_TARGET;
     for (int foot = 0; foot < 4; foot++)
         next.foot_height[foot] = observation[FOOT_HEIGHT + foot];
-{% endblock %}
 
 {% if limits %}
     limit(controller, sensors, next.action);
 {% endif %}
     *controller = next;
     set_targets(controller->action, targets);
-{% if day %}
-    targets->damped = DAMPS[controller->mode];
-{% endif %}
     return flags;
 }
 {% if arrays %}

@@ -11,14 +11,9 @@ extern "C" {
 
 /* The version of glassgait that wrote it, and digests of what it was written from. */
 #define {{ prefix }}_VERSION "{{ version }}"
-{% if day %}
-#define {{ prefix }}_DAY "{{ day.digest }}"
-{% endif %}
-{% block made_of %}
-#define {{ prefix }}_GAIT "{{ only.digests[0] }}"
-#define {{ prefix }}_POLICY "{{ only.digests[1] }}"
-#define {{ prefix }}_ESTIMATOR "{{ only.digests[2] }}"
-{% endblock %}
+#define {{ prefix }}_GAIT "{{ digests[0] }}"
+#define {{ prefix }}_POLICY "{{ digests[1] }}"
+#define {{ prefix }}_ESTIMATOR "{{ digests[2] }}"
 
 {% for constant, value, note in constants_of_robot %}
 #define {{ '%-*s' % (prefix | length + 24, prefix ~ '_' ~ constant ~ ' ' ~ (value | number)) }} /* {{ note }} */
@@ -32,29 +27,11 @@ enum {
 };
 enum { {% for leg in legs %}{{ prefix }}_{{ leg }}{{ ', ' if not loop.last }}{% endfor %} };
 
-{% block gaits %}
-{% endblock %}
-{% if day %}
-/* What the operator may request, and what the robot then does. */
-enum {
-{% for request in day.requests %}
-    {{ prefix }}_REQUEST_{{ request | upper }}{{ ',' if not loop.last }}
-{% endfor %}
-};
-enum {
-{% for mode in day.modes %}
-    {{ prefix }}_{{ mode.constant }}{{ ',' if not loop.last }} /* {{ mode.title }} */
-{% endfor %}
-};
-
-{% endif %}
 /* What {{ name }}_step returns: 0, or the sum of what happened. */
 enum {
     {{ prefix }}_OK = 0,
-{% block bad_input %}
     /* A sensor is NaN, infinite or beyond 1e6: nothing changes, the targets are those of the step
      * before, at first the default stance. */
-{% endblock %}
     {{ prefix }}_BAD_INPUT = 1,
     /* The estimate or the action would be: the same. */
     {{ prefix }}_BAD_TARGET = 2,
@@ -85,18 +62,10 @@ typedef struct {
     {{ real }} speed;    /* forward, m/s */
     {{ real }} yaw_rate; /* to the left, rad/s */
     {{ real }} dwell;    /* control steps that a state of the gait should last */
-{% block request %}
-{% endblock %}
-{% if day %}
-    int request;     /* of the operator, such as {{ prefix }}_REQUEST_STAND */
-{% endif %}
 } {{ name }}_command;
 
 typedef struct {
     {{ real }} joint_position[12]; /* rad{{ ', within the joints\' ranges' if limits_targets }}, to be held until the next step */
-{% if day %}
-    int damped; /* not 0 where joints are to be damped alone: stiffness 0 */
-{% endif %}
 } {{ name }}_targets;
 
 /* What it remembers from one step to the next. {{ name }}_init sets all of it. */
@@ -106,24 +75,15 @@ typedef struct {
     {{ real }} foot_height[4]; /* as estimated at the step before, m */
     int reading[4]; /* of the contact sensors, at the step before */
     int unchanged[4]; /* control steps since each sensor changed */
-{% block machine %}
-    int state; /* of the reward machine: {{ only.state_names }} */
+    int state; /* of the reward machine: {{ state_names }} */
     int iterations; /* control steps in that state */
     int age; /* control steps since the start */
-{% endblock %}
 {% if odometry %}
     int begun; /* whether odometry has, with the first step */
     {{ real }} velocity[3]; /* of the trunk, as odometry has it, m/s, in the trunk's frame */
     {{ real }} footholds[4][3]; /* where each foot stands, or stood last, m, in the trunk's frame */
     int touching[4]; /* which feet touched at odometry's step before */
     {{ real }} turning[3]; /* angular velocity of the trunk at that step, rad/s */
-{% endif %}
-{% if day %}
-    int mode; /* of the day, such as {{ prefix }}_{{ day.initial }} */
-    int mode_steps; /* control steps in it */
-    int idle; /* control steps since the command last was to go */
-    int unsound; /* control steps for which readings have not been sound */
-    {{ real }} begin[12]; /* action at which the mode began */
 {% endif %}
 } {{ name }}_controller;
 

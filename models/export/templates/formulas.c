@@ -1,3 +1,56 @@
+{% for power in powers %}
+static {{ real }} {{ power }}({{ real }} x)
+{
+    return {{ 'x * x' if power == 'square' else 'x * x * x' }};
+}
+
+{% endfor %}
+{% if needs_axes %}
+typedef struct { {{ real }} x, y, z; } Axes;
+
+{% endif %}
+{% if needs_feet %}
+typedef struct { {{ real }} {{ legs | join(', ') }}; } Feet;
+
+{% endif %}
+{% if needs_joints %}
+typedef struct {
+    {{ real }} FL_hip, FL_thigh, FL_calf, FR_hip, FR_thigh, FR_calf;
+    {{ real }} RL_hip, RL_thigh, RL_calf, RR_hip, RR_thigh, RR_calf;
+} Joints;
+
+/* Returns what is observed of the joints in its own unit. What counts from the default stance has
+ * all of it added, from_stance 1, and the rest nothing, from_stance 0. */
+static Joints joints(const {{ real }} observed[12], {{ real }} scale, {{ real }} from_stance)
+{
+    const Joints own = {
+{% for joint in joints %}
+        .{{ joint }} = observed[{{ joint | upper }}] / scale + from_stance * STANCE[{{ joint | upper }}],
+{% endfor %}
+    };
+    return own;
+}
+
+{% endif %}
+{% if limits_joints %}
+/* Returns the joints nearest to these in ranges of hips, thighs and calves; of right hips, whose
+ * angles have the other sign, these are those of left ones in the mirror. */
+static Joints nearest_joints(Joints own, {{ real }} hip_low, {{ real }} hip_high,
+    {{ real }} thigh_low, {{ real }} thigh_high, {{ real }} calf_low, {{ real }} calf_high)
+{
+    const Joints read = {
+{% for joint in joints %}
+{% if joint.endswith('R_hip') %}
+        .{{ joint }} = nearest(own.{{ joint }}, -hip_high, -hip_low),
+{% else %}
+        .{{ joint }} = nearest(own.{{ joint }}, {{ joint[3:] }}_low, {{ joint[3:] }}_high),
+{% endif %}
+{% endfor %}
+    };
+    return read;
+}
+
+{% endif %}
 {{ signature }}
 {
     /* What the formulas speak of, in the robot's units. */
@@ -7,7 +60,7 @@
         {{ real }} yaw; /* commanded yaw rate, to the left, rad/s */
         {{ real }} t;   /* commanded control steps in a state */
     } cmd = {observation[COMMAND_X], observation[COMMAND_YAW],
-        observation[{{ OWN }}COMMAND_RM_ITERATIONS] / {{ 0.1 | number }}};
+        observation[COMMAND_RM_ITERATIONS] / {{ 0.1 | number }}};
 {% endif %}
 {% if 'q' in quantities %}
     {{ 'Joints' if 'q' in limited else 'const Joints' }} q = joints(&observation[JOINT_POSITION], {{ 1.0 | number }}, {{ 1.0 | number }}); /* angle, rad */
@@ -22,12 +75,12 @@
     const {{ real }} {{ name }} = observation[RM_STATE + {{ name[1:] }}]; /* 1 in that state, else 0 */
 {% endfor %}
 {% if 't' in quantities %}
-    const {{ real }} t = observation[{{ OWN }}RM_ITERATIONS] / {{ 0.1 | number }}; /* control steps {{ 'in the state' if own else 'since the state began' }} */
+    const {{ real }} t = observation[RM_ITERATIONS] / {{ 0.1 | number }}; /* control steps since the state began */
 {% endif %}
 {% if 'v' in quantities %}
     /* Estimated velocity of the trunk, forward, left and up, m/s. */
-    {{ 'Axes' if 'v' in limited else 'const Axes' }} v = {observation[{{ OWN }}BASE_VELOCITY] / {{ 2.0 | number }},{{ '\n        ' if own else ' ' }}observation[{{ OWN }}BASE_VELOCITY + 1] / {{ 2.0 | number }},
-        observation[{{ OWN }}BASE_VELOCITY + 2] / {{ 2.0 | number }}};
+    {{ 'Axes' if 'v' in limited else 'const Axes' }} v = {observation[BASE_VELOCITY] / {{ 2.0 | number }}, observation[BASE_VELOCITY + 1] / {{ 2.0 | number }},
+        observation[BASE_VELOCITY + 2] / {{ 2.0 | number }}};
 {% endif %}
 {% if 'g' in quantities %}
     /* Direction of gravity, forward, left and up. */
@@ -41,8 +94,8 @@
 {% endif %}
 {% if 'h' in quantities %}
     /* Estimated height of a foot, m. */
-    {{ 'Feet' if 'h' in limited else 'const Feet' }} h = {observation[{{ OWN }}FOOT_HEIGHT], observation[{{ OWN }}FOOT_HEIGHT + 1],
-        observation[{{ OWN }}FOOT_HEIGHT + 2], observation[{{ OWN }}FOOT_HEIGHT + 3]};
+    {{ 'Feet' if 'h' in limited else 'const Feet' }} h = {observation[FOOT_HEIGHT], observation[FOOT_HEIGHT + 1],
+        observation[FOOT_HEIGHT + 2], observation[FOOT_HEIGHT + 3]};
 {% endif %}
 {% if ranges %}
 
@@ -118,18 +171,18 @@
 {% else %}
     const unsigned own = {{ mirror.written[0] }}; /* a bit a joint: has it a formula? */
 {% endif %}
-    {{ real }} target[12] = {0}, image[12] = {0}, seen[{{ OWN }}N_OBSERVATIONS];
+    {{ real }} target[12] = {0}, image[12] = {0}, seen[N_OBSERVATIONS];
 
     if (own != 0)
-        {{ mirror.function }}({{ 'state, ' if statewise }}observation, target);
+        formulas({{ 'state, ' if statewise }}observation, target);
     if (own != 0xfff) {
-        for (int i = 0; i < {{ OWN }}N_OBSERVATIONS; i++)
-            seen[i] = {{ OWN }}OBSERVATION_SIGN[i] * observation[{{ OWN }}OBSERVATION_IMAGE[i]];
-        {{ mirror.function }}({{ 'mirrored[state], ' if statewise }}seen, image);
+        for (int i = 0; i < N_OBSERVATIONS; i++)
+            seen[i] = OBSERVATION_SIGN[i] * observation[OBSERVATION_IMAGE[i]];
+        formulas({{ 'mirrored[state], ' if statewise }}seen, image);
     }
     for (int joint = 0; joint < 12; joint++)
         if (!(own >> joint & 1))
-            target[joint] = {{ OWN }}TARGET_SIGN[joint] * image[{{ OWN }}TARGET_IMAGE[joint]];
+            target[joint] = TARGET_SIGN[joint] * image[TARGET_IMAGE[joint]];
 {% endif %}
     for (int joint = 0; joint < 12; joint++)
         action[joint] = (target[joint] - STANCE[joint]) / ACTION_SCALE;

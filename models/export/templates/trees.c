@@ -2,8 +2,8 @@
 {
 {% if compared != real %}
     /* The trees were grown on numbers of single precision, and compare such numbers. */
-    {{ compared }} compared[{{ OWN }}N_OBSERVATIONS];
-    for (int i = 0; i < {{ OWN }}N_OBSERVATIONS; i++)
+    {{ compared }} compared[N_OBSERVATIONS];
+    for (int i = 0; i < N_OBSERVATIONS; i++)
         compared[i] = ({{ compared }})observation[i];
 {% else %}
     const {{ compared }} *const compared = observation;
@@ -12,9 +12,9 @@
     for (int joint = 0; joint < 12; joint++) {
         {{ real }} sum = {{ 0.0 | number }};
         for (int tree = 0; tree < {{ n_trees }}; tree += {{ abreast }}) {
-            const {{ question_type }}(*const question)[{{ 2 ** depth - 1 }}] = &{{ OWN }}QUESTIONS[joint][tree];
-            const {{ threshold_type }}(*const threshold)[{{ 2 ** depth - 1 }}] = &{{ OWN }}THRESHOLDS[joint][tree];
-            const {{ leaf_type }}(*const leaf)[{{ 2 ** depth }}] = &{{ OWN }}LEAVES[joint][tree];
+            const {{ question_type }}(*const question)[{{ 2 ** depth - 1 }}] = &QUESTIONS[joint][tree];
+            const {{ threshold_type }}(*const threshold)[{{ 2 ** depth - 1 }}] = &THRESHOLDS[joint][tree];
+            const {{ leaf_type }}(*const leaf)[{{ 2 ** depth }}] = &LEAVES[joint][tree];
             /* The nodes of {{ abreast }} trees: they are walked down side by side, since each step of one
              * waits for the step before. The children of node k are 2 k + 1 and 2 k + 2. */
             int {% for k in range(abreast) %}n{{ k }} = 0{{ ', ' if not loop.last }}{% endfor %};
@@ -28,6 +28,6 @@
             sum += ({{ real }})leaf[{{ k }}][n{{ k }} - {{ 2 ** depth - 1 }}];
 {% endfor %}
         }
-        action[joint] = sum + ({{ real }}){{ OWN }}INTERCEPTS[joint];
+        action[joint] = sum + ({{ real }})INTERCEPTS[joint];
     }
 }

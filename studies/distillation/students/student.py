@@ -15,7 +15,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings, checked
+from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import machine_state_entries, overdue
 from glassgait.studies.common.parallel.loop import run_parallel
@@ -42,7 +42,7 @@ class Candidate:
     complexity: tuple[int, ...]
 
 
-@checked
+@dataclass(frozen=True)
 class StudentSettings(Settings):
     """Settings of a fit; the base of all, and all there is where a fit has no settings.
 
@@ -132,8 +132,7 @@ class Student:
             are none.
         compile: Makes the policy of such models: `compile(gait, names, models, robot)`.
         policy: Class of its policies, where none of the project's holds what it learned. It is
-            registered, so that its files can be loaded, and its `capabilities` say what else can
-            be done with them.
+            registered, so that its files can be loaded.
         brevity: Place among the students whose actions are sums of terms, 1 for those that say the
             most in the fewest; None where they are no sums.
         paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.

@@ -1,4 +1,4 @@
-"""The notation of C: numbers, names, comments and constant arrays."""
+"""The notation of C: numbers, names, comments, constant arrays and templates."""
 
 import re
 import textwrap
@@ -20,7 +20,7 @@ LINE_LENGTH = 100
 """Characters of a line."""
 
 SMALLEST = 1e-37
-"""What is close to 0 in single precision."""
+"""Numbers closer to 0 than this are written as 0 in single precision."""
 
 KEYWORDS = frozenset(
     re.findall(
@@ -56,7 +56,7 @@ def function(name: str, real: Real) -> str:
 
 
 def commented(text: str) -> str:
-    """Makes a line of what a person wrote, which can stand in a comment and cannot end it."""
+    """Makes one line of a text that may stand in a comment and cannot end it."""
     line = " ".join(text.split())
     plain = "".join(sign if " " <= sign <= "~" else "?" for sign in line)
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
@@ -76,7 +76,7 @@ class CArray:
         name: Its name.
         values: Its numbers, any shape.
         type: Type of its entries.
-        note: What they are.
+        note: The comment beside it.
     """
 
     name: str
@@ -121,7 +121,7 @@ class CArray:
 
 
 def _rows(written: NDArray[Any]) -> Iterator[str]:
-    """Writes the inside of an array's braces: an inner array begins a line of its own."""
+    """Writes the inside of an array's braces; an inner array begins a new line."""
     if written.ndim > 1:
         for part in written:
             yield "{"
@@ -139,10 +139,10 @@ def rendered(template: str, real: Real, /, **values: Any) -> str:
     """Fills a template of this package.
 
     Args:
-        template: File name of the template, which writes its type as `real`, its numbers through
-            the filter `number`, and functions through `function`.
+        template: File name of the template. It writes its type as `real`, numbers through the
+            filter `number`, and functions of math.h through the filter `function`.
         real: The type that is computed in.
-        values: What else the template asks for.
+        values: The template's other variables.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
@@ -153,5 +153,5 @@ def rendered(template: str, real: Real, /, **values: Any) -> str:
     )
     environment.filters["number"] = lambda value: number(value, real)
     environment.filters["comment"] = comment
-    environment.filters["function"] = lambda own: function(own, real)
+    environment.filters["function"] = lambda name: function(name, real)
     return environment.get_template(template).render(real=real, **values)

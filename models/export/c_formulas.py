@@ -1,10 +1,9 @@
-"""The C of formulas: they stand there as they stand in their file."""
+"""The C of formulas, written as in their file."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
-from glassgait.models.export.code import Code, Style, reflection_arrays
-from glassgait.models.export.language import (
+from glassgait.models.export.c_language import (
     LINE_LENGTH,
     CArray,
     Real,
@@ -14,6 +13,7 @@ from glassgait.models.export.language import (
     number,
     rendered,
 )
+from glassgait.models.export.c_policies import Code, Style, policy_code, reflection_arrays
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.formulas.readings import Readings
@@ -30,25 +30,23 @@ RESERVED = frozenset(
 )
 """Names that a definition cannot have in C."""
 
-
 _TYPES = {"Axes": "xyz", "Feet": quadruped.LEGS, "Joints": quadruped.JOINTS}
 """Types of C that formulas share, with their members."""
 
 _OF_JOINTS = ("q", "dq")
-"""What is sensed of joints."""
+"""Quantities that are sensed of joints."""
 
 _ANY = "-HUGE_VAL, HUGE_VAL"
-"""The range of what has none."""
+"""The range of a reading without limits."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Definitions that share what stands before the dot, such as lifted.FL: a struct of C.
+class Group(NamedTuple):
+    """Definitions that share the part of their names before the dot, such as lifted.FL.
 
     Attributes:
-        name: What stands before the dot, or the name itself.
-        type: Type of C that has such members, if the file has one; else nothing.
-        members: What stands behind the dot, for each; none of a plain number.
+        name: The part before the dot, or the whole name.
+        type: Type of C that has these members, if there is one; else empty.
+        members: The parts behind the dot; empty for a plain number.
         lines: Their formulas, with their notes.
     """
 
@@ -58,16 +56,34 @@ class Group:
     lines: tuple[str, ...]
 
 
-def formula_code(policy: FormulaPolicy, style: Style) -> Code:
-    """Writes formulas of each joint, the same always or others in each state.
+class Mirror(NamedTuple):
+    """How formulas that the file leaves out follow from those that it holds.
 
-    Those that the policy's file leaves out as mirror images are left out as well: the robot is seen
-    in the mirror instead.
+    Attributes:
+        signature: Declaration of the function of the formulas that the file holds.
+        states: Constant of the mirror image of each RM state.
+        written: Joints that have a formula in each state, one bit a joint.
+        arrays: The mirror images of an observation and of targets.
     """
-    own, real = style.own, style.real
+
+    signature: str
+    states: tuple[str, ...]
+    written: tuple[str, ...]
+    arrays: tuple[CArray, ...]
+
+
+@policy_code.register
+def formula_code(policy: FormulaPolicy, style: Style) -> Code:
+    """Writes formulas of each joint, the same in all RM states or one set for each.
+
+    Formulas that the policy's file leaves out as mirror images are left out as well. Their joints
+    act by the formulas of the mirrored robot.
+    """
+    real, vocabulary = style.real, policy.vocabulary
     statewise = len(policy.dims) == 2
-    vocabulary = policy.vocabulary
     written = policy.to_file().written()
+
+    # The formulas of each state, and the definitions and quantities that they use.
     rows = [
         {place[-1]: formula for place, formula in written.items() if place[:-1] in ((), (state,))}
         for state in range(len(policy.formulas_by_state))
@@ -75,34 +91,26 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
     used = frozenset().union(*(formula.variables for formula in written.values()))
     n = len(vocabulary.names)
     definitions = [one for i, one in enumerate(vocabulary.definitions, start=n) if i in used]
-    symbols = _symbols(vocabulary)
-    indent = 8 if statewise else 4
-    formulas = [
-        [
-            _lines(f"target[{quadruped.JOINTS[joint].upper()}] = ", formula, symbols, real, indent)
-            for joint, formula in row.items()
-        ]
-        for row in rows
-    ]
     observed = used.union(*(one.formula.variables for one in definitions))
     quantities = _quantities(vocabulary.names, observed)
-    ranges = policy.readings.ranges if policy.readings else ()
-    has_range = {kind.partition(".")[0] for kind, _ in ranges}
-    limited = tuple(name for name in quantities if name in has_range)
+    limited = _limited(policy.readings, quantities)
+
+    # Their text.
+    symbols = _symbols(vocabulary)
     groups = _groups(definitions, vocabulary, symbols, real)
+    formulas = [_state_lines(row, symbols, real, statewise=statewise) for row in rows]
     everything = [one.formula for one in definitions] + list(written.values())
-    kind = "each state of the machine and joint" if statewise else "each joint"
-    mirror = _mirror(policy, [frozenset(row) for row in rows], style) if policy.mirror else None
+    mirror = _mirror(policy, rows, style) if policy.mirror else None
     signature = style.signature(takes_state=statewise)
+    kind = "each state of the machine and joint" if statewise else "each joint"
     return Code(
         f"Formulas of the joints' targets, one for {kind}: {policy.n_terms()} terms"
         + (", and their mirror images." if policy.mirror else "."),
         rendered(
             "formulas.c",
             real,
-            OWN=style.begin,
-            own=own,
-            signature=mirror.inner_signature if mirror else signature,
+            **_helpers(everything, quantities, groups, limited),
+            signature=mirror.signature if mirror else signature,
             outer_signature=signature,
             statewise=statewise,
             groups=groups,
@@ -113,60 +121,37 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
             mirror=mirror,
         ),
         takes_state=statewise,
-        helpers=_helpers(everything, quantities, groups, real, limited=limited),
     )
 
 
-@dataclass(frozen=True)
-class Mirror:
-    """How formulas that were left out are had from those that stand.
-
-    Attributes:
-        function: Name of the function of the formulas that stand.
-        inner_signature: Its declaration.
-        states: Constant of the state that each state is in the mirror.
-        written: Which joints have a formula of their own in each state, a bit a joint.
-        arrays: What an observation is in the mirror, and what targets are.
-    """
-
-    function: str
-    inner_signature: str
-    states: tuple[str, ...]
-    written: tuple[str, ...]
-    arrays: tuple[CArray, ...]
-
-
-def _mirror(policy: FormulaPolicy, written: Sequence[frozenset[int]], style: Style) -> Mirror:
+def _mirror(
+    policy: FormulaPolicy, rows: Sequence[Mapping[int, Expression]], style: Style
+) -> Mirror:
     assert policy.mirror is not None
-    statewise = len(policy.dims) == 2
-    reflections = {
-        "OBSERVATION": reflect_observation(policy.vocabulary.names, policy.mirror),
-        "TARGET": REFLECT_JOINTS,
-    }
+    observation = reflect_observation(policy.vocabulary.names, policy.mirror)
     return Mirror(
-        f"{style.own}formulas",
-        style.signature(takes_state=statewise, name="formulas", writes="target"),
+        style.signature(takes_state=len(policy.dims) == 2, name="formulas", writes="target"),
         tuple(style.constants[image] for image in policy.mirror),
-        tuple(f"0x{sum(1 << joint for joint in joints):03x}" for joints in written),
-        tuple(
-            array
-            for what, reflection in reflections.items()
-            for array in reflection_arrays(f"{style.begin}{what}", reflection)
+        tuple(f"0x{sum(1 << joint for joint in row):03x}" for row in rows),
+        (
+            *reflection_arrays("OBSERVATION", observation),
+            *reflection_arrays("TARGET", REFLECT_JOINTS),
         ),
     )
 
 
-def _ranges(readings: Readings | None, limited: Sequence[str], real: Real) -> tuple[str, ...]:
-    """Writes the statements that keep what formulas use within its range.
+def _limited(readings: Readings | None, quantities: Sequence[str]) -> tuple[str, ...]:
+    """Returns the quantities, by the part of their names before the dot, that have ranges."""
+    ranges = readings.ranges if readings else ()
+    has_range = {kind.partition(".")[0] for kind, _ in ranges}
+    return tuple(name for name in quantities if name in has_range)
 
-    Args:
-        readings: The ranges.
-        limited: What stands before the dot of those that formulas use.
-        real: The type that is computed in.
-    """
+
+def _ranges(readings: Readings | None, limited: Sequence[str], real: Real) -> tuple[str, ...]:
+    """Writes the statements that move readings into their ranges."""
     ends = {
-        kind: ", ".join(number(end, real) for end in own)
-        for kind, own in (readings.ranges if readings else ())
+        kind: ", ".join(number(end, real) for end in pair)
+        for kind, pair in (readings.ranges if readings else ())
     }
     lines: list[str] = []
     for name in limited:
@@ -186,27 +171,23 @@ def _helpers(
     formulas: Sequence[Expression],
     quantities: Sequence[str],
     groups: Sequence[Group],
-    real: Real,
-    *,
     limited: Sequence[str],
-) -> tuple[str, ...]:
-    """Writes the types of C that formulas need, and the functions besides those of math.h."""
-    powers = [power for power in ("square", "cube") if _asks_for(formulas, power)]
-    texts = [rendered("power.c", real, power=power) for power in powers]
+) -> dict[str, object]:
+    """Returns the types that formulas need, and the functions besides those of math.h."""
     types = {group.type for group in groups}
-    if "Axes" in types or {"v", "g", "w"} & set(quantities):
-        texts.append(rendered("axes.c", real))
-    if "Feet" in types or "h" in quantities:
-        texts.append(rendered("feet.c", real, legs=quadruped.LEGS))
-    if "Joints" in types or {"q", "dq", "a"} & set(quantities):
-        texts.append(rendered("joints.c", real, joints=quadruped.JOINTS))
-        if {*_OF_JOINTS} & {*limited}:
-            texts.append(rendered("nearest_joints.c", real, joints=quadruped.JOINTS))
-    return tuple(texts)
+    return {
+        "powers": [power for power in ("square", "cube") if _asks_for(formulas, power)],
+        "needs_axes": "Axes" in types or bool({"v", "g", "w"} & set(quantities)),
+        "needs_feet": "Feet" in types or "h" in quantities,
+        "needs_joints": "Joints" in types or bool({"q", "dq", "a"} & set(quantities)),
+        "limits_joints": bool({*_OF_JOINTS} & {*limited}),
+        "legs": quadruped.LEGS,
+        "joints": quadruped.JOINTS,
+    }
 
 
 def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
-    """Names all variables as C can: as the formulas do, but for names that C has other uses for."""
+    """Names all variables as the formulas do, but for names that C has other uses for."""
     observed = symbols_of(vocabulary.names)
     taken = {symbol.partition(".")[0] for symbol in observed}
     defined = [definition.symbol for definition in vocabulary.definitions]
@@ -221,7 +202,7 @@ def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
 
 
 def _quantities(names: Sequence[str], used: frozenset[int]) -> tuple[str, ...]:
-    """Lists the observed quantities that formulas use, by what stands before the dot."""
+    """Lists the observed quantities that formulas use, by the part before the dot."""
     entries = entries_of(names)
     return tuple(
         dict.fromkeys(
@@ -233,21 +214,23 @@ def _quantities(names: Sequence[str], used: frozenset[int]) -> tuple[str, ...]:
 def _groups(
     definitions: Sequence[Definition], vocabulary: Vocabulary, symbols: Sequence[str], real: Real
 ) -> list[Group]:
+    # Definitions by the part of their names before the dot.
     by_name: dict[str, list[tuple[str, Definition]]] = {}
     for definition in definitions:
         symbol = symbols[vocabulary.symbols.index(definition.symbol)]
         by_name.setdefault(symbol.partition(".")[0], []).append((symbol, definition))
+
+    # Their lines. A note that several members share is written once.
     groups = []
-    for name, own in by_name.items():
+    for name, defined in by_name.items():
         members, lines, said = [], [], set()
-        for symbol, definition in own:
+        for symbol, definition in defined:
             _, dot, member = symbol.partition(".")
             start, indent = (f".{member} = ", 8) if dot else (f"const {real} {symbol} = ", 4)
             members += [member] if dot else []
             formula = _lines(start, definition.formula, symbols, real, indent)
             renamed = "" if symbol == definition.symbol else f"{definition.symbol}: "
             note = commented(renamed + definition.note)
-            # What was said of a member is not said again of another.
             lines += _noted(formula, "," if dot else ";", "" if dot and note in said else note)
             said.add(note)
         groups.append(Group(name, _type_of(members), tuple(members), tuple(lines)))
@@ -279,6 +262,17 @@ def _notation(real: Real) -> Notation:
         return function("fabs" if operator == "abs" else operator, real)
 
     return Notation(lambda value: number(value, real), named, has_powers=False)
+
+
+def _state_lines(
+    row: Mapping[int, Expression], symbols: Sequence[str], real: Real, *, statewise: bool
+) -> list[tuple[str, ...]]:
+    """Writes the formulas of a state's joints."""
+    indent = 8 if statewise else 4
+    return [
+        _lines(f"target[{quadruped.JOINTS[joint].upper()}] = ", formula, symbols, real, indent)
+        for joint, formula in row.items()
+    ]
 
 
 def _lines(

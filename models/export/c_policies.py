@@ -1,0 +1,212 @@
+"""The C of policies, by their kind, and of networks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import NamedTuple
+
+import numpy as np
+
+from glassgait.models.errors import InputError
+from glassgait.models.export.c_language import LINE_LENGTH, CArray, Real, rendered
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.arrays import lower_neighbours
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.symmetry import Reflection
+
+ABREAST = 10
+"""Greatest number of trees that are walked down side by side, so that a processor need not wait."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """A part of a controller's file.
+
+    Attributes:
+        title: One line that says what it is.
+        functions: Its functions; the last one is called from outside.
+        arrays: Its constant arrays, whose numbers stand at the end of the file.
+        takes_state: Whether that function takes the RM state first.
+    """
+
+    title: str
+    functions: str
+    arrays: tuple[CArray, ...] = ()
+    takes_state: bool = False
+
+
+class Style(NamedTuple):
+    """How a policy is written.
+
+    Attributes:
+        constants: Name of the constant of each RM state.
+        real: The type that is computed in.
+    """
+
+    constants: Sequence[str]
+    real: Real
+
+    def signature(self, *, takes_state: bool, name: str = "act", writes: str = "action") -> str:
+        """Declares a function of the observation, on as many lines as it takes."""
+        begin = f"static void {name}({'int state, ' if takes_state else ''}"
+        observed = f"const {self.real} observation[N_OBSERVATIONS],"
+        rest = f"{self.real} {writes}[12])"
+        whole = f"{begin}{observed} {rest}"
+        return whole if len(whole) <= LINE_LENGTH else f"{begin}{observed}\n    {rest}"
+
+
+@singledispatch
+def policy_code(policy: Policy, style: Style) -> Code:
+    """Writes a policy; its last function maps the observation to the action.
+
+    Raises:
+        InputError: if policies of this kind cannot be written in C.
+    """
+    raise InputError(f"there is no C for policies of kind {policy.kind!r}; export another one")
+
+
+@policy_code.register
+def _(policy: LinearPolicy, style: Style) -> Code:
+    real = style.real
+    statewise = policy.weights.ndim == 3
+    of = "each state and joint" if statewise else "each joint"
+    return Code(
+        f"Weighted sums of the observation, one for {of}.",
+        rendered(
+            "linear.c",
+            real,
+            signature=style.signature(takes_state=statewise),
+            statewise=statewise,
+        ),
+        (
+            CArray.of_reals("WEIGHTS", policy.weights, real, f"weight of each observation, {of}"),
+            CArray.of_reals("INTERCEPTS", policy.intercepts, real, f"constant of {of}"),
+        ),
+        takes_state=statewise,
+    )
+
+
+@policy_code.register
+def _(policy: AdditivePolicy, style: Style) -> Code:
+    real = style.real
+    # The gains of all joints from one bin stand side by side: (n, bins, 12).
+    effects = np.moveaxis(policy.tables, 0, -1)
+    pairs = np.column_stack([policy.pairs, policy.pair_joints])
+    n_pairs = len(pairs)
+    fine, coarse = policy.cuts, policy.pair_cuts
+    # One function searches both, so both are of the type that holds both.
+    cut_type = CArray.of_reals("", np.concatenate([fine.ravel(), coarse.ravel()]), real, "").type
+    arrays = [
+        CArray("CUTS", fine, cut_type, "cuts of each observation, ascending"),
+        CArray.of_reals("EFFECTS", effects, real, "gain of all joints, by bin"),
+        CArray.of_reals("INTERCEPTS", policy.intercepts, real, "constant of each joint"),
+    ]
+    if n_pairs:
+        arrays += [
+            CArray("PAIR_CUTS", coarse, cut_type, "coarser cuts, for pairs"),
+            CArray.of_indices("PAIRS", pairs, "two observations, and the joint that gains"),
+            CArray.of_reals("PAIR_EFFECTS", policy.pair_tables, real, "its gain, by both bins"),
+        ]
+    return Code(
+        f"A sum of {effects.shape[0]} functions of one observation a joint, and in all {n_pairs} "
+        "of two.",
+        rendered(
+            "additive.c",
+            real,
+            signature=style.signature(takes_state=False),
+            cut_type=cut_type,
+            n_cuts=fine.shape[1],
+            n_pair_cuts=coarse.shape[1],
+            n_pairs=n_pairs,
+        ),
+        tuple(arrays),
+    )
+
+
+@policy_code.register
+def _(policy: BoostedTreesPolicy, style: Style) -> Code:
+    real = style.real
+    # Trees that round what they compare get rounded thresholds, and round in C as well.
+    rounded = lower_neighbours(policy.thresholds)
+    thresholds = policy.thresholds if rounded is None else rounded
+    n_trees = policy.features.shape[1]
+    arrays = (
+        CArray.of_indices("QUESTIONS", policy.features, "observation that a node asks for"),
+        CArray.of_reals("THRESHOLDS", thresholds, real, "above it, a node goes right"),
+        CArray.of_reals("LEAVES", policy.leaves, real, "what a leaf adds to the action"),
+        CArray.of_reals("INTERCEPTS", policy.intercepts, real, "constant of each joint"),
+    )
+    return Code(
+        f"A sum of {n_trees} trees a joint, of {policy.depth} questions each.",
+        rendered(
+            "trees.c",
+            real,
+            signature=style.signature(takes_state=False),
+            n_trees=n_trees,
+            depth=policy.depth,
+            abreast=max(k for k in range(1, ABREAST + 1) if n_trees % k == 0),
+            compared=arrays[1].type if rounded is not None else real,
+            question_type=arrays[0].type,
+            threshold_type=arrays[1].type,
+            leaf_type=arrays[2].type,
+        ),
+        arrays,
+    )
+
+
+@policy_code.register
+def _(policy: NeuralPolicy, style: Style) -> Code:
+    return network_code(policy.actor, "actor", "act", style.real)
+
+
+def network_code(network: Network | MirroredNetwork, name: str, called: str, real: Real) -> Code:
+    """Writes a network.
+
+    Args:
+        network: The network.
+        name: Prefix of the names of its layers.
+        called: Name of the function that evaluates it, from its input to its output.
+        real: The type that is computed in.
+    """
+    plain, reflections = network.plain, network.reflections
+    prefix = name.upper()
+    arrays: list[CArray] = []
+    layers = []
+    for place, (weight, bias) in enumerate(zip(plain.weights, plain.biases, strict=True), start=1):
+        # The weights of one input for all outputs stand side by side.
+        matrix = CArray.of_reals(
+            f"{prefix}_WEIGHTS_{place}", weight.T, real, f"layer {place}: by input and output"
+        )
+        vector = CArray.of_reals(f"{prefix}_BIASES_{place}", bias, real, f"layer {place}")
+        arrays += [matrix, vector]
+        n_out, n_in = weight.shape
+        layers.append({"n_in": n_in, "n_out": n_out, "weights": matrix.name, "biases": vector.name})
+    for side, reflection in zip(("INPUT", "OUTPUT"), reflections, strict=False):
+        arrays += reflection_arrays(f"{prefix}_{side}", reflection)
+    widths = " - ".join(str(layer["n_out"]) for layer in layers[:-1])
+    return Code(
+        f"A network of {len(layers)} layers ({widths} hidden units)"
+        + (", the mean of itself and its mirror image." if reflections else "."),
+        rendered(
+            "network.c",
+            real,
+            name=name,
+            called=called,
+            layers=layers,
+            n_hidden=max((layer["n_out"] for layer in layers[:-1]), default=1),
+            mirrored=bool(reflections),
+        ),
+        tuple(arrays),
+    )
+
+
+def reflection_arrays(prefix: str, reflection: Reflection) -> list[CArray]:
+    """Writes a vector's mirror image: two arrays, whose names begin with the prefix."""
+    index, sign = reflection.index, reflection.sign.astype(np.int8)
+    return [
+        CArray.of_indices(f"{prefix}_IMAGE", index, "in the mirror an entry is this one"),
+        CArray(f"{prefix}_SIGN", sign, "signed char", "times this sign"),
+    ]

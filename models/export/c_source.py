@@ -1,0 +1,385 @@
+"""A whole controller as one C99 file with its header, from sensors to joint targets."""
+
+import ast
+import textwrap
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import glassgait.models.export.c_formulas  # noqa: F401 (registers the C of formulas)
+from glassgait.models.errors import InputError, shown
+from glassgait.models.export.c_language import (
+    LINE_LENGTH,
+    Real,
+    commented,
+    is_identifier,
+    number,
+    rendered,
+)
+from glassgait.models.export.c_policies import Code, Style, network_code, policy_code
+from glassgait.models.formulas.text import GLUE
+from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.neural import MirroredNetwork, Network
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.target_limits import TargetLimits
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
+from glassgait.models.task.gait import Gait, Transition
+from glassgait.models.task.imu import GRAVITY
+from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
+from glassgait.models.task.odometry import SLIP, Odometry
+
+MOST_NAME = 40
+"""Greatest number of characters of a controller's name, the prefix of all its names."""
+
+INITIALISED = 0x0A1C0DE5
+"""The mark that an initialised controller holds; other memory hardly holds it by chance."""
+
+_GROUPS: dict[Group, tuple[str, str]] = {
+    "joint position": ("JOINT_POSITION", "12: rad, from the default stance"),
+    "joint velocity": ("JOINT_VELOCITY", "12: 0.05 * rad/s"),
+    "gravity": ("GRAVITY_DIRECTION", "3: forward, left and up, a unit vector"),
+    "angular velocity": ("ANGULAR_VELOCITY", "3: about these axes, 0.25 * rad/s"),
+    "previous action": ("PREVIOUS_ACTION", "12: {scale:g} rad of target, from the default stance"),
+    "machine state": ("RM_STATE", "{n}: 1 in that state of the machine, else 0"),
+    "iterations": ("RM_ITERATIONS", "0.1 * control steps in that state"),
+    "commanded iterations": ("COMMAND_RM_ITERATIONS", "0.1 * commanded ones"),
+    "base velocity": ("BASE_VELOCITY", "3: estimated, forward, left and up, 2 * m/s"),
+    "foot height": ("FOOT_HEIGHT", "4: estimated, m"),
+}
+"""Constant of the index of each group's first entry, and the comment beside it."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """The C interface of a controller.
+
+    Attributes:
+        name: Prefix of the names of its files, functions and types.
+        real: The type that it computes in.
+        joint_law: How joints are to follow its targets.
+        has_imu: Whether it reads an IMU.
+        has_odometry: Whether it estimates by odometry.
+    """
+
+    name: str
+    real: Real
+    joint_law: JointLaw
+    has_imu: bool
+    has_odometry: bool
+
+
+@dataclass(frozen=True)
+class ControllerSource(Interface):
+    """The text of a controller.
+
+    Attributes:
+        takes_state: Whether its policy's function takes the RM state first.
+        source: The C file.
+        header: Its header.
+    """
+
+    takes_state: bool
+    source: str
+    header: str
+
+
+def write_controller(
+    gait: Gait,
+    controller: AlternatingController,
+    *,
+    name: str,
+    policy_name: str,
+    version: str,
+    real: Real = "double",
+) -> ControllerSource:
+    """Writes a controller that maps sensors to joint targets.
+
+    Args:
+        gait: The gait, whose reward machine runs.
+        controller: One policy that acts without another.
+        name: Prefix of the names of its files, functions and types.
+        policy_name: Name of the policy in comments.
+        version: Version of this project.
+        real: The type to compute in.
+
+    Raises:
+        InputError: if the name is not valid in C, the policy is made for another gait or
+            observation, or its kind or its estimator cannot be written in C.
+    """
+    check_name(name)
+    policy, robot, law = controller.policy, controller.robot, controller.joint_law
+    estimator = exported_estimator(controller)
+    odometry = estimator if isinstance(estimator, Odometry) else None
+    layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
+    # The expert of a student without odometry serves with its estimator only.
+    for one in (policy,) if odometry else (policy, controller.expert):
+        one.check(robot=policy.robot, gait=gait, observation_names=layout.names)
+
+    # The parts that depend on the policy and its estimator.
+    constants = state_constants(gait)
+    acting = policy_code(policy, Style(constants, real))
+    network = None
+    if not isinstance(estimator, Odometry):
+        network = network_code(estimator, "estimator", "estimate", real)
+    codes = [acting] if network is None else [acting, network]
+    has_imu = reads_imu(controller)
+
+    # The numbers of the robot, the gait and the task, for the template.
+    values: dict[str, Any] = {
+        **_robot_values(robot, controller, gait),
+        "name": name,
+        "prefix": name.upper(),
+        "gait": gait,
+        "title": f"the {commented(gait.name)}'s controller: {_described(policy, policy_name)}",
+        "gait_name": commented(gait.name),
+        "policy_name": commented(policy_name),
+        "version": commented(version),
+        "digests": (
+            gait.digest(),
+            policy.digest(),
+            odometry.digest() if odometry else controller.expert.digest(),
+        ),
+        "constants": constants,
+        "state_names": commented(", ".join(f"{i} {state}" for i, state in enumerate(gait.states))),
+        "initial": constants[gait.states.index(gait.initial)],
+        "cases": machine_cases(gait, real),
+        "places": _places(robot, layout),
+        "n_observations": layout.size,
+        "estimator": network,
+        "policy": acting,
+        "takes_state": acting.takes_state,
+        "needs_elu": any("elu(" in code.functions for code in codes),
+        "arrays": [array for code in codes for array in code.arrays],
+        "named": _named(acting, network),
+        "has_imu": has_imu,
+        "observes_imu": policy.layout.imu,
+        "odometry": odometry and _odometry_code(odometry, robot, real),
+    }
+    source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
+    return ControllerSource(
+        name=name,
+        real=real,
+        joint_law=law,
+        has_imu=has_imu,
+        has_odometry=odometry is not None,
+        takes_state=acting.takes_state,
+        source=source,
+        header=header,
+    )
+
+
+def check_name(name: str) -> None:
+    """Refuses a name that a controller and its files cannot have.
+
+    Raises:
+        InputError: if it cannot.
+    """
+    if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
+        raise InputError(
+            f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} small "
+            "letters, digits and _ that begins with a letter"
+        )
+
+
+def reads_imu(controller: AlternatingController) -> bool:
+    """Returns whether a controller's policy, its odometry or its limits read an IMU."""
+    odometry = isinstance(controller.estimator, Odometry)
+    return odometry or controller.policy.layout.imu or controller.joint_law.limits is not None
+
+
+def exported_estimator(controller: AlternatingController) -> Network | MirroredNetwork | Odometry:
+    """Returns a controller's estimator.
+
+    Raises:
+        InputError: if it cannot be exported.
+    """
+    estimator = controller.estimator
+    if not isinstance(estimator, Network | MirroredNetwork | Odometry):
+        raise InputError(
+            f"the estimator of a {controller.expert.kind} policy cannot be exported; export one of "
+            "an expert"
+        )
+    return estimator
+
+
+def _described(policy: Policy, policy_name: str) -> str:
+    """Returns a policy's name, and its kind where that is another word."""
+    kind = policy.kind.replace("_", " ")
+    named = commented(policy_name)
+    return f"policy {named}" if named == policy.kind else f"policy {named}, {kind}"
+
+
+def _named(policy: Code, network: Code | None) -> str:
+    """Says whose numbers stand at the end of the file."""
+    if network is None:
+        return "the policy"
+    return "the estimator and the policy" if policy.arrays else "the estimator"
+
+
+def _places(robot: Robot, layout: ObservationLayout) -> list[tuple[str, int, str]]:
+    """Lists the constant, the index and the comment of each part of the observation."""
+    found = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
+    groups = [entry.group for entry in layout.entries]
+    for group, (title, note) in _GROUPS.items():
+        if group in groups:
+            filled = note.format(n=layout.n_machine_states, scale=robot.action_scale)
+            found.append((title, groups.index(group), filled))
+    return found
+
+
+# ---- The robot -------------------------------------------------------------------------------
+
+
+def _robot_values(robot: Robot, controller: AlternatingController, gait: Gait) -> dict[str, Any]:
+    """Returns the numbers of the robot, of its joints and of the task."""
+    law = controller.joint_law
+    stiffness, damping = law.gains_of(robot)
+    return {
+        "robot": commented(robot.full_name),
+        "legs": list(quadruped.LEGS),
+        "stance": robot.default_stance.tolist(),
+        "limits_targets": law.limited,
+        "limits": law.limits,
+        **_ranges(robot, law.limits),
+        "mark": INITIALISED,
+        "action_scale": robot.action_scale,
+        "stiffness": stiffness,
+        "damping": damping,
+        "constants_of_robot": [
+            ("PERIOD", CONTROL_PERIOD, "s between two steps"),
+            ("STIFFNESS", stiffness, "kp of every joint, N m/rad"),
+            ("DAMPING", damping, "kd of every joint, N m s/rad, to velocity 0"),
+            *_efforts(robot),
+            ("MAX_SPEED", gait.max_speed, "greatest command, forward and back, m/s"),
+            ("MAX_YAW_RATE", gait.max_yaw_rate, "greatest command, left and right, rad/s"),
+            ("MIN_DWELL", float(gait.dwell[0]), "least command, control steps"),
+            ("MAX_DWELL", float(gait.dwell[1]), "greatest command, control steps"),
+        ],
+        "period": CONTROL_PERIOD,
+        "rate": round(1.0 / CONTROL_PERIOD),
+        "gravity": GRAVITY,
+        "overdue": OVERDUE,
+        "unchanged_steps": UNCHANGED_STEPS,
+        "low": LOW,
+    }
+
+
+def _ranges(robot: Robot, limits: TargetLimits | None) -> dict[str, Any]:
+    """Returns the joints' ranges and their reach: three numbers where all legs are alike."""
+    values = {"lowest": robot.lower_limits, "highest": robot.upper_limits}
+    if limits is not None:
+        limits.check(robot)
+        values["reach"] = robot.effort / limits.stiffness
+    legs = (np.tile(one[:3], quadruped.N_LEGS) for one in values.values())
+    shared = all(map(np.array_equal, values.values(), legs))
+    count, index = (3, "joint % 3") if shared else (quadruped.N_JOINTS, "joint")
+    return {"limit": index, **{name: one[:count].tolist() for name, one in values.items()}}
+
+
+def _efforts(robot: Robot) -> list[tuple[str, float, str]]:
+    """Lists the greatest torques, one entry where all joints share it."""
+    if np.ptp(robot.effort) == 0.0:
+        return [("EFFORT", float(robot.effort[0]), "greatest torque of a joint, N m")]
+    return [
+        (f"EFFORT_{joint.upper()}", float(effort), "its greatest torque, N m")
+        for joint, effort in zip(quadruped.JOINTS, robot.effort, strict=True)
+    ]
+
+
+def _odometry_code(odometry: Odometry, robot: Robot, real: Real) -> str:
+    """Writes odometry line by line as Python has it."""
+    return rendered(
+        "odometry.c",
+        real,
+        legs=quadruped.LEGS,
+        gain=odometry.gain,
+        period=CONTROL_PERIOD,
+        gravity=GRAVITY,
+        slip=SLIP,
+        thigh=robot.thigh_length,
+        calf=robot.calf_length,
+        radius=robot.foot_radius,
+        offset=(robot.side * robot.thigh_offset).tolist(),
+        hip=robot.hip_origin.tolist(),
+    )
+
+
+# ---- The reward machine ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Case:
+    """The transitions out of an RM state.
+
+    Attributes:
+        state: The state's constant.
+        exits: Of each transition its formula as in the gait's file, the lines of its condition, and
+            the constant of the next state.
+    """
+
+    state: str
+    exits: tuple[tuple[str, tuple[str, ...], str], ...]
+
+
+def state_constants(gait: Gait) -> tuple[str, ...]:
+    """Names the constant of each RM state by the state's name, or else by its number."""
+    names = [f"STATE_{state.upper()}" for state in gait.states]
+    if len(set(names)) < len(names) or not all(is_identifier(name) for name in names):
+        return tuple(f"STATE_{index}" for index in range(len(names)))
+    return tuple(names)
+
+
+def machine_cases(gait: Gait, real: Real) -> list[Case]:
+    """Writes the transitions of each RM state that has any."""
+    named = dict(zip(gait.states, state_constants(gait), strict=True))
+    found = []
+    for state in gait.states:
+        leaving = [edge for edge in gait.transitions if edge.source == state]
+        exits = tuple(
+            (commented(edge.when.text), _condition(edge, real), named[edge.target])
+            for edge in leaving
+        )
+        if exits:
+            found.append(Case(named[state], exits))
+    return found
+
+
+def _condition(edge: Transition, real: Real) -> tuple[str, ...]:
+    """Returns the lines of a condition over `now`, the propositions of a control step."""
+    parts = _conjuncts(ast.parse(edge.when.text, mode="eval").body)
+    swings = zip(quadruped.LEGS, edge.when.swing_feet, strict=True)
+    parts += [f"now->height[{leg}] >= CLEARANCE" for leg, swing in swings if swing]
+    if edge.dwell > 0.0:
+        share = "" if edge.dwell == 1.0 else f"{number(edge.dwell, real)} * "
+        parts.append(f"now->spent >= {share}now->dwell")
+    if edge.grace > 0:
+        parts.append(f"now->age >= {edge.grace}")
+    glued = [part.replace(" ", GLUE) for part in parts]
+    lines = textwrap.wrap(f" &&{GLUE}".join(glued), LINE_LENGTH - 14, break_long_words=False)
+    return tuple(line.replace(GLUE, " ") for line in lines)
+
+
+def _conjuncts(node: ast.expr) -> list[str]:
+    """Lists the parts that must all hold; the formula was checked with the gait's file."""
+    match node:
+        case ast.BinOp(left=left, op=ast.BitAnd(), right=right):
+            return [*_conjuncts(left), *_conjuncts(right)]
+        case _:
+            return [_proposition(node)]
+
+
+def _proposition(node: ast.expr) -> str:
+    match node:
+        case ast.Name(id=foot):
+            return f"now->contact[{foot}]"
+        case ast.UnaryOp(operand=operand):
+            return f"!{_proposition(operand)}"
+        case ast.BinOp(left=left, op=operator, right=right):
+            sign = "&&" if isinstance(operator, ast.BitAnd) else "||"
+            return f"({_proposition(left)} {sign} {_proposition(right)})"
+    raise AssertionError(ast.unparse(node))

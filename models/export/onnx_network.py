@@ -1,0 +1,257 @@
+"""A network and its estimator as one ONNX graph.
+
+ONNX is an optional package: `pip install "glassgait[onnx]"`.
+"""
+
+import json
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+import onnx
+import onnxruntime
+from onnx import TensorProto, helper, numpy_helper
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
+from glassgait.models.export.c_language import Real
+from glassgait.models.export.c_source import exported_estimator
+from glassgait.models.export.contract import robot_terms
+from glassgait.models.formulas.odometry import odometry_lines
+from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.models.task.odometry import Odometry
+
+OPSET = 17
+"""Version of ONNX's operators; runtimes since 2022 have it."""
+
+OBSERVATION, ACTIONS, ESTIMATE = "obs", "actions", "estimate"
+"""Names of the graph's inputs and outputs; the estimate is an input where odometry makes it."""
+
+_TYPES = {"double": TensorProto.DOUBLE, "float": TensorProto.FLOAT}
+
+
+class _Graph:
+    """Nodes and constants of a graph; a value is known by its name. Rows are the first axis."""
+
+    def __init__(self) -> None:
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: list[onnx.TensorProto] = []
+
+    def constant(self, values: Any, dtype: type = np.float64) -> str:
+        """Adds a constant array and returns its name."""
+        name = f"constant_{len(self.constants)}"
+        array = np.asarray(values, dtype=dtype, order="C")
+        self.constants.append(numpy_helper.from_array(array, name))
+        return name
+
+    def add(self, operator: str, *inputs: str, named: str | None = None, **attributes: Any) -> str:
+        """Adds an operator and returns the name of its output."""
+        output = named or f"{operator.lower()}_{len(self.nodes)}"
+        self.nodes.append(helper.make_node(operator, inputs, [output], output, **attributes))
+        return output
+
+    def network(self, network: Network | MirroredNetwork, value: str) -> str:
+        """Adds a network, the mean of itself and its mirror image if it is mirrored."""
+        output = self._layers(network.plain, value)
+        if not network.reflections:
+            return output
+        mirrored_input, mirrored_output = network.reflections
+        image = self._layers(network.plain, self._reflected(mirrored_input, value))
+        both = self.add("Add", output, self._reflected(mirrored_output, image))
+        return self.add("Mul", both, self.constant(0.5))
+
+    def _layers(self, network: Network, value: str) -> str:
+        last = len(network.weights) - 1
+        for place, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            product = self.add("MatMul", value, self.constant(weight.T))
+            value = self.add("Add", product, self.constant(bias))
+            if place < last:
+                value = self._elu(value)
+        return value
+
+    def _elu(self, value: str) -> str:
+        """Adds the exponential linear unit; runtimes have no `Elu` for doubles."""
+        zero, one = self.constant(0.0), self.constant(1.0)
+        below = self.add("Exp", self.add("Min", value, zero))
+        return self.add("Add", self.add("Max", value, zero), self.add("Sub", below, one))
+
+    def _reflected(self, reflection: Any, value: str) -> str:
+        image = self.add("Gather", value, self.constant(reflection.index, np.int64), axis=1)
+        return self.add("Mul", image, self.constant(reflection.sign))
+
+
+def write_graph(
+    gait: Gait,
+    controller: AlternatingController,
+    *,
+    policy_name: str,
+    version: str,
+    real: Real = "double",
+) -> onnx.ModelProto:
+    """Writes a network that acts by proprioception, for any number of rows at once.
+
+    The graph maps `obs` (batch, 40 + n_states; 46 + n_states with an IMU) to `actions` (batch, 12)
+    and `estimate` (batch, 7), the velocity of the trunk and the heights of the feet. Odometry has a
+    memory, so with it the estimate is an input, and the metadata hold its statements.
+
+    Args:
+        gait: The gait, whose reward machine the metadata describe.
+        controller: A network that acts without another policy.
+        policy_name: Name of the policy in the metadata.
+        version: Version of this project.
+        real: Type of the inputs and outputs; the graph computes in double precision.
+
+    Raises:
+        InputError: if the policy is no network, or is made for another gait or observation.
+    """
+    policy, estimator = controller.policy, exported_estimator(controller)
+    if not isinstance(policy, NeuralPolicy):
+        raise InputError(
+            f"there is no ONNX graph for policies of kind {policy.kind!r}, only for networks; "
+            "export it with --format c"
+        )
+    layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
+    policy.check(robot=policy.robot, gait=gait, observation_names=layout.names)
+
+    # Inputs, the estimator and the actor.
+    graph = _Graph()
+    observation = graph.add("Cast", OBSERVATION, to=TensorProto.DOUBLE)
+    if isinstance(estimator, Odometry):
+        inputs, outputs = [OBSERVATION, ESTIMATE], [ACTIONS]
+        estimate = graph.add("Cast", ESTIMATE, to=TensorProto.DOUBLE)
+    else:
+        inputs, outputs = [OBSERVATION], [ACTIONS, ESTIMATE]
+        estimate = graph.network(estimator, observation)
+    action = graph.network(policy.actor, graph.add("Concat", observation, estimate, axis=1))
+    for value, name in zip((action, estimate), outputs, strict=False):
+        graph.add("Cast", value, named=name, to=_TYPES[real])
+
+    # The model.
+    sizes = {
+        OBSERVATION: layout.n_proprioceptive,
+        ACTIONS: quadruped.N_JOINTS,
+        ESTIMATE: N_ESTIMATED,
+    }
+    reads, gives = (
+        [helper.make_tensor_value_info(name, _TYPES[real], ["batch", sizes[name]]) for name in part]
+        for part in (inputs, outputs)
+    )
+    opsets = [helper.make_opsetid("", OPSET)]
+    model = helper.make_model(
+        helper.make_graph(graph.nodes, "policy", reads, gives, graph.constants),
+        opset_imports=opsets,
+        ir_version=helper.find_min_ir_version_for(opsets),
+        producer_name="glassgait",
+        producer_version=version,
+    )
+    helper.set_model_props(model, _metadata(gait, controller, policy_name, layout))
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def _metadata(
+    gait: Gait, controller: AlternatingController, policy_name: str, layout: ObservationLayout
+) -> dict[str, str]:
+    """Describes a graph as deployment stacks do; lists are separated by commas."""
+    terms, estimator = robot_terms(controller.robot), controller.estimator
+    stiffness, damping = controller.joint_law.gains_of(controller.robot)
+    observed = layout.entries[: layout.n_proprioceptive]
+    machine = {
+        "states": list(gait.states),
+        "initial": gait.initial,
+        "clearance": gait.clearance,
+        "transitions": [
+            {
+                "from": edge.source,
+                "to": edge.target,
+                "when": edge.when.text,
+                "dwell": edge.dwell,
+                "grace": edge.grace,
+            }
+            for edge in gait.transitions
+        ],
+    }
+    return {
+        "robot": str(terms["robot"]),
+        "joint_names": _listed(terms["joints"]),
+        "joint_stiffness": _listed([stiffness] * quadruped.N_JOINTS),
+        "joint_damping": _listed([damping] * quadruped.N_JOINTS),
+        "default_joint_pos": _listed(terms["stance"]),
+        "action_scale": _listed([terms["action_scale"]] * quadruped.N_JOINTS),
+        "observation_entries": _listed(entry.name for entry in observed),
+        "estimate_entries": _listed(entry.name for entry in layout.entries[len(observed) :]),
+        "estimate_scale": _listed(entry.factor for entry in layout.entries[len(observed) :]),
+        "control_period": repr(terms["control_period"]),
+        "gait": gait.name,
+        "reward_machine": json.dumps(machine),
+        "policy": policy_name,
+        "policy_digest": controller.policy.digest(),
+        **(
+            {"odometry": "\n".join(odometry_lines(estimator))}
+            if isinstance(estimator, Odometry)
+            else {}
+        ),
+    }
+
+
+def _listed(values: Iterable[object]) -> str:
+    return ",".join(map(str, values))
+
+
+class Acted(NamedTuple):
+    """The outputs of a graph.
+
+    Attributes:
+        action: Actions (..., 12).
+        estimate: Estimated velocity of the trunk and heights of the feet (..., 7).
+    """
+
+    action: Array
+    estimate: Array
+
+
+class LoadedGraph:
+    """Evaluates a graph by ONNX Runtime, on one thread.
+
+    Attributes:
+        dtype: Type of its inputs.
+        reads_estimate: Whether the estimate is an input.
+        metadata: The text of its file, by key.
+    """
+
+    def __init__(self, model: bytes) -> None:
+        """
+        Args:
+            model: The graph as its file holds it.
+        """
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        self._session = onnxruntime.InferenceSession(
+            model, options, providers=["CPUExecutionProvider"]
+        )
+        inputs = self._session.get_inputs()
+        self.dtype = np.float32 if inputs[0].type == "tensor(float)" else np.float64
+        self.reads_estimate = len(inputs) > 1
+        self.metadata = self._session.get_modelmeta().custom_metadata_map
+
+    def __call__(self, observation: Array, estimate: Array) -> Acted:
+        """Maps proprioception (..., 40 + n_states) to actions.
+
+        Args:
+            observation: Proprioception.
+            estimate: The estimate (..., 7); graphs that make their own do not read it.
+        """
+        given = {OBSERVATION: observation} | ({ESTIMATE: estimate} if self.reads_estimate else {})
+        rows = {
+            name: one.reshape(-1, one.shape[-1]).astype(self.dtype) for name, one in given.items()
+        }
+        names = [ACTIONS] if self.reads_estimate else [ACTIONS, ESTIMATE]
+        action, *made = (
+            np.asarray(one, dtype=float).reshape(*observation.shape[:-1], -1)
+            for one in self._session.run(names, rows)
+        )
+        return Acted(action, made[0] if made else estimate)

@@ -1,2 +1,0 @@
-typedef struct { {{ real }} x, y, z; } Axes;
-

@@ -1,2 +1,0 @@
-typedef struct { {{ real }} {{ legs | join(', ') }}; } Feet;
-

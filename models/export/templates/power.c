@@ -1,5 +1,0 @@
-static {{ real }} {{ power }}({{ real }} x)
-{
-    return {{ 'x * x' if power == 'square' else 'x * x * x' }};
-}
-
