@@ -1,6 +1,6 @@
 """Where a robot's commands come from: fixed, drawn, or sliders."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.settings import Range, Settings
+from glassgait.models.settings import Range, Settings, checked
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, check_command
 from glassgait.models.task.gait import Gait
@@ -19,7 +19,7 @@ from glassgait.systems.given_command import GivenCommand
 from glassgait.systems.meshcat_command import MeshcatCommand
 
 
-@dataclass(frozen=True)
+@checked
 class FixedCommand(Settings):
     """One command for the whole rollout.
 
@@ -49,7 +49,7 @@ class FixedCommand(Settings):
         check_command(gait, gait.name, **asdict(self))
 
 
-@dataclass(frozen=True)
+@checked
 class DrawnCommands(Settings):
     """Commands drawn over the gait's range, a new one every 10 s.
 
@@ -74,7 +74,7 @@ class DrawnCommands(Settings):
             )
 
 
-@dataclass(frozen=True)
+@checked
 class SliderCommand(Settings):
     """Commands from sliders in Meshcat.
 

@@ -1,7 +1,7 @@
 """Domain randomization: the loads, motors, grounds, delays and pushes that robots learn with."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -11,7 +11,7 @@ from glassgait.diagrams.station import MUJOCO_CONTACT_TIME, StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings
+from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings, checked
 from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import FLATTEST, Kind, Terrain
@@ -36,7 +36,7 @@ HARSH = Randomization(
 Kinds = Annotated[tuple[Kind, ...], FEW, MinLen(1)]
 
 
-@dataclass(frozen=True)
+@checked
 class TerrainRanges(Settings):
     """Ranges from which the ground of each group of robots is drawn.
 
@@ -85,7 +85,7 @@ class TerrainRanges(Settings):
         return Terrain(amplitude=max(FLATTEST, self.amplitude * share), **common)
 
 
-@dataclass(frozen=True)
+@checked
 class GroupRanges(Settings):
     """Ranges from which the station of each group of robots is drawn.
 
@@ -144,7 +144,7 @@ class GroupRanges(Settings):
         ]
 
 
-@dataclass(frozen=True)
+@checked
 class DomainRandomization(Settings):
     """The randomised scenarios of many robots: a station a group, and what is drawn for each robot.
 
@@ -174,7 +174,6 @@ class DomainRandomization(Settings):
     randomization: Randomization = HARSH
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if len(self.fine_steps) > self.n_groups:
             raise InputError(
                 f"{self.title}: {len(self.fine_steps)} fine_steps do not fit in n_groups = "

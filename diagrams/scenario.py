@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -19,7 +19,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Count, NotNegative, Settings
+from glassgait.models.settings import Count, NotNegative, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import (
@@ -54,7 +54,7 @@ LONGEST_TITLE = 80
 """Greatest number of characters of a title, which stands in tables."""
 
 
-@dataclass(frozen=True)
+@checked
 class Pushes(Settings):
     """Pushes of a robot's trunk, between two control steps.
 
@@ -69,7 +69,7 @@ class Pushes(Settings):
     interval: Annotated[float, Ge(CONTROL_PERIOD)] = NOMINAL.push_interval
 
 
-@dataclass(frozen=True)
+@checked
 class Scenario(Settings):
     """The world, and how the loop is closed; by default those of training, without disturbances.
 
@@ -126,7 +126,6 @@ class Scenario(Settings):
     def __post_init__(self) -> None:
         if isinstance(self.title, str):
             _check_title(self.title)
-        super().__post_init__()
         self.station.terrain.check(load_robot() if self.robot is None else load_robot(self.robot))
         if self.station.time_step > 0:
             # Otherwise the plant and the controller would drift apart.

@@ -1,6 +1,6 @@
 """The station: the robot, its PD-controlled joints, the ground and their contact."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -33,7 +33,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, Damping, JointLaw, Stiffness
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.randomization import NOMINAL, Friction
@@ -77,7 +77,7 @@ PAYLOAD_BOX = (0.2, 0.1, 0.05)
 Place = tuple[Coordinate, Coordinate, Coordinate]
 
 
-@dataclass(frozen=True)
+@checked
 class StationConfig(Settings):
     """Physics of the station.
 
@@ -135,7 +135,6 @@ class StationConfig(Settings):
     contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.engine == "mujoco" and self.time_step == 0:
             raise InputError(
                 f"{self.title}: time_step is 0, and only Drake's plants are continuous; give a "

@@ -1,6 +1,6 @@
 """The task that the batch simulator plays."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, ClassVar
 
 from annotated_types import Ge
@@ -13,7 +13,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization
@@ -26,7 +26,7 @@ NO_SLIDERS = (
 )
 
 
-@dataclass(frozen=True)
+@checked
 class TaskConfig(Settings):
     """The task that the batch simulator plays.
 

@@ -1,18 +1,15 @@
-"""Files that are either whole or not there, and read back without running anything in them."""
+"""Atomic file I/O without pickles: text, YAML, JSON records and arrays."""
 
 import errno
 import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
-from glob import escape
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
@@ -31,8 +28,6 @@ RECORD_BYTES = 100_000_000
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f]")
 
-_PARTIAL = re.compile(r"\..+\.(\d+)\.partial")
-
 _REMEDIES = {
     errno.ENOSPC: "free some space",
     errno.EDQUOT: "free some space",
@@ -42,14 +37,14 @@ _REMEDIES = {
     errno.ENAMETOOLONG: "choose a shorter name",
 }
 
-# What safetensors raises on damage, besides its own error, depends on which byte is hurt.
+# Which of these a damaged safetensors file raises depends on the byte that is hurt.
 _DAMAGE = (
     SafetensorError,
     ValueError,
-    KeyError,
+    LookupError,
     TypeError,
     AttributeError,
-    OverflowError,
+    ArithmeticError,
     RecursionError,
     MemoryError,
 )
@@ -63,29 +58,19 @@ def write_atomically(path: Path, data: bytes | str) -> None:
     """
     temporary = path.parent / f".{path.name}.{os.getpid()}.partial"
     try:
-        if path.exists() and not path.is_file():
-            # A device or a pipe would be replaced by a file.
-            raise IsADirectoryError(errno.EISDIR, "it is no regular file")
+        _refuse_irregular(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_dead(path.parent.glob(f".{escape(path.name)}.*.partial"))
         try:
             with temporary.open("wb") as stream:
                 stream.write(data.encode() if isinstance(data, str) else data)
                 stream.flush()
                 os.fsync(stream.fileno())
             temporary.replace(path)
-        except BaseException:
-            with suppress(OSError):
-                temporary.unlink()
-            raise
+        finally:
+            temporary.unlink(missing_ok=True)
     except OSError as error:
         remedy = _REMEDIES.get(error.errno or 0, "choose another place")
         raise InputError(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
-
-
-def remove_litter(folder: Path) -> None:
-    """Removes what processes that were killed while they wrote have left under a folder."""
-    _remove_dead(folder.rglob(".*.partial"))
 
 
 def digest(path: Path) -> str:
@@ -94,11 +79,7 @@ def digest(path: Path) -> str:
     Raises:
         InputError: if it cannot be read.
     """
-    try:
-        with _regular(path).open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    return hashlib.sha256(_read_bytes(path)).hexdigest()
 
 
 def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") -> str:
@@ -107,7 +88,7 @@ def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") 
     Args:
         path: The file.
         limit: Greatest size (bytes).
-        encoding: "utf-8" where a byte order mark counts as a character, too.
+        encoding: "utf-8" to read a byte order mark as a character.
 
     Raises:
         InputError: if it cannot be read, is larger, is not UTF-8 or holds control characters.
@@ -138,16 +119,16 @@ def read_yaml(path: Path) -> Any:
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
-    """Writes named arrays, a JSON header and their checksum to one safetensors file, atomically.
+    """Writes named arrays and a JSON header to one safetensors file, atomically.
 
-    The header's own key "sha256" is kept for the checksum.
+    The header's key "sha256" is kept for a checksum of both.
     """
     whole = {
         name: np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
         for name, value in arrays.items()
     }
-    # In the header and not beside it: safetensors does not keep the order of its metadata, and
-    # equal runs give equal files.
+    # One entry of metadata, since safetensors does not keep their order and equal runs are to give
+    # equal files.
     text = json.dumps({**header, "sha256": _checksum(whole, header)})
     write_atomically(path, save(whole, metadata={"header": text}))
 
@@ -156,44 +137,35 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Reads back the arrays and the header that `save_arrays` wrote.
 
     Raises:
-        InputError: if the file is missing, cut short or not one of ours, or its checksum, where it
-            has one, is of other contents.
+        InputError: if the file is missing, damaged or of another kind.
     """
     try:
-        with safe_open(_regular(path), framework="numpy") as file:
-            metadata = file.metadata() or {}
-            header = json.loads(metadata["header"])
-            arrays = {name: _native(file.get_tensor(name)) for name in file.keys()}  # noqa: SIM118
+        _refuse_irregular(path)
+        with safe_open(path, framework="numpy") as file:
+            header = json.loads((file.metadata() or {})["header"])
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        # With `ml_dtypes` installed, which ONNX brings, safetensors also reads other types.
+        is_sound = all(array.dtype.isbuiltin == 1 for array in arrays.values())
         checksum = header.pop("sha256", None)
-        whole = checksum is None or checksum == _checksum(arrays, header)
+        is_sound = is_sound and checksum in (None, _checksum(arrays, header))
     except OSError as error:
         raise _unreadable(path, error) from error
     except _DAMAGE as error:
         raise InputError(f"{path}: is damaged or was not written by this project") from error
-    if not whole:
+    if not is_sound:
         raise InputError(f"{path}: is damaged, its checksum is of other contents; make it anew")
     return arrays, header
 
 
-def _native(array: NDArray[Any]) -> NDArray[Any]:
-    # With `ml_dtypes` installed, which ONNX brings, arrays of its own types would be read too.
-    if array.dtype.isbuiltin != 1:
-        raise ValueError(f"arrays of {array.dtype} are not ours")
-    return array
-
-
 def write_record(path: Path, values: Any, of: str = "") -> None:
-    """Writes what a run needs in order to resume, as JSON with a checksum, atomically.
-
-    Floats keep every digit, and NaN stays NaN.
+    """Writes what a run needs in order to resume, as JSON, atomically.
 
     Args:
         path: The file.
-        values: What JSON can hold.
-        of: What they are of: the run and the part of it.
+        values: What JSON can hold; floats keep every digit, and NaN stays NaN.
+        of: Name of the run and of the part of it that they belong to.
     """
-    text = json.dumps({"of": of, "values": values})
-    write_atomically(path, f'{{"sha256": "{_hash(text)}", "record": {text}}}\n')
+    write_atomically(path, json.dumps({"of": of, "values": values}) + "\n")
 
 
 def read_record(path: Path, of: str | None = None) -> Any:
@@ -201,21 +173,17 @@ def read_record(path: Path, of: str | None = None) -> Any:
 
     Args:
         path: The file.
-        of: What they must be of; anything by default.
+        of: What they must belong to; anything if None.
 
     Raises:
-        InputError: if the file is missing, damaged, or of something else.
+        InputError: if the file is missing, damaged, or belongs to something else.
     """
     data = _read_bytes(path, RECORD_BYTES)
     try:
-        whole = json.loads(data)
-        record = whole["record"]
-        sound = whole["sha256"] == _hash(json.dumps(record))
+        record = json.loads(data)
         values, theirs = record["values"], record["of"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        sound = False
-    if not sound:
-        raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew")
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
+        raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew") from error
     refuse_another(path, theirs, of)
     return values
 
@@ -223,13 +191,8 @@ def read_record(path: Path, of: str | None = None) -> Any:
 def record_or_made(path: Path, make: Callable[[], Any], *, of: str) -> Any:
     """Returns what a run kept before, or makes it and keeps it.
 
-    Args:
-        path: The file.
-        make: Returns what JSON can hold, and may take long.
-        of: What it is of: the run and the part of it.
-
     Raises:
-        InputError: if the file is damaged, or of something else.
+        InputError: if the file is damaged, or belongs to something else.
     """
     if not path.exists():
         write_record(path, make(), of=of)
@@ -237,15 +200,10 @@ def record_or_made(path: Path, make: Callable[[], Any], *, of: str) -> Any:
 
 
 def refuse_another(path: Path, theirs: Any, of: str | None) -> None:
-    """Refuses a file that is sound but of something else, such as another run.
-
-    Args:
-        path: The file.
-        theirs: What it says that it is of.
-        of: What it must be of; anything if None.
+    """Refuses a file that is sound but belongs to something else, such as another run.
 
     Raises:
-        InputError: if the two differ.
+        InputError: if it belongs to `theirs` and not to `of`.
     """
     if of is not None and theirs != of:
         raise InputError(
@@ -259,28 +217,24 @@ def _checksum(arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> 
     kinds = [(name, arrays[name].dtype.str, arrays[name].shape) for name in names]
     hasher = hashlib.sha256(json.dumps([kinds, header]).encode())
     for name in names:
-        hasher.update(arrays[name].tobytes() if arrays[name].size == 0 else arrays[name].data)
+        hasher.update(arrays[name].tobytes())
     return hasher.hexdigest()
 
 
-def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _regular(path: Path) -> Path:
-    """Refuses what is there but no file: opening a pipe, for one, would never end."""
+def _refuse_irregular(path: Path) -> None:
+    """Refuses a path of a folder, device or pipe; opening a pipe would never end."""
     if path.exists() and not path.is_file():
         raise IsADirectoryError(errno.EISDIR, "it is no regular file")
-    return path
 
 
-def _read_bytes(path: Path, limit: int) -> bytes:
+def _read_bytes(path: Path, limit: int | None = None) -> bytes:
     try:
-        with _regular(path).open("rb") as stream:
-            data = stream.read(limit + 1)
+        _refuse_irregular(path)
+        with path.open("rb") as stream:
+            data = stream.read() if limit is None else stream.read(limit + 1)
     except OSError as error:
         raise _unreadable(path, error) from error
-    if len(data) > limit:
+    if limit is not None and len(data) > limit:
         raise InputError(f"{path}: is larger than {limit:,} bytes; give another file")
     return data
 
@@ -289,12 +243,3 @@ def _unreadable(path: Path, error: OSError) -> InputError:
     if isinstance(error, FileNotFoundError):
         return InputError(f"{path}: cannot be read, no such file; check the path")
     return InputError(f"{path}: cannot be read ({error.strerror}); check the path")
-
-
-def _remove_dead(partials: Iterable[Path]) -> None:
-    """Removes partial files whose writer lives no more; its process id stands in their names."""
-    for partial in list(partials):
-        found = _PARTIAL.fullmatch(partial.name)
-        if found and not psutil.pid_exists(int(found[1])):
-            with suppress(OSError):
-                partial.unlink()

@@ -1,7 +1,7 @@
 """Claims about a policy as data: what it shall never do, read from a YAML file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -13,7 +13,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import DISTINCT, FEW, Positive, Settings
+from glassgait.models.settings import DISTINCT, FEW, Positive, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
@@ -47,7 +47,7 @@ _KEYS: dict[ClaimKind, tuple[tuple[str, ...], tuple[str, ...]]] = {
 """Keys that a claim of each kind needs, and that it may have, besides those of all claims."""
 
 
-@dataclass(frozen=True)
+@checked
 class Claim(Settings):
     """Something that a policy shall do, or never do, wherever in a box it observes.
 
@@ -122,7 +122,6 @@ class Claim(Settings):
         Raises:
             InputError: if a value is of the wrong kind, or a key is missing or of no use.
         """
-        super().__post_init__()
         for joint in self.joints:
             quadruped.joint_index(joint)
         needed, allowed = _KEYS[self.kind]

@@ -1,7 +1,6 @@
 """Deciding claims: each is proved, refuted by a witness, or left undecided with its best bounds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from typing import ClassVar, Literal
@@ -31,7 +30,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import symbols_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
@@ -73,7 +72,7 @@ Observed = dict[str, float]
 """An observation in the robot's units, by symbol."""
 
 
-@dataclass(frozen=True)
+@checked
 class Verdict(Settings):
     """What became of a claim.
 

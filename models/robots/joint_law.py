@@ -1,6 +1,6 @@
 """How joints follow a policy's targets: with which gains, and which of its targets."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le
@@ -9,7 +9,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 
 Stiffness = Annotated[float, Gt(0.0), Le(1000.0)]
 Damping = Annotated[float, Ge(0.0), Le(100.0)]
@@ -17,7 +17,7 @@ Gains = tuple[Stiffness, Damping]
 """Gains of the joints' position and velocity control (N·m/rad, N·m·s/rad)."""
 
 
-@dataclass(frozen=True)
+@checked
 class JointLaw(Settings):
     """The law by which a policy's joints learned to follow targets, and are to be driven.
 
@@ -38,7 +38,6 @@ class JointLaw(Settings):
     limits: TargetLimits | None = None
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         # What limits leave lies within the joints' ranges, but for rounding.
         object.__setattr__(self, "limited", self.limited or self.limits is not None)
 

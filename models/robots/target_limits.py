@@ -30,7 +30,6 @@ And as long as all that is asked and read is finite:
 """
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar
 
@@ -41,14 +40,14 @@ from glassgait.models.arrays import Array, clip
 from glassgait.models.errors import InputError
 from glassgait.models.robots.quadruped import JOINTS
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 
 Margin = Annotated[float, Ge(0.0), Le(0.2)]
 Lean = Annotated[float, Gt(0.0), Le(90.0)]
 Stiffness = Annotated[float, Ge(0.01), Le(1000.0)]
 
 
-@dataclass(frozen=True)
+@checked
 class TargetLimits(Settings):
     """Limits of joint targets.
 

@@ -8,7 +8,6 @@ Drake's `Accelerometer` measures the acceleration of one instant. A discrete pla
 last step, a tenth of a millisecond or ten; only its sum over the period is the same for all.
 """
 
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from annotated_types import Ge, Le
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.settings import NotNegative, Settings
+from glassgait.models.settings import NotNegative, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 
 GRAVITY = 9.81
@@ -53,7 +52,7 @@ class ImuReading(NamedTuple):
         return cls(reading[..., 0:3], reading[..., 3:6], reading[..., 6:9])
 
 
-@dataclass(frozen=True)
+@checked
 class ImuErrors(Settings):
     """What is wrong with readings, besides their noise.
 

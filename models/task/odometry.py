@@ -10,7 +10,7 @@ et al. (*State Estimation for Legged Robots*, 2012) and the linear Kalman filter
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY, ImuReading
 from glassgait.models.task.observation import BASE_VELOCITY_SCALE
@@ -46,7 +46,7 @@ class OdometryState(NamedTuple):
     turning: Array
 
 
-@dataclass(frozen=True)
+@checked
 class Odometry(Settings):
     """Estimates velocity and foot heights.
 

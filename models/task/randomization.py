@@ -1,6 +1,6 @@
 """What differs between robots and episodes: initial states, pushes, friction and noise."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import DISTINCT, FEW, IN_ORDER, NotNegative, Range, Settings
+from glassgait.models.settings import DISTINCT, FEW, IN_ORDER, NotNegative, Range, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import STUCK_CLOSED, STUCK_OPEN, stuck_sensors
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
@@ -36,7 +36,7 @@ Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
 """Time from an observation until its action reaches the joints (s), two control periods at most."""
 
 
-@dataclass(frozen=True)
+@checked
 class Randomization(Settings):
     """Ranges from which robots and episodes are drawn.
 

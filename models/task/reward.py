@@ -1,6 +1,6 @@
 """The reward of a control step, term by term."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
@@ -12,7 +12,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import NotNegative, Positive, Settings
+from glassgait.models.settings import NotNegative, Positive, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 
 SOFT_LIMIT_FRACTION = 0.9
@@ -31,7 +31,7 @@ AIR_TIME_MIN_SPEED = 0.1
 """Commanded speed above which air time counts (m/s)."""
 
 
-@dataclass(frozen=True)
+@checked
 class RewardWeights(Settings):
     """Weights of the terms, each per control step before the factor of 0.02 s, and their width.
 

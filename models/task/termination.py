@@ -1,6 +1,5 @@
 """When an episode ends early: the falls and failures of a robot, by name."""
 
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 FAILURES = (
@@ -25,7 +24,7 @@ FAILURES = (
 """Names of the failures, in the order of `failures`."""
 
 
-@dataclass(frozen=True)
+@checked
 class TerminationLimits(Settings):
     """Bounds that a robot must keep.
 

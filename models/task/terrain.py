@@ -9,7 +9,7 @@ The world's z axis is normal to the mean ground, and on a slope gravity leans.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cache
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -21,7 +21,7 @@ from pydantic import model_validator
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import NotNegative, Seed, Settings
+from glassgait.models.settings import NotNegative, Seed, Settings, checked
 from glassgait.models.task.imu import GRAVITY
 
 Kind = Literal["plane", "blocks", "steps", "uneven"]
@@ -138,7 +138,7 @@ class GroundBox(NamedTuple):
     is_patch: bool
 
 
-@dataclass(frozen=True)
+@checked
 class Terrain(Settings):
     """The ground.
 
@@ -202,7 +202,6 @@ class Terrain(Settings):
         return values
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for key in ("cell", "cells"):
             if self.is_plane and getattr(self, key) != getattr(type(self), key):
                 raise InputError(

@@ -33,7 +33,7 @@ from glassgait.models.files import record_or_made, write_atomically
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import find_gait
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed
+from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.symmetry import mirrored_states
@@ -125,7 +125,7 @@ class Report:
             say(line)
 
 
-@dataclass(frozen=True)
+@checked
 class Experiment(PolicySource):
     """Measures policies in scenarios.
 
@@ -429,7 +429,7 @@ class Experiment(PolicySource):
         return {name: value for name, value in vars(self).items() if name in kept}
 
 
-@dataclass(frozen=True)
+@checked
 class RolloutExperiment(Experiment):
     """Rolls robots out, and scores them.
 

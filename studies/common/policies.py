@@ -31,7 +31,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.library import load_robot, robot_folder
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import Gait, gait_names
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
@@ -371,7 +371,7 @@ def find_policies_of(
     return {gait.name: find_policies(gait, source, robot) for gait in gaits}
 
 
-@dataclass(frozen=True)
+@checked
 class PolicySource(Settings):
     """Settings of a command that takes policies.
 
@@ -394,7 +394,7 @@ class PolicySource(Settings):
         return find_policies(find_gait(gait, self.robot), self.source, self.robot, quiet=quiet)
 
 
-@dataclass(frozen=True)
+@checked
 class OneGait(PolicySource):
     """Settings of a command that takes policies of one gait.
 

@@ -1,7 +1,7 @@
 """Rolling controllers out: many robots in batch, or few in the systems diagram."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +14,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import NO_SLIDERS
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, Controller
-from glassgait.models.settings import Count, Range, Seed, Settings
+from glassgait.models.settings import Count, Range, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
@@ -32,7 +32,7 @@ A choice among candidates by few robots takes luck for skill, so no table report
 """
 
 
-@dataclass(frozen=True)
+@checked
 class RolloutConfig(Settings):
     """How robots are rolled out.
 

@@ -14,7 +14,7 @@ import yaml
 from filelock import FileLock, Timeout
 
 from glassgait.models.errors import InputError, brief, shown
-from glassgait.models.files import digest, read_yaml, remove_litter, write_atomically
+from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.robots.library import robot_folder
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 
@@ -93,7 +93,6 @@ def open_run(
         _check(folder, whole, resume, free)
         path = folder / CONFIG_NAME
         before = path.read_text() if path.exists() else None
-        remove_litter(folder)
         write_atomically(path, yaml.safe_dump(whole, sort_keys=False))
         try:
             yield _identity(whole, free)

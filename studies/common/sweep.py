@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import find_gait
-from glassgait.models.settings import DISTINCT, FEW, Count, Settings
+from glassgait.models.settings import DISTINCT, FEW, Count, Settings, checked
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.exit_codes import sentence_of
@@ -34,7 +34,7 @@ LOCK_PATIENCE = 60.0
 """Seconds that a job waits for the one before it, whose node was lost, to let go of its folder."""
 
 
-@dataclass(frozen=True)
+@checked
 class WorkersConfig(Settings):
     """Where jobs run, and how many at once.
 
@@ -55,7 +55,7 @@ class WorkersConfig(Settings):
         return None if self.n_workers < 0 else self.n_workers
 
 
-@dataclass(frozen=True)
+@checked
 class SweepConfig(WorkersConfig):
     """How many seeds, and where their jobs run.
 

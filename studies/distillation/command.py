@@ -1,6 +1,6 @@
 """`glassgait distill`: distils an expert into students."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.parallel.loop import parallel_backend
@@ -28,7 +28,7 @@ from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill, write_r2_table
 
 
-@dataclass(frozen=True)
+@checked
 class Distill(Settings):
     """Distil an expert into glass-box students by DAgger with alternation.
 
@@ -58,7 +58,6 @@ class Distill(Settings):
     resume: bool = False
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         # Settings that are complete for a gait hold a number: what was given is known here alone.
         self.config.refuse_idle()
 

@@ -9,7 +9,7 @@ from annotated_types import Ge, MinLen
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
-from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import Jobs
 from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY
@@ -24,7 +24,7 @@ Steps = Annotated[Count, Ge(2)]
 Curriculum = Literal["alternation", "student_only", "expert_only", "half"]
 
 
-@dataclass(frozen=True)
+@checked
 class DistillationConfig(Settings):
     """Settings of a distillation (paper, Algorithm 1 and Section III-B).
 
@@ -90,7 +90,6 @@ class DistillationConfig(Settings):
     n_workers: Annotated[Jobs, tyro.conf.Suppress] = 2
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.episodes_per_round % (self.episodes_per_fit or 1):
             raise InputError(
                 f"distillation: episodes_per_fit is {self.episodes_per_fit}, and episodes of two "

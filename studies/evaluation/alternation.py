@@ -1,7 +1,7 @@
 """`glassgait evaluate alternation`: return against the share of steps at which the expert acts."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -9,7 +9,7 @@ import pandas as pd
 from annotated_types import MinLen
 from matplotlib.figure import Figure
 
-from glassgait.models.settings import DISTINCT, FEW
+from glassgait.models.settings import DISTINCT, FEW, checked
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.studies.common.cases import PERIODS, Case, not_finite_lines, score
 from glassgait.studies.common.experiment import Report, RolloutExperiment
@@ -26,7 +26,7 @@ LEAST_SHARE = 0.9
 """Share of the expert's return above which students differ visibly."""
 
 
-@dataclass(frozen=True)
+@checked
 class Alternation(RolloutExperiment):
     """Let expert and student act by turns, and report the return at every ratio.
 
@@ -47,7 +47,6 @@ class Alternation(RolloutExperiment):
         Raises:
             InputError: if a ratio is none.
         """
-        super().__post_init__()
         periods = list(map(parse_ratio, self.ratios))
         if 1 not in periods:
             object.__setattr__(self, "ratios", (ratio_title(1), *self.ratios))

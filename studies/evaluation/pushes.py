@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import product
 from typing import Annotated, Any, ClassVar
 
@@ -22,7 +22,7 @@ from matplotlib.ticker import PercentFormatter
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.settings import DISTINCT, FEW, Count
+from glassgait.models.settings import DISTINCT, FEW, Count, checked
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import styled
@@ -38,7 +38,7 @@ Steps = Annotated[int, Ge(50), Le(450)]
 command comes after ten seconds."""
 
 
-@dataclass(frozen=True)
+@checked
 class Pushes(Experiment):
     """Push walking robots from every side, and draw which pushes each policy survives.
 
@@ -74,7 +74,6 @@ class Pushes(Experiment):
     )
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if list(self.speeds) != sorted(self.speeds):
             raise InputError(f"{self.title}: speeds is {self.speeds}; name the least first")
 

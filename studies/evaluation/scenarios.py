@@ -1,7 +1,7 @@
 """`glassgait evaluate scenarios`: falls, return and tracking of every policy in every scenario."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from glassgait.diagrams.scenario import TRAINING
+from glassgait.models.settings import checked
 from glassgait.models.task.command import DEAD_BAND
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.common.cases import Case, not_finite_lines, score
@@ -163,7 +164,7 @@ def _percents(row: pd.Series) -> str:
     return f"{100 * row['fall_rate_low']:.0f} to {100 * row['fall_rate_high']:.0f} %"
 
 
-@dataclass(frozen=True)
+@checked
 class Scenarios(RolloutExperiment):
     """Let policies walk alone in every scenario, and report scores and falls.
 

@@ -1,10 +1,9 @@
 """An experiment of one's own: how long a walking robot takes to stand. `--help` lists settings."""
 
-from dataclasses import dataclass
-
 import pandas as pd
 
 from glassgait.diagrams.commands import FixedCommand
+from glassgait.models.settings import checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.episode import give
@@ -12,7 +11,7 @@ from glassgait.studies.common.experiment import Experiment, Report, run_from_com
 from glassgait.studies.distillation.students.registry import policy_title
 
 
-@dataclass(frozen=True)
+@checked
 class Stopping(Experiment):
     """Let robots walk for 3 s and stand for 2 s; those stand that stay below 0.1 m/s."""
 

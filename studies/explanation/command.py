@@ -1,6 +1,6 @@
 """`glassgait explain page` and `explain formulas`: actions of a rollout, and formulas."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -16,7 +16,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
-from glassgait.models.settings import Seed
+from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.play import Steps, play
@@ -34,7 +34,7 @@ STEP = 100
 """Step that is shown first, where the rollout lasts so long and a person names none."""
 
 
-@dataclass(frozen=True)
+@checked
 class ExplainPage(OnePolicy):
     """Roll a student out alone and write a page that explains its every action.
 
@@ -58,7 +58,6 @@ class ExplainPage(OnePolicy):
     output: Path | None = None
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self._check_step(self.n_steps, "ends")
 
     def run(self) -> None:
@@ -143,7 +142,7 @@ def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
             )
 
 
-@dataclass(frozen=True)
+@checked
 class ExplainFormulas(OnePolicy):
     """Print the formulas of a policy, as the text of its file or as LaTeX.
 
@@ -158,7 +157,6 @@ class ExplainFormulas(OnePolicy):
     latex: bool = False
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.latex and self.joint is not None:
             raise InputError("--joint: LaTeX is of the whole controller; leave --latex or this out")
 

@@ -3,7 +3,7 @@
 Each observation is varied by itself, over its operating range, while all others stay as they are.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -27,7 +27,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.quadruped import joint_index
-from glassgait.models.settings import Seed
+from glassgait.models.settings import Seed, checked
 from glassgait.models.task.observation import entries_of, symbols_of
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
@@ -43,7 +43,7 @@ N_DRAWN = 6
 COLUMNS = pd.Index(["observation", "value", "passes at", "unit", "share of range", "target (rad)"])
 
 
-@dataclass(frozen=True)
+@checked
 class ExplainCounterfactual(OnePolicy):
     """Find the value of each observation at which a joint's target passes a level.
 

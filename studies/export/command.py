@@ -2,7 +2,6 @@
 
 import re
 import tempfile
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -16,7 +15,7 @@ from glassgait.models.export.c_source import MOST_NAME, check_name, write_contro
 from glassgait.models.export.contract import CONTRACT, contract_of, contract_text
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.settings import Count, Natural, Seed
+from glassgait.models.settings import Count, Natural, Seed, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
@@ -31,7 +30,7 @@ Written = tuple[list[Path], dict[str, pd.DataFrame]]
 """Files of an export, the most important one first, and tables of its comparison with Python."""
 
 
-@dataclass(frozen=True)
+@checked
 class Export(OneGait):
     """Write a controller as one C file, or a network as ONNX, and check it against Python.
 

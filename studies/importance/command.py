@@ -1,7 +1,7 @@
 """`glassgait importance`: what each student looks at (paper, Section IV-B)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -12,7 +12,7 @@ from annotated_types import Ge
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots.quadruped import joint_index
-from glassgait.models.settings import Count
+from glassgait.models.settings import Count, checked
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
 from glassgait.studies.common.run_folder import digest_of_files
@@ -34,7 +34,7 @@ MEASURED = (GBM.name, EBM.name, STATEWISE_LINEAR.name, SYMBOLIC.name, STATEWISE_
 """Kinds of students that are measured by default."""
 
 
-@dataclass(frozen=True)
+@checked
 class Importance(Experiment):
     """Measure which observations each student uses, and draw its trees and functions.
 
@@ -59,7 +59,6 @@ class Importance(Experiment):
     repeats: Count = 10
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         joint_index(self.joint)
 
     @property

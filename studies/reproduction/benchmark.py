@@ -5,7 +5,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -21,7 +21,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.settings import Count
+from glassgait.models.settings import Count, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.pages import page_template
@@ -57,7 +57,7 @@ REPETITIONS = 5
 """Repetitions, of which the fastest is reported: the machine does other work too."""
 
 
-@dataclass(frozen=True)
+@checked
 class Benchmark(OneGait):
     """Measure training throughput and the time of one action, as ratios.
 

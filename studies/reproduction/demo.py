@@ -18,7 +18,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.settings import Count, Settings
+from glassgait.models.settings import Count, Settings, checked
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import alternation_cases, run_rollouts
 from glassgait.studies.common.console import console, say
@@ -94,7 +94,7 @@ EXPLAINED_JOINT, EXPLAINED_STEP = 1, 200
 """The joint and control step of the explanation."""
 
 
-@dataclass(frozen=True)
+@checked
 class Demo(Settings):
     """Watch a robot trot by formulas, distil three students, and compare them.
 

@@ -17,7 +17,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import PERIODS, alternation_cases, run_rollouts
@@ -51,7 +51,7 @@ SPEED = 0.5
 PAPER_GAITS = ("walk", "trot", "pace", "bound")
 
 
-@dataclass(frozen=True)
+@checked
 class ReportConfig(Settings):
     """How much is computed for each gait.
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
@@ -16,7 +16,7 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import DISTINCT, FEW
+from glassgait.models.settings import DISTINCT, FEW, checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import find_policies
@@ -39,7 +39,7 @@ from glassgait.studies.training.command import train_job
 from glassgait.studies.training.config import TrainingConfig
 
 
-@dataclass(frozen=True)
+@checked
 class Report(ReportConfig):
     """Distil, evaluate and explain experts, and write one report beside the paper.
 

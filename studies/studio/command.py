@@ -1,7 +1,7 @@
 """`glassgait studio`: changes formulas while a robot walks by them."""
 
 import socket
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -10,7 +10,7 @@ from annotated_types import Ge, Le
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
 from glassgait.models.errors import InputError
-from glassgait.models.settings import Seed
+from glassgait.models.settings import Seed, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.run_folder import refuse_run
@@ -21,7 +21,7 @@ MISSING = "the studio needs NiceGUI; install it with pip install 'glassgait[stud
 Port = Annotated[int, Ge(0), Le(65535)]
 
 
-@dataclass(frozen=True)
+@checked
 class OpenStudio(OnePolicy):
     """Change a formula in the browser and watch the robot answer.
 

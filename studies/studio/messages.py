@@ -1,13 +1,12 @@
 """What a page may ask for: each message is checked before anything is done."""
 
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from annotated_types import Ge, Le, Lt, MaxLen
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.robots import quadruped
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 
 Name = Annotated[str, MaxLen(80)]
 
@@ -15,7 +14,7 @@ MOST_AXES = 32
 """Axes that a gamepad may have; browsers report the sticks first."""
 
 
-@dataclass(frozen=True)
+@checked
 class Choose(Settings):
     """Show the formula of another place: its number among those that the file holds."""
 
@@ -24,7 +23,7 @@ class Choose(Settings):
     place: Annotated[int, Ge(0)]
 
 
-@dataclass(frozen=True)
+@checked
 class Joint(Settings):
     """Draw another joint in the browser that asks, where there are no formulas."""
 
@@ -33,7 +32,7 @@ class Joint(Settings):
     joint: Annotated[int, Ge(0), Lt(quadruped.N_JOINTS)]
 
 
-@dataclass(frozen=True)
+@checked
 class Shown(Settings):
     """Say that the page has taken what it was sent, up to a message of this number."""
 
@@ -42,7 +41,7 @@ class Shown(Settings):
     number: Annotated[int, Ge(0)]
 
 
-@dataclass(frozen=True)
+@checked
 class Coefficient(Settings):
     """Change what a term of the formula that is shown is multiplied by.
 
@@ -59,7 +58,7 @@ class Coefficient(Settings):
     goes_on: bool = False
 
 
-@dataclass(frozen=True)
+@checked
 class Number(Settings):
     """Change a number of a definition.
 
@@ -74,7 +73,7 @@ class Number(Settings):
     value: float
 
 
-@dataclass(frozen=True)
+@checked
 class Switch(Settings):
     """Switch a term of the formula that is shown off or on."""
 
@@ -84,7 +83,7 @@ class Switch(Settings):
     on: bool
 
 
-@dataclass(frozen=True)
+@checked
 class Steer(Settings):
     """Command the robot: forward speed (m/s), yaw rate (rad/s), dwell (control steps)."""
 
@@ -95,7 +94,7 @@ class Steer(Settings):
     dwell: float
 
 
-@dataclass(frozen=True)
+@checked
 class Gamepad(Settings):
     """Command the robot by a gamepad, for a moment.
 
@@ -108,7 +107,7 @@ class Gamepad(Settings):
     axes: Annotated[tuple[float, ...], MaxLen(MOST_AXES)]
 
 
-@dataclass(frozen=True)
+@checked
 class Push(Settings):
     """Push the trunk: where to (°, 0 ahead, 90 to the left), and how much (m/s)."""
 
@@ -118,7 +117,7 @@ class Push(Settings):
     speed: Annotated[float, Ge(0.0), Le(3.0)]
 
 
-@dataclass(frozen=True)
+@checked
 class Surroundings(Settings):
     """Change the ground's slope (°) and how late actions are (s); the robots begin anew."""
 
@@ -128,7 +127,7 @@ class Surroundings(Settings):
     latency: Annotated[float, Ge(0.0), Le(0.04)]
 
 
-@dataclass(frozen=True)
+@checked
 class Ghost(Settings):
     """Let the ghost walk, or not."""
 
@@ -137,7 +136,7 @@ class Ghost(Settings):
     walks: bool
 
 
-@dataclass(frozen=True)
+@checked
 class Evaluate(Settings):
     """Count falls in scenarios that ship."""
 
@@ -146,7 +145,7 @@ class Evaluate(Settings):
     scenarios: Annotated[tuple[Name, ...], MaxLen(60)]
 
 
-@dataclass(frozen=True)
+@checked
 class Act(Settings):
     """Do one of the things that need no more words."""
 

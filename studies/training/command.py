@@ -1,6 +1,6 @@
 """`glassgait train`: trains an expert."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -9,7 +9,7 @@ import tyro
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots.library import load_robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, default_folder, open_run
@@ -19,7 +19,7 @@ from glassgait.studies.training.record import read_config
 from glassgait.studies.training.run import TrainingRun
 
 
-@dataclass(frozen=True)
+@checked
 class Train(Settings):
     """Train a neural expert by PPO.
 

@@ -1,6 +1,6 @@
 """The settings of a training run: its command line and its record."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, ClassVar, Literal
 
 import tyro
@@ -20,6 +20,7 @@ from glassgait.models.settings import (
     Seed,
     Settings,
     Share,
+    checked,
 )
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward import RewardWeights
@@ -33,7 +34,7 @@ Senses = Literal["learned", "odometry", "imu"]
 Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 
-@dataclass(frozen=True)
+@checked
 class CurriculumConfig(Settings):
     """How the reward machine's demands grow during training.
 
@@ -64,7 +65,7 @@ class CurriculumConfig(Settings):
     most_failures: Fraction = 0.006
 
 
-@dataclass(frozen=True)
+@checked
 class PpoConfig(Settings):
     """Settings of PPO (rsl-rl).
 
@@ -113,7 +114,7 @@ class PpoConfig(Settings):
     critic_layers: Layers = (256, 128, 64)
 
 
-@dataclass(frozen=True)
+@checked
 class EstimatorConfig(Settings):
     """Settings of the learned state estimator.
 
@@ -144,7 +145,7 @@ EXACT = RewardWeights(
 """More of what makes robots go and turn as commanded, level, on feet that neither slip nor fly."""
 
 
-@dataclass(frozen=True)
+@checked
 class TrainingConfig(Settings):
     """Settings of a training run.
 
@@ -215,7 +216,6 @@ class TrainingConfig(Settings):
         return self.joint_law.with_limits(load_robot(self.robot)) if limited else self.joint_law
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         n_groups = self.worlds.n_groups
         if n_groups > self.n_robots:
             raise InputError(

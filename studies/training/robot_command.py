@@ -1,6 +1,5 @@
 """`glassgait robot`: checks a robot's description and lets the robot stand."""
 
-from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -13,7 +12,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.tables import print_table
 
@@ -36,7 +35,7 @@ MOST_LEAN = 10.0
 """Greatest lean of the trunk (°)."""
 
 
-@dataclass(frozen=True)
+@checked
 class CheckRobot(Settings):
     """Check a robot description, robot.yaml and URDF, and let the robot stand.
 

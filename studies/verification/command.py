@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -22,7 +22,7 @@ from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
 from glassgait.models.policies.policy import Policy
-from glassgait.models.settings import FEW, Settings
+from glassgait.models.settings import FEW, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar
 from glassgait.studies.common.policies import Policies
@@ -37,7 +37,7 @@ BOX_NAME = "box.yaml"
 CERTIFICATE_NAME = "certificate.json"
 
 
-@dataclass(frozen=True)
+@checked
 class Prove(OnePolicy):
     """Prove what a policy of formulas can never do, or find the observation where it does.
 
@@ -167,7 +167,7 @@ def _write(
     console.print(found)
 
 
-@dataclass(frozen=True)
+@checked
 class Check(Settings):
     """Check a certificate by arithmetic of its own, without the program that proved it.
 

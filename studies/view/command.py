@@ -1,6 +1,6 @@
 """`glassgait view`: watches one robot."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -16,7 +16,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics
-from glassgait.models.settings import Seed, Settings
+from glassgait.models.settings import Seed, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.models.task.gait import Gait
@@ -33,7 +33,7 @@ N_STEPS = 500
 """Control steps of a rollout that nobody watches, unless a person names others."""
 
 
-@dataclass(frozen=True)
+@checked
 class OwnCommand(Settings):
     """A command in place of the scenario's.
 
@@ -64,7 +64,7 @@ class OwnCommand(Settings):
         return replace(scenario, command=replace(fixed, **given))
 
 
-@dataclass(frozen=True)
+@checked
 class View(PolicySource):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
@@ -99,7 +99,6 @@ class View(PolicySource):
     output: Path | None = None
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.live and self.n_steps is not None:
             raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
 

@@ -35,9 +35,9 @@ def test_drawn_commands_reach_the_observation(trot, make_policy):
         ({"speed": 1.5}, "speed is 1.5; give -1 to 1, the range of gait 'trot'"),
         ({"yaw_rate": -2.0}, "yaw_rate is -2.0; give -1 to 1"),
         ({"dwell": 5}, "dwell is 5; give 6 to 11"),
-        ({"dwell": 0}, "dwell is 0; it must be 1 or more"),
+        ({"dwell": 0}, "dwell is 0; it must be greater than or equal to 1"),
         ({"speed": float("nan")}, "speed is nan; it must be a finite number"),
-        ({"dwell": 8.5}, "dwell is 8.5; it must be a whole number"),
+        ({"dwell": 8.5}, "dwell is 8.5; it must be a valid integer"),
     ],
 )
 def test_commands_that_the_gait_is_not_made_for_are_refused(trot, values, message):

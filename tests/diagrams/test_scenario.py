@@ -184,13 +184,16 @@ def test_every_setting_is_in_the_digest():
 @pytest.mark.parametrize(
     ("text", "key"),
     [
-        ("frictoin: 0.3", "unknown key 'frictoin'; write 'station: {friction: …}', or remove it"),
+        ("frictoin: 0.3", "unknown key 'frictoin'; remove it"),
         ("gravity: 3", "gravity"),
         ("stations: {}", "'stations'; write 'station'"),
         ("station: {frictoin: 0.3}", "station.frictoin"),
         ("station: {friction: ice}", "station.friction"),
         ("station: {friction: -1}", "station.friction"),
-        ("station: {time_step: -0.01}", "'station.time_step' is -0.01; it must be 0 or more"),
+        (
+            "station: {time_step: -0.01}",
+            "station.time_step is -0.01; it must be greater than or equal to 0",
+        ),
         ("station: {relaxation_time: -1}", "station.relaxation_time"),
         ("station: {payload: -1}", "station.payload"),
         ("station: {payload: .nan}", "station.payload"),
@@ -253,7 +256,7 @@ def test_every_setting_is_in_the_digest():
         ("stuck_open: [XL]", "stuck_open"),
         ("stuck_closed: [FL, FL]", "stuck_closed"),
         ("stuck_open: [FL]\nstuck_closed: [FR, FL]", "stuck_closed"),
-        ("command: {speed: fast}", "'speed'"),
+        ("command: {speed: fast}", "speed is 'fast'"),
         ("command: {sped: 1}", "'sped'; write 'speed'"),
         ("command: {speed_range: [1, 0]}", "speed_range"),
         ("command: {speed_range: [0, 1], speed: 1}", "'speed'"),

@@ -57,15 +57,18 @@ def test_nominal_has_no_pushes(generator):
     ("setting", "message"),
     [
         ({"joint_scale": (1.5, 0.5)}, "joint_scale is (1.5, 0.5); it must be the least, then"),
-        ({"friction": (-0.5, 1.0)}, "friction is (-0.5, 1.0); it must be 0 or more"),
-        ({"friction": (0.5, np.inf)}, "friction is (0.5, inf); it must be a finite number"),
-        ({"base_velocity": -0.1}, "base_velocity is -0.1; it must be 0 or more"),
+        ({"friction": (-0.5, 1.0)}, "friction[0] is -0.5; it must be greater than or equal to 0"),
+        ({"friction": (0.5, np.inf)}, "friction[1] is inf; it must be a finite number"),
+        ({"base_velocity": -0.1}, "base_velocity is -0.1; it must be greater than or equal to 0"),
         ({"push_speed": np.nan}, "push_speed is nan; it must be a finite number"),
         (
             {"push_interval": 0.01},
-            "push_interval is 0.01; it must be 0.02 or more",
+            "push_interval is 0.01; it must be greater than or equal to 0.02",
         ),
-        ({"observation_noise": -1.0}, "observation_noise is -1.0; it must be 0 or more"),
+        (
+            {"observation_noise": -1.0},
+            "observation_noise is -1.0; it must be greater than or equal to 0",
+        ),
     ],
 )
 def test_ranges_that_cannot_be_drawn_from_are_refused(setting, message):

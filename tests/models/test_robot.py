@@ -104,7 +104,7 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
         ("robot.yaml", "  FL: [0.1", "  LF: [0.1", "stance is of LF"),
         ("robot.yaml", "{hip: 21.0, ", "{", "velocity_limits lacks hip"),
         ("robot.yaml", "{hip: 21.0, ", "{knee: 1.0, hip: 21.0, ", "'knee'"),
-        ("robot.yaml", "damping: 1.0", "damping: -1.0", "'damping'"),
+        ("robot.yaml", "damping: 1.0", "damping: -1.0", "damping is -1.0"),
         ("robot.yaml", "name: dog", "name: go2", "key 'name'"),
         ("robot.yaml", "description: a1.urdf", "description: none.urdf", "none.urdf"),
         ("a1.urdf", 'axis xyz="1 0 0"', 'axis xyz="-1 0 0"', "joint FL_hip's axis"),

@@ -2,7 +2,6 @@
 
 import pickle
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -10,6 +9,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.settings import checked
 from glassgait.studies.cli import COMMANDS, command_class
 from glassgait.studies.common.experiment import Experiment, Report, RolloutExperiment
 from glassgait.studies.common.sweep import WorkersConfig
@@ -32,7 +32,7 @@ def test_an_experiment_overrides_nothing_but_measure_and_report(kind):
     assert not (done - WRITTEN) & {*vars(kind)}
 
 
-@dataclass(frozen=True)
+@checked
 class Shared(Experiment):
     """Makes a number once, and measures it times each factor."""
 

@@ -217,7 +217,7 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
         (["--step", "900", "--n-steps", "10"], "name one from 0 to 10"),
         (["--step", "-1"], "step is -1; it must be"),
         (["--n-steps", "0"], "n_steps is 0; it must be"),
-        (["--n-steps", "180001"], "it must be 180000 or less"),
+        (["--n-steps", "180001"], "it must be less than or equal to 180000"),
         (["--seed", "-1"], "seed is -1; it must be"),
         (["--seed", "99999999999999999999"], "it must be less than 2147483648"),
         (["--policy", "expert"], "the expert's actions are no sums of terms; name a student"),

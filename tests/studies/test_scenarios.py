@@ -116,7 +116,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         ),
         (
             ["evaluate", "scenarios", "--policy", "expert", "--scenario", "bad.yaml"],
-            "bad.yaml: unknown key 'frictoin'; write",
+            "bad.yaml: unknown key 'frictoin'; remove",
         ),
         (
             ["evaluate", "scenarios", "--policy", "expert", "--scenario", "watched.yaml"],

@@ -1,6 +1,6 @@
 """`glassgait refine`: lets a policy of formulas learn on, in closed loop."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -11,6 +11,7 @@ from glassgait.models.formulas.expression import ZERO
 from glassgait.models.formulas.numbers import WeightedSum
 from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.settings import checked
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, open_run
@@ -19,7 +20,7 @@ from glassgait.studies.distillation.refinement.study import RefinementRun
 from glassgait.studies.distillation.students.library import OnePolicy
 
 
-@dataclass(frozen=True)
+@checked
 class Refine(OnePolicy):
     """Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.
 

@@ -1,6 +1,6 @@
 """Settings of a refinement, and the scenarios that formulas learn on in."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from glassgait.diagrams.domain_randomization import (
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.settings import Count, Seed, Settings
+from glassgait.models.settings import Count, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
@@ -40,7 +40,7 @@ FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0, initial_hardship=1.0)
 """No curriculum: the whole dwell, clearance, pushes and ground from the first update on."""
 
 
-@dataclass(frozen=True)
+@checked
 class RefinementConfig(Settings):
     """Settings of a refinement.
 

@@ -1,6 +1,6 @@
 """Students of a library's models, one a joint: boosted trees and explainable boosting."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Self
 
 from annotated_types import Ge, Le
@@ -11,14 +11,14 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.settings import Count, Natural, Share
+from glassgait.models.settings import Count, Natural, Share, checked
 from glassgait.studies.distillation.students.student import StudentSettings, compiled_student
 
 Depth = Annotated[Count, Le(16)]
 """Depth of a tree: compiled trees are complete, and of this depth have 65,536 leaves."""
 
 
-@dataclass(frozen=True)
+@checked
 class GbmSettings(StudentSettings):
     """Settings of scikit-learn's gradient boosting.
 
@@ -41,7 +41,7 @@ class GbmSettings(StudentSettings):
     feature_share: Share = 0.3
 
 
-@dataclass(frozen=True)
+@checked
 class HistogramGbmSettings(StudentSettings):
     """Settings of scikit-learn's histogram gradient boosting, the fast one.
 
@@ -126,7 +126,7 @@ Bins = Annotated[Count, Ge(3)]
 """Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
 
 
-@dataclass(frozen=True)
+@checked
 class EbmSettings(StudentSettings):
     """Settings of interpret's explainable boosting.
 
@@ -160,7 +160,6 @@ class EbmSettings(StudentSettings):
     interaction_smoothing_rounds: Natural = 5
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.max_interaction_bins > self.max_bins:
             # Joints could not share their bins: each would keep the finer ones where it has them.
             raise InputError(

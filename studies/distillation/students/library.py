@@ -1,6 +1,5 @@
 """Finds the students of runs."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from glassgait.models.errors import InputError
@@ -10,6 +9,7 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import checked
 from glassgait.studies.common.policies import OneGait, Policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.distillation.students.registry import STUDENTS, sums_of_terms
@@ -43,7 +43,7 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
-@dataclass(frozen=True)
+@checked
 class OnePolicy(OneGait):
     """Settings of a command that takes one student.
 

@@ -3,15 +3,14 @@
 A module of its own, read after the registry is filled: students of one's own have settings too.
 """
 
-from dataclasses import dataclass, field, make_dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.student import StudentSettings
 
 
-@dataclass(frozen=True)
+@checked
 class _EveryStudent(Settings):
     title: ClassVar[str] = "distillation"
 
@@ -30,15 +29,20 @@ if TYPE_CHECKING:
 else:
     # The registry alone says which students there are.
     StudentKind = Literal[tuple(STUDENTS)]
-    StudentsSettings = make_dataclass(
-        "StudentsSettings",
-        [
-            (name, type(student.settings), field(default=student.settings))
-            for name, student in STUDENTS.items()
-            if type(student.settings) is not StudentSettings
-        ],
-        bases=(_EveryStudent,),
-        namespace={"__doc__": "Settings of every student that has any, by its name."},
-        frozen=True,
+    _SETTINGS = {
+        name: student.settings
+        for name, student in STUDENTS.items()
+        if type(student.settings) is not StudentSettings
+    }
+    StudentsSettings = checked(
+        type(
+            "StudentsSettings",
+            (_EveryStudent,),
+            {
+                "__doc__": "Settings of every student that has any, by its name.",
+                "__module__": __name__,
+                "__annotations__": {name: type(own) for name, own in _SETTINGS.items()},
+                **_SETTINGS,
+            },
+        )
     )
-    StudentsSettings.__module__ = __name__

@@ -17,7 +17,7 @@ from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.settings import Count
+from glassgait.models.settings import Count, checked
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import mirrored_states
@@ -174,7 +174,7 @@ def _grow(part: FormulaSamples, fit: FormulaFit) -> list[_Growth]:
     ]
 
 
-@dataclass(frozen=True)
+@checked
 class SparseFormulaSettings(StudentSettings):
     """Settings of a page of formulas.
 

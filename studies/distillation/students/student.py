@@ -15,7 +15,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import machine_state_entries, overdue
 from glassgait.studies.common.parallel.loop import run_parallel
@@ -42,7 +42,7 @@ class Candidate:
     complexity: tuple[int, ...]
 
 
-@dataclass(frozen=True)
+@checked
 class StudentSettings(Settings):
     """Settings of a fit; the base of all, and all there is where a fit has no settings.
 

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -17,7 +17,7 @@ from glassgait.models.errors import InputError, brief
 from glassgait.models.formulas.expression import Expression, scaled
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_expression, variable_names
-from glassgait.models.settings import DISTINCT, FEW, Count, Natural
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, checked
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
 from glassgait.studies.distillation.students.student import Candidate, StudentSettings
@@ -29,7 +29,7 @@ Shape = tuple[int, int]
 """Lengths of the sum that a formula starts from, and of the whole formula (nodes)."""
 
 
-@dataclass(frozen=True)
+@checked
 class SymbolicSettings(StudentSettings):
     """Settings of symbolic regression.
 
@@ -67,7 +67,6 @@ class SymbolicSettings(StudentSettings):
     alone_episodes: Count = 13  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         for sum_length, length in self.shapes:
             if not 1 <= sum_length <= length:
                 raise InputError(
@@ -91,7 +90,7 @@ class SymbolicSettings(StudentSettings):
         ]
 
 
-@dataclass(frozen=True)
+@checked
 class StatewiseSymbolicSettings(SymbolicSettings):
     """Settings of symbolic regression, where a joint has a formula for each state of the machine.
 

@@ -1,6 +1,5 @@
 """`glassgait explain interventions`: whether what a page of formulas says is true of the robot."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -12,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.settings import Count, Seed
+from glassgait.models.settings import Count, Seed, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
@@ -107,7 +106,7 @@ def _legend(table: pd.DataFrame) -> list[Line2D]:
     return handles
 
 
-@dataclass(frozen=True)
+@checked
 class ExplainInterventions(OnePolicy):
     """Test what a policy of formulas says: change a term, and see whether the robot moves so.
 
