@@ -24,13 +24,13 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 def _distinct(values: T) -> T:
     if len(set(values)) < len(values):
-        raise ValueError("it must name nothing twice")
+        raise ValueError("a list that names nothing twice")
     return values
 
 
 def _in_order(ends: tuple[float, float]) -> tuple[float, float]:
     if ends[0] > ends[1]:
-        raise ValueError("it must be the least, then the greatest")
+        raise ValueError("the least, then the greatest")
     return ends
 
 
@@ -145,7 +145,7 @@ def _sentence(error: ValidationError, kind: type[Settings]) -> str:
         return f"unknown key {shown(key)}; {remedy}"
     if first["type"] == "missing":
         return f"lacks the key {key!r}; add it"
-    wanted = problem.removeprefix("Value error, ").replace("Input should", "it must")
+    wanted = re.sub(r"^Value error,", "it must be", re.sub(r"^\w+ should", "it must", problem))
     if first["type"] == "float_type" and _EXPONENT.fullmatch(str(first["input"])):
         wanted = "YAML takes it for text; write it as 1.0e-5 is written"
     return f"{key} is {shown(first['input'])}; {wanted}".lstrip()

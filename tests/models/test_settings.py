@@ -61,7 +61,7 @@ REFUSED = [
 BY_HAND = [
     *REFUSED,
     ({"counts": (2, 0)}, "counts[1] is 0; it must be greater than or equal to 1"),
-    ({"counts": (2, 2)}, "counts is (2, 2); it must name nothing twice"),
+    ({"counts": (2, 2)}, "counts is (2, 2); it must be a list that names nothing twice"),
     ({"bounds": (2.0, 1.0)}, "bounds is (2.0, 1.0); it must be the least, then the greatest"),
     ({"inner": 3}, "inner is 3; it must be an instance of Inner"),
 ]

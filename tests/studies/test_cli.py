@@ -26,92 +26,32 @@ def test_bad_input_is_refused_in_one_sentence(refused, tmp_path):
     assert "must divide the control period" in refused(
         ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
     )
-    assert "students is empty" in refused(["distill", "--students"])
-    assert "episodes is 0" in refused(["distill", "--episodes", "0"])
-    assert "alone_rounds is -1" in refused(["distill", "--alone-rounds", "-1"])
-    assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
-    assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
-    assert "scenario is empty" in refused(["evaluate", "scenarios", "--scenario"])
-    assert "terms is empty" in refused(["distill", "--sweep", "terms", "--terms"])
-    assert "terms is (8, 0)" in refused(["distill", "--sweep", "terms", "--terms", "8", "0"])
-    assert "repeats is 0" in refused(["importance", "--repeats", "0"])
     assert "--gait" in refused(["evaluate", "scenarios", "--gait", "all", "--source", "x"])
     assert "oracle" in refused(["evaluate", "scenarios", "--policy", "oracle"])
     assert "holds no policies" in refused(["view", "--source", str(tmp_path)])
     assert "--source" in refused(["evaluate", "alternation", "--source", str(tmp_path)])
 
 
-TOO_MANY = "it must be of 100 values at most"
-
 REFUSED = {
     "train --n-robots 0": "n_robots is 0; it must be greater than or equal to 1",
     "train --n-robots 4": "n_robots is 4, fewer than n_groups = 16",
-    "train --updates -3": "updates is -3; it must be greater than or equal to 1",
-    "train --seed -1": "seed is -1; it must be greater than or equal to 0",
-    "train --seed 4294967296": "seed is 4294967296; it must be less than",
-    "train --friction-updates 0": "friction_updates is 0",
-    "train --checkpoint-updates 0": "checkpoint_updates is 0",
-    "train --groups.payload -1 2": "payload is (-1.0, 2.0); it must be greater than or equal to 0",
-    "train --groups.gains 0.8 nan": "gains is (0.8, nan); it must be a finite number",
+    "train --groups.payload -1 2": "groups: payload[0] is -1.0",
     "train --groups.motor-strength 1.2 0.8": "it must be the least, then the greatest",
-    "train --fine-steps 0": "fine_steps is (0.0,); it must be greater than 0",
     "train --fine-steps 0.02": "name steps that are shorter than the station's",
-    "train --curriculum.initial-difficulty 0": "initial_difficulty is 0.0",
-    "train --curriculum.rise -0.1": "rise is -0.1; it must be greater than or equal to 0",
-    "train --ppo.num-minibatches 0": "num_minibatches is 0",
+    f"train --fine-steps {'0.001 ' * 101}": "must have at most 100 items",
     "train --ppo.num-minibatches 7000": "does not fill 7000 num_minibatches",
-    "train --ppo.clip 0": "clip is 0.0; it must be greater than 0",
-    "train --ppo.gamma 1.1": "gamma is 1.1; it must be less than or equal to 1",
     "train --ppo.learning-rate inf": "learning_rate is inf; it must be a finite number",
-    "train --ppo.learning-rate 1e300": "learning_rate is 1e+300",
-    "train --estimator.learning-rate 2": "learning_rate is 2.0; it must be less than or equal to 1",
-    "train --ppo.actor-layers 2000000000": "it must be less than or equal to 4096",
-    "train --ppo.critic-layers 4097": "it must be less than or equal to 4096",
-    f"train --estimator.layers {'8 ' * 17}": "it must be of 16 values at most",
-    f"train --fine-steps {'0.001 ' * 101}": TOO_MANY,
-    f"train --fine-steps {'0.005 ' * 101}": TOO_MANY,
-    f"distill --speeds {'0.5 ' * 101}": TOO_MANY,
-    f"distill --symbolic.shapes {'9 9 ' * 101}": TOO_MANY,
-    f"reproduce report --gait {' '.join(f'a{i}' for i in range(101))}": TOO_MANY,
-    "train --ppo.initial-std 0": "initial_std is 0.0; it must be greater than 0",
-    "train --ppo.kl-decay 1400 1300": "it must be the least, then the greatest",
-    "train --ppo.actor-layers": "actor_layers is empty; name one or more",
-    "train --estimator.layers 0": "layers is (0,); it must be greater than or equal to 1",
-    "train --estimator.epochs 0": "epochs is 0",
     "distill --episodes 2 --alone-rounds 0": "of fewer than 5 episodes none is held out",
-    "distill --episode-steps 1": "episode_steps is 1; it must be greater than or equal to 2",
-    "distill --speeds nan": "speeds is (nan,); it must be a finite number",
     "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
     "distill --students linear linear": "it must be a list that names nothing twice",
-    "distill --n-workers 0": "it must be greater than or equal to 1, or -1",
-    "distill --gbm.n-trees 0": "n_trees is 0",
+    "distill --students": "must have at least 1 item",
+    "distill --n-workers 0": "it must be 1 or more, or -1",
     "distill --gbm.depth 40": "depth is 40; it must be less than or equal to 16",
-    "distill --gbm.subsample 0": "subsample is 0.0; it must be greater than 0",
-    "distill --gbm.feature-share 1.5": "feature_share is 1.5; it must be less than or equal to 1",
-    "distill --histogram-gbm.leaves 1": "leaves is 1; it must be greater than or equal to 2",
-    "distill --ebm.max-bins 2": "max_bins is 2; it must be greater than or equal to 3",
     "distill --ebm.max-bins 8": "max_interaction_bins is 16, more than max_bins = 8",
-    "distill --ebm.outer-bags 0": "outer_bags is 0",
-    "distill --ebm.interactions -1": "interactions is -1; it must be greater than or equal to 0",
-    "distill --ebm.learning-rate 0": "learning_rate is 0.0; it must be greater than 0",
-    "distill --symbolic.max-length 6": "max_length is 6; it must be greater than or equal to 7",
-    "distill --symbolic.population 1": "population is 1; it must be greater than or equal to 2",
-    "distill --symbolic.max-samples 0": "max_samples is 0",
-    "distill --symbolic.generations 0": "generations is 0",
-    "evaluate scenarios --n-steps 0": "n_steps is 0",
-    "evaluate scenarios --seed -1": "seed is -1; it must be greater than or equal to 0",
-    "evaluate scenarios --speed-range 1 0": "it must be the least, then the greatest",
-    "evaluate scenarios --speed-range 0 inf": "it must be a finite number",
     "evaluate scenarios --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
-    "evaluate scenarios --scenario training training": "it must be a list that names nothing twice",
-    "evaluate scenarios --n-robots 0": "n_robots is 0; it must be greater than or equal to 1",
     "importance --n-samples 1": "n_samples is 1; it must be greater than or equal to 2",
-    "reproduce report --gait trot trot": "it must be a list that names nothing twice",
-    "reproduce report --gait": "gait is empty; name one or more",
     "demo --n-robots -1": "n_robots is -1",
-    "reproduce benchmark --repeats 0": "repeats is 0",
-    "reproduce benchmark --gym-steps 0": "gym_steps is 0",
 }
 
 
