@@ -15,19 +15,20 @@ from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray, TaskState
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.contact import ContactTrust, read_contacts
+from glassgait.models.estimation.imu import N_IMU, ImuReading, measure_imu
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.controller import Estimator
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
-from glassgait.models.task.contact import ContactTrust, FootSense, read_contacts, sense_feet
-from glassgait.models.task.imu import N_IMU, ImuReading, measure_imu
+from glassgait.models.task.ground import FootSense, sense_feet
 from glassgait.models.task.observation import (
     N_ESTIMATED,
     ObservationLayout,
     body_state,
     proprioception,
 )
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward import Reward, fall_speeds, step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import MachineStep, RewardMachine
 from glassgait.models.task.termination import FAILURES, failures

@@ -6,6 +6,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 from pydrake.systems.primitives import Multiplexer, PortSwitch
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.controller import (
     AlternatingController,
     Controller,
@@ -21,7 +22,6 @@ from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.body_state_sensor import BodyStateSensor

@@ -13,6 +13,7 @@ from annotated_types import Ge, Le, MaxLen
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.imu import ImuErrors
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
@@ -21,7 +22,6 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Count, NotNegative, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import (
     NOMINAL,
     ContactFlips,

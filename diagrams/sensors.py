@@ -8,11 +8,11 @@ from pydrake.systems.primitives import RandomSource
 
 from glassgait.diagrams.commands import AddSeed
 from glassgait.diagrams.scenario import Scenario
+from glassgait.models.estimation.contact import stuck_sensors
+from glassgait.models.estimation.imu import N_IMU
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import stuck_sensors
-from glassgait.models.task.imu import N_IMU
 from glassgait.systems.contact_sensor import ContactSensor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.imu import ImuSensor

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.contact import ContactTrust
+from glassgait.models.estimation.odometry import OdometryState
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
-from glassgait.models.task.contact import ContactTrust
-from glassgait.models.task.odometry import OdometryState
 from glassgait.models.task.reward_machine import MachineState
 
 BoolArray = NDArray[np.bool_]

@@ -1,1 +1,4 @@
-"""What the robot, the task and the policies are: pure, batch-first functions and data files."""
+"""Robots, the task, estimation and policies, without Drake, loops over time or printing."""
+
+CONTROL_PERIOD = 0.02
+"""Time between two actions (s)."""

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
+from glassgait.models.estimation.contact import read_contacts, stuck_sensors
 from glassgait.models.robots import quadruped
-from glassgait.models.task.contact import read_contacts, stuck_sensors
 
 SOUND_SENSORS = stuck_sensors((), ())
 """Sensors of which none is stuck (4)."""

@@ -12,9 +12,9 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.contact import ContactTrust
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import ContactTrust
 from glassgait.systems.cached_value import CachedValue
 
 

@@ -12,8 +12,7 @@ from pydrake.systems.framework import (
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import FootSense, sense_feet
-from glassgait.models.task.ground import LEVEL_GROUND, Ground
+from glassgait.models.task.ground import LEVEL_GROUND, FootSense, Ground, sense_feet
 from glassgait.systems.cached_value import CachedValue
 
 

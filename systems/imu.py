@@ -13,9 +13,9 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.imu import IMU_NOISE, N_IMU, measure_imu
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import IMU_NOISE, N_IMU, measure_imu
 from glassgait.systems.cached_value import CachedValue
 
 
@@ -23,7 +23,7 @@ class ImuSensor(LeafSystem):
     """Measures angular velocity, change of velocity and gravity's direction.
 
     Drake's `Gyroscope` measures the first as well, without errors; its `Accelerometer` measures an
-    instant, of which `glassgait.models.task.imu` needs the sum over a control period.
+    instant, of which `glassgait.models.estimation.imu` needs the sum over a control period.
 
     .. pydrake_system::
 
@@ -37,7 +37,7 @@ class ImuSensor(LeafSystem):
 
     Inputs: state (37), the plant's. uniform_noise (9, in [0, 1]) and imu_bias (9), added to a
     reading; either may stay unconnected, and then it is none.
-    Outputs: imu (9; rad/s, m/s, none), the reading of `glassgait.models.task.imu`, of this control
+    Outputs: imu (9; rad/s, m/s, none), the reading of `models.estimation.imu`, of this control
     instant or as many before as it is late; at first the first.
     State: whether there is an instant before (1), the trunk's velocity then (3, world frame), and
     the readings since then that are still to come (delay × 9), latched every period, by default 20

@@ -11,12 +11,12 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.imu import N_IMU
+from glassgait.models.estimation.odometry import Odometry, OdometryState
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import N_IMU
 from glassgait.models.task.observation import N_ESTIMATED
-from glassgait.models.task.odometry import Odometry, OdometryState
 from glassgait.systems.cached_value import CachedValue
 
 

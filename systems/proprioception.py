@@ -3,9 +3,9 @@
 from pydrake.systems.framework import InputPort, OutputPort
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.imu import N_IMU
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.imu import N_IMU
 from glassgait.models.task.observation import ObservationLayout, proprioception
 from glassgait.systems.function import FunctionSystem
 

@@ -10,8 +10,8 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.imu import N_IMU
 from glassgait.models.robots import quadruped
-from glassgait.models.task.imu import N_IMU
 from glassgait.models.task.randomization import Randomization, seed_of
 from glassgait.systems.cached_value import CachedValue
 

@@ -2,10 +2,10 @@
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
+from glassgait.models.estimation.imu import N_IMU, ImuReading
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
-from glassgait.models.task.imu import N_IMU, ImuReading
 
 
 class TargetLimitsSystem(LeafSystem):

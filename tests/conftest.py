@@ -21,6 +21,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.binding import LoadedController, has_compiler, load_controller
 from glassgait.models.export.c_source import ControllerSource, write_controller
 from glassgait.models.formulas.expression import plus
@@ -35,7 +36,6 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
 

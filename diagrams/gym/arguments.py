@@ -10,9 +10,9 @@ from glassgait.diagrams.batch import BoolArray
 from glassgait.diagrams.controller import Senses
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.library import find_gait
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.odometry import Odometry
 
 SENSES = {
     "true": Senses(),

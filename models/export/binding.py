@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, brief
+from glassgait.models.estimation.imu import ImuReading
+from glassgait.models.estimation.odometry import OdometryState
 from glassgait.models.export.c_source import INITIALISED, ControllerSource, Interface
 from glassgait.models.files import write_atomically
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
-from glassgait.models.task.imu import ImuReading
-from glassgait.models.task.odometry import OdometryState
 
 COMPILER = "cc"
 

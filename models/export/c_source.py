@@ -9,6 +9,9 @@ import numpy as np
 
 import glassgait.models.export.c_formulas  # noqa: F401 (registers the C of formulas)
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.contact import LOW, UNCHANGED_STEPS
+from glassgait.models.estimation.imu import GRAVITY
+from glassgait.models.estimation.odometry import SLIP, Odometry
 from glassgait.models.export.c_language import (
     LINE_LENGTH,
     Real,
@@ -27,11 +30,8 @@ from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.task.gait import Gait, Transition
-from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
-from glassgait.models.task.odometry import SLIP, Odometry
 
 MOST_NAME = 40
 """Greatest number of characters of a controller's name, the prefix of all its names."""

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import Interface, reads_imu
 from glassgait.models.files import digest, read_yaml
@@ -25,7 +26,6 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationEntry
-from glassgait.models.task.odometry import Odometry
 
 CONTRACT = "deploy.yaml"
 """Name of the file."""

@@ -14,6 +14,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import exported_estimator
 from glassgait.models.export.contract import robot_terms
@@ -23,7 +24,6 @@ from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPol
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
-from glassgait.models.task.odometry import Odometry
 
 OPSET = 17
 """Version of ONNX's operators; runtimes since 2022 have it."""

@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.contact import ContactTrust
+from glassgait.models.estimation.imu import ImuReading
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.binding import (
     ACTION,
     COMMAND_LIMITED,
@@ -27,11 +30,8 @@ from glassgait.models.policies.controller import (
 )
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command, sound_command
-from glassgait.models.task.contact import ContactTrust
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.imu import ImuReading
 from glassgait.models.task.observation import proprioception
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward_machine import MachineState, RewardMachine
 
 

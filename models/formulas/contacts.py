@@ -1,12 +1,12 @@
 """Which contact sensors are believed, as formula files hold it: a text that a person reads.
 
-What it says, `glassgait.models.task.contact.ContactTrust` does, and the C of a controller.
+What it says, `glassgait.models.estimation.contact.ContactTrust` does, and the C of a controller.
 """
 
+from glassgait.models.estimation.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.formulas.program import Program
 from glassgait.models.formulas.text import written_number
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import LOW, UNCHANGED_STEPS
 
 _LEGEND = (
     "sensed: whether a foot presses on the ground, by its sensor; expected: how high it is over",

@@ -58,6 +58,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.contacts import CONTACTS
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.limits import LIMITS, limits_lines
@@ -72,7 +73,6 @@ from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.gait import MACHINE, Gait, gait_lines
 from glassgait.models.task.observation import OVERDUE, ObservationLayout, entries_of
-from glassgait.models.task.odometry import Odometry
 
 FORMAT = 1
 

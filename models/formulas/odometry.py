@@ -1,13 +1,13 @@
 """Odometry as formula files hold it: a text that a person reads, whose gain a person may edit.
 
-What it says, `glassgait.models.task.odometry` does, and the C of a controller.
+What it says, `glassgait.models.estimation.odometry` does, and the C of a controller.
 """
 
+from glassgait.models.estimation.imu import GRAVITY
+from glassgait.models.estimation.odometry import SLIP, Odometry
 from glassgait.models.formulas.program import Number, Program
 from glassgait.models.formulas.text import written_number
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import GRAVITY
-from glassgait.models.task.odometry import SLIP, Odometry
 
 _PERIOD, _SLIP = written_number(CONTROL_PERIOD), written_number(SLIP)
 

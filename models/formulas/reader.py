@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from keyword import iskeyword
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.contacts import CONTACTS
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.file import (
@@ -31,7 +32,6 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.gait import MACHINE, Gait, gait_names, parse_gait, shipped_gait
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import refuse_other_mirror
 
 MAX_TEXT = 1_000_000

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.policy import Policy, refuse_other_expert
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.odometry import Odometry
 
 Estimator = Callable[[Array], Array] | Odometry
 """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7)."""

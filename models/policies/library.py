@@ -8,6 +8,7 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import read_text, read_yaml
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.additive import AdditivePolicy
@@ -26,7 +27,6 @@ from glassgait.models.robots.library import load_robot, robot_folder, robot_of
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.gait import Gait, check_gait_name, load_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 
 POLICY_CLASSES: dict[str, type[Policy]] = {
     policy.kind: policy

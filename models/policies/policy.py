@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.arrays import ArraySpec, narrowest, refuse_other_arrays, take_arrays
 from glassgait.models.robots import quadruped
@@ -29,7 +30,6 @@ from glassgait.models.task.observation import (
     indices_of,
     machine_state_entries,
 )
-from glassgait.models.task.odometry import Odometry
 
 if TYPE_CHECKING:
     from glassgait.models.formulas.expression import Expression

@@ -15,6 +15,7 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.expression import Expression, canonical, constant, refuse_unfit
 from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
@@ -28,7 +29,6 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import refuse_other_mirror
 
 

@@ -1,7 +1,8 @@
 """The locomotion task: gaits, reward machine, observation, reward, commands and termination."""
 
-CONTROL_PERIOD = 0.02
-"""Time between two actions (s)."""
+from glassgait.models import CONTROL_PERIOD
+
+__all__ = ["COMMAND_STEPS", "CONTROL_PERIOD", "EPISODE_STEPS"]
 
 EPISODE_STEPS = 1000
 """Control steps of an episode (20 s)."""

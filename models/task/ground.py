@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,3 +236,40 @@ class Ground:
 
 LEVEL_GROUND = Ground([PLANE])
 """A plane, normal to the world's z axis."""
+
+
+class FootSense(NamedTuple):
+    """What the feet sense at one instant.
+
+    Attributes:
+        touching: Whether each foot presses on the ground at this instant (..., 4).
+        contact: Whether it does now or did at the previous step (..., 4).
+        height: Height of each foot's lowest point above the ground (..., 4; m).
+    """
+
+    touching: NDArray[np.bool_]
+    contact: NDArray[np.bool_]
+    height: Array
+
+
+def sense_feet(
+    robot: Robot,
+    positions: Array,
+    previously_touching: NDArray[np.bool_],
+    touching: NDArray[np.bool_] | None = None,
+    ground: Ground = LEVEL_GROUND,
+) -> FootSense:
+    """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
+
+    Args:
+        robot: What robots they are.
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+        previously_touching: `touching` of the previous control step (..., 4).
+        touching: Whether each foot presses on the ground (..., 4); by default as its pose has it.
+        ground: What they stand on.
+    """
+    height = ground.foot_heights(robot, positions)
+    if touching is None:
+        # On level ground height and contact are one measurement.
+        touching = height < 0.0 if ground.is_level else ground.touching(robot, positions)
+    return FootSense(touching=touching, contact=touching | previously_touching, height=height)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import BASE_VELOCITY_SCALE
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait_keys import MOST_STATES
@@ -17,7 +18,6 @@ from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1
-BASE_VELOCITY_SCALE = 2.0
 ANGULAR_VELOCITY_SCALE = 0.25
 
 JOINT_POSITION_NOISE = 0.01

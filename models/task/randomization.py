@@ -8,13 +8,13 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.contact import STUCK_CLOSED, STUCK_OPEN, stuck_sensors
+from glassgait.models.estimation.imu import IMU_NOISE, N_IMU, ImuErrors
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import DISTINCT, FEW, IN_ORDER, NotNegative, Range, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import STUCK_CLOSED, STUCK_OPEN, stuck_sensors
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
-from glassgait.models.task.imu import IMU_NOISE, N_IMU, ImuErrors
 from glassgait.models.task.observation import JOINT_NOISE
 
 Friction = Annotated[NotNegative, Le(1000.0)]

@@ -20,9 +20,9 @@ from pydantic import model_validator
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.imu import GRAVITY
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import NotNegative, Seed, Settings, checked
-from glassgait.models.task.imu import GRAVITY
 
 Kind = Literal["plane", "blocks", "steps", "uneven"]
 

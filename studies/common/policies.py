@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import (
@@ -34,7 +35,6 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import Gait, gait_names
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import note
 from glassgait.studies.common.run_folder import CHECKPOINT_NAME, CONFIG_NAME, default_folder
 

@@ -11,6 +11,7 @@ from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.imu import GRAVITY
 from glassgait.models.export.binding import ACTION, MACHINE, LoadedController, Sensors
 from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import (
@@ -24,7 +25,6 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.imu import GRAVITY
 from glassgait.studies.common.episode import (
     BoolArray,
     ControlStep,

@@ -5,12 +5,12 @@ import pandas as pd
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.onnx_network import LoadedGraph, write_graph
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.export.agreement import SAME, SEQUENCE_STEPS, recorded_observations
 
 

@@ -8,6 +8,7 @@ from annotated_types import Le, MaxLen, MinLen
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
@@ -22,7 +23,6 @@ from glassgait.models.settings import (
     Share,
     checked,
 )
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 

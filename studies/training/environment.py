@@ -15,13 +15,13 @@ from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.imu import ImuReading, measure_imu
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.imu import ImuReading, measure_imu
 from glassgait.models.task.observation import ANGULAR_VELOCITY_SCALE
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.training.config import TrainingConfig
 
 OBSERVATION_GROUPS = {

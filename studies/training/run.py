@@ -15,6 +15,7 @@ import yaml
 from torch.utils.tensorboard import SummaryWriter
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import load_arrays, save_arrays, write_atomically
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
@@ -25,7 +26,6 @@ from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward import REWARD_TERMS
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.common.console import console, progress_bar

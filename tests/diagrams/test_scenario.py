@@ -18,7 +18,7 @@ from glassgait.diagrams.scenario import (
 )
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.task.imu import ImuErrors
+from glassgait.models.estimation.imu import ImuErrors
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits

@@ -18,15 +18,15 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.imu import IMU_NOISE, ImuErrors
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
-from glassgait.models.task.imu import IMU_NOISE, ImuErrors
 from glassgait.models.task.observation import JOINT_NOISE
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.terrain import Terrain
 

@@ -13,6 +13,7 @@ from sklearn.ensemble import GradientBoostingRegressor
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.checker import document
 from glassgait.models.certificates.checker.formulas import Formulas
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.readings import Readings
@@ -30,7 +31,6 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import mirrored_states
 
 NAMES = ObservationLayout(2).names

@@ -5,9 +5,10 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddStation, StationConfig
+from glassgait.models.estimation.contact import LOW, UNCHANGED_STEPS, ContactTrust
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.contact import LOW, UNCHANGED_STEPS, ContactTrust, sense_feet
+from glassgait.models.task.ground import sense_feet
 
 A1 = load_robot()
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.contact import UNCHANGED_STEPS
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.binding import (
     ACTION,
     ODOMETRY,
@@ -43,10 +45,8 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.contact import UNCHANGED_STEPS
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.export.agreement import Agreement, compare_controllers, random_sequences
 
 A1 = load_robot()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.imu import GRAVITY, ImuErrors, ImuReading, measure_imu
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import GRAVITY, ImuErrors, ImuReading, measure_imu
 
 DOWN = np.array([0.0, 0.0, -GRAVITY])
 

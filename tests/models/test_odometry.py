@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.imu import GRAVITY, measure_imu
+from glassgait.models.estimation.odometry import Odometry, cross
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import GRAVITY, measure_imu
 from glassgait.models.task.observation import BASE_VELOCITY_SCALE, ObservationLayout
-from glassgait.models.task.odometry import Odometry, cross
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 A1 = load_robot()

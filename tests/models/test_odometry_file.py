@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 A1 = load_robot()

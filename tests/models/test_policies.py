@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
@@ -13,7 +14,6 @@ from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 
 A1 = load_robot()
 

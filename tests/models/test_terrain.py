@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.imu import GRAVITY
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.ground import Ground
-from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import OVERLAP, REACH, Terrain, grid_of
 

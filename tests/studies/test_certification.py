@@ -21,6 +21,7 @@ from glassgait.models.certificates.observation_box import (
     physical_box,
 )
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import digest
 from glassgait.models.formulas.contacts import CONTACTS
 from glassgait.models.formulas.file import write_formulas
@@ -33,7 +34,6 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import gait_lines, gait_path, load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.verification.measurement import measure_box

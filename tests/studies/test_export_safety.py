@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.contact import UNREAD
+from glassgait.models.estimation.imu import ImuReading
 from glassgait.models.export.binding import (
     ACTION,
     BAD_INPUT,
@@ -33,9 +35,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.command import Command, on_the_spot
-from glassgait.models.task.contact import UNREAD
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.imu import ImuReading
 from glassgait.studies.export.agreement import random_sequences
 
 A1 = load_robot()

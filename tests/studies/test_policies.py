@@ -6,6 +6,7 @@ import pytest
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     find_gait,
@@ -14,7 +15,6 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of
 from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.distillation.config import DistillationConfig

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.task.contact import stuck_sensors
+from glassgait.models.estimation.contact import stuck_sensors
 from glassgait.systems.contact_sensor import ContactSensor
 
 

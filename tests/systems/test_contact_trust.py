@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.task.contact import UNCHANGED_STEPS
+from glassgait.models.estimation.contact import UNCHANGED_STEPS
 from glassgait.systems.contact_trust import ContactTrustSystem
 
 HEIGHT = [0.0, 0.05, 0.0, 0.05]

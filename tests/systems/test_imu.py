@@ -9,10 +9,10 @@ from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.systems.sensors import Accelerometer, Gyroscope
 
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
+from glassgait.models.estimation.imu import GRAVITY, IMU_NOISE, ImuReading, measure_imu
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import GRAVITY, IMU_NOISE, ImuReading, measure_imu
 from glassgait.models.task.terrain import Terrain
 from glassgait.systems.imu import ImuSensor
 from glassgait.systems.joint_targets import JointTargets

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from glassgait.models.estimation.imu import GRAVITY
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import GRAVITY
-from glassgait.models.task.odometry import Odometry
 from glassgait.systems.odometry import OdometrySystem
 
 A1 = load_robot()

@@ -14,13 +14,13 @@ from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 import glassgait.systems
 from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.randomization import Randomization
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold

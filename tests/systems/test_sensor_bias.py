@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from glassgait.models.task.imu import ImuErrors
+from glassgait.models.estimation.imu import ImuErrors
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.systems.sensor_bias import SensorBias
 

@@ -10,13 +10,13 @@ from torch import nn
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_table

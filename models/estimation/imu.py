@@ -13,10 +13,10 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 from annotated_types import Ge, Le
 
+from glassgait.models import CONTROL_PERIOD
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.settings import NotNegative, Settings, checked
-from glassgait.models.task import CONTROL_PERIOD
 
 GRAVITY = 9.81
 """Acceleration by gravity (m/s²)."""

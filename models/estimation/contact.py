@@ -1,4 +1,4 @@
-"""Foot contacts: sensed from the robot's pose above the ground, and believed or not."""
+"""Contact sensors of the feet: errors of their readings, and which of them are believed."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Self
@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
-from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 STUCK_OPEN, SOUND, STUCK_CLOSED = np.array([-1, 0, 1], dtype=np.int8)
 """States of a foot's contact sensor."""
@@ -73,43 +71,6 @@ class ContactTrust(NamedTuple):
             height: Height of each foot above the ground (..., 4; m).
         """
         return np.where(self.doubted, height < LOW, contact)
-
-
-class FootSense(NamedTuple):
-    """What the feet sense at one instant.
-
-    Attributes:
-        touching: Whether each foot presses on the ground at this instant (..., 4).
-        contact: Whether it does now or did at the previous step (..., 4).
-        height: Height of each foot's lowest point above the ground (..., 4; m).
-    """
-
-    touching: NDArray[np.bool_]
-    contact: NDArray[np.bool_]
-    height: Array
-
-
-def sense_feet(
-    robot: Robot,
-    positions: Array,
-    previously_touching: NDArray[np.bool_],
-    touching: NDArray[np.bool_] | None = None,
-    ground: Ground = LEVEL_GROUND,
-) -> FootSense:
-    """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
-
-    Args:
-        robot: What robots they are.
-        positions: The plant's positions q (..., 19), or its state x (..., 37).
-        previously_touching: `touching` of the previous control step (..., 4).
-        touching: Whether each foot presses on the ground (..., 4); by default as its pose has it.
-        ground: What they stand on.
-    """
-    height = ground.foot_heights(robot, positions)
-    if touching is None:
-        # On level ground height and contact are one measurement.
-        touching = height < 0.0 if ground.is_level else ground.touching(robot, positions)
-    return FootSense(touching=touching, contact=touching | previously_touching, height=height)
 
 
 def read_contacts(

@@ -1,0 +1,1 @@
+"""State estimation: readings of the IMU, trusted contacts, and odometry."""
