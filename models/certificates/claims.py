@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import MaxLen, MinLen
 
@@ -21,74 +21,55 @@ from glassgait.models.task.termination import TerminationLimits
 DEFAULT_CLAIMS = Path(__file__).parent / "claims.yaml"
 
 IMU_CLAIMS = DEFAULT_CLAIMS.with_name("claims_imu.yaml")
-"""What is claimed besides of policies that observe an IMU."""
+"""Further claims, about policies that observe an IMU."""
 
 OWN = ".own"
 """Ends the name of a quantity of the joint itself, such as dq.own."""
 
 Names = Annotated[tuple[str, ...], FEW, DISTINCT]
 
-ClaimKind = Literal[
-    "kept", "limits", "torque", "never", "effect", "independent", "mirror", "change"
-]
-
-Kept = Literal["range", "rate", "torque", "finite", "lean"]
+ClaimKind = Literal["limits", "never", "effect", "mirror", "change"]
 
 _KEYS: dict[ClaimKind, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "kept": (("keeps",), ("most",)),
     "limits": ((), ("least", "most", "stuck")),
-    "torque": ((), ("most", "stuck")),
     "never": (("observations", "never"), ("most", "limit", "stuck")),
     "effect": (("observations",), ("most", "limit", "stuck")),
-    "independent": (("observations",), ()),
     "mirror": ((), ()),
     "change": (("changes",), ("most",)),
 }
-"""Keys that a claim of each kind needs, and that it may have, besides those of all claims."""
+"""Keys that a claim of each kind must have, and those that it may have."""
 
 
 @checked
 class Claim(Settings):
-    """Something that a policy shall do, or never do, wherever in a box it observes.
+    """A statement about a policy's targets before limits, over all observations of a box.
 
     Attributes:
-        name: What it says, in words.
-        kind: `kept`: the targets that joints follow keep to what `keeps` says, because limits come
-            last; all other kinds are about what the policy asks for. `limits`: targets stay from
-            `least` to `most` rad, by default in the joints' ranges. `torque`: the torque at rest
-            that targets ask for stays within `most` N·m, by default the motors' limit. `never`: a
-            target never rises (or falls) as an observation rises, or by `most` rad for each of its
-            units at most; any step of a table or a tree breaks it.
-            `effect`: an observation alone moves a target by `most` rad at most. `independent`:
-            targets do not depend on observations. `mirror`: left and right are treated alike.
-            `change`: where observations change by `changes`, the squared change of the action stays
-            within `most`, by default the bound beyond which an episode ends.
-        keeps: `range`: targets stay in the joints' ranges. `rate`: a target moves in a step by no
-            more than `most` rad, by default what asks a motor at rest for its full torque.
-            `torque`: no target asks for more than `most` N·m at rest, by default the motor's limit,
-            while the joint's reading moves by no more in a step than a target may. `finite`: where
-            not all that is asked is finite every joint keeps its target. `lean`: beyond a lean of
-            `most` degrees, by default a fall's, joints are sent to where they are.
+        name: The statement in words.
+        kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
+            `never`: a target never rises (or falls) as an observation rises, or by `most` rad for
+            each of its units at most. `effect`: one observation moves a target by `most` rad at
+            most. `mirror`: left and right are treated alike. `change`: where observations change
+            by `changes`, the squared change of the action stays within `most`, by default the
+            bound beyond which an episode ends.
         joints: The joints; all by default.
         states: Names of the machine's states; all by default.
         box: Where it holds: the `operating` box that robots were measured in, or the `physical`.
-        stuck: Observations, by symbol, that are anywhere in the physical box instead.
+        stuck: Observations, by symbol, that may be anywhere in the physical box instead.
         observations: The observations by symbol; `q.own`, `dq.own` and `a.own` are the joint's.
         never: What a target never does as an observation rises.
         least: Least target (rad).
-        most: Greatest target (rad), torque (N·m), slope (rad per unit), effect (rad) or squared
-            change of the action.
-        limit: What of the robot's own is `most`, in place of a number: the `torque` of the joints'
-            weakest motor, or the `damping` of the servos, each divided by the servos' stiffness.
-        changes: How much each observation, or each of a kind such as `dq`, may change at most, in
-            the robot's units.
+        most: Greatest target (rad), slope (rad per unit), effect (rad) or squared change.
+        limit: The robot's quantity that replaces the number `most`: the `torque` of the joints'
+            weakest motor or the `damping` of the servos, each divided by the servos' stiffness.
+        changes: Greatest change of each observation, or of each of a kind such as `dq`, in the
+            robot's units.
     """
 
     title: ClassVar[str] = "claim"
 
     name: Annotated[str, MinLen(1), MaxLen(200)]
     kind: ClaimKind
-    keeps: Kept | None = None
     joints: Names = ()
     states: Names = ()
     box: Literal["operating", "physical"] = "operating"
@@ -100,23 +81,6 @@ class Claim(Settings):
     limit: Literal["torque", "damping"] | None = None
     changes: dict[str, Positive] = field(default_factory=dict)
 
-    @property
-    def unit(self) -> str:
-        """The unit of what is claimed; empty where nothing is measured."""
-        match self.kind, self.keeps:
-            case ("kept", "torque") | ("torque", None):
-                return "N·m"
-            case "kept", "lean":
-                return "°"
-            case ("kept", "finite") | ("mirror" | "independent", None):
-                return ""
-            case "never", None:
-                return "rad per unit"
-            case "change", None:
-                return "squared action"
-            case _:
-                return "rad"
-
     def __post_init__(self) -> None:
         """
         Raises:
@@ -125,23 +89,18 @@ class Claim(Settings):
         for joint in self.joints:
             quadruped.joint_index(joint)
         needed, allowed = _KEYS[self.kind]
-        for key in ("keeps", "stuck", "observations", "never", "least", "most", "limit", "changes"):
+        for key in ("stuck", "observations", "never", "least", "most", "limit", "changes"):
             given = getattr(self, key) not in ((), None, {})
             if key in needed and not given:
                 raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")
             if given and key not in (*needed, *allowed):
                 raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
-
-        if self.keeps in ("range", "finite") and self.most is not None:
-            raise InputError(f"a claim that keeps {self.keeps!r} has no key 'most'; remove it")
         if self.kind == "effect" and self.most is None and self.limit is None:
             raise InputError("a claim of kind 'effect' needs the key 'most'; add it, or 'limit'")
         if self.limit is not None and self.most is not None:
             raise InputError("most and limit say the same; leave out one of both")
-
         if self.kind != "limits" and self.most is not None and self.most < 0.0:
             raise InputError(f"most is {self.most:g}; give 0 or more")
-
         if self.least is not None and self.most is not None and self.least > self.most:
             raise InputError(
                 f"least is {self.least:g} and most is {self.most:g}; give the least, then the "
@@ -152,48 +111,35 @@ class Claim(Settings):
         return f"claim {shown(self.name)}"
 
     def of(self, robot: Robot, law: JointLaw) -> "Claim":
-        """Returns the claim about a robot of a joint law, whose own limit is a number."""
+        """Returns the claim with the number that its `limit` stands for."""
         if self.limit is None:
             return self
         torque = float(min(robot.effort[joint] for joint in self.joint_indices()))
         stiffness, damping = law.gains_of(robot)
-        own = torque if self.limit == "torque" else damping
-        return replace(self, most=own / stiffness, limit=None)
+        greatest = torque if self.limit == "torque" else damping
+        return replace(self, most=greatest / stiffness, limit=None)
 
     def joint_indices(self) -> tuple[int, ...]:
         """Returns the joints, by index."""
         return tuple(quadruped.joint_index(joint) for joint in self.joints or quadruped.JOINTS)
 
     def state_indices(self, gait: Gait) -> tuple[int, ...]:
-        """Returns the machine's states, by index.
-
-        Raises:
-            InputError: if the gait has no state of a name.
-        """
-        for state in self.states:
-            if state not in gait.states:
-                raise InputError(
-                    f"{self.refused_as()}: the {gait.name} has no state {shown(state)}; its states "
-                    f"are {', '.join(gait.states)}"
-                )
+        """Returns the machine's states, by index."""
         return tuple(gait.states.index(state) for state in self.states or gait.states)
 
     def observations_of(self, joint: int, symbols: Sequence[str]) -> tuple[int, ...]:
-        """Returns the indices of the observations that the claim is of, for a joint."""
+        """Returns the indices of the claim's observations, for a joint."""
         return tuple(symbols.index(_of_joint(name, joint)) for name in self.observations)
 
-    def greatest(self, robot: Robot, joint: int) -> float:
-        """Returns the greatest target, torque or squared change that is claimed."""
-        defaults = {
-            "torque": float(robot.effort[joint]),
-            "change": TerminationLimits().action_change,
-            "limits": float(robot.upper_limits[joint]),
-        }
-        return defaults[self.kind] if self.most is None else self.most
+    def range_of(self, robot: Robot, joint: int) -> tuple[float, float]:
+        """Returns the least and greatest target of a claim of limits (rad)."""
+        low, high = float(robot.lower_limits[joint]), float(robot.upper_limits[joint])
+        return low if self.least is None else self.least, high if self.most is None else self.most
 
-    def smallest(self, robot: Robot, joint: int) -> float:
-        """Returns the least target that is claimed."""
-        return float(robot.lower_limits[joint]) if self.least is None else self.least
+    @property
+    def squared_change(self) -> float:
+        """Greatest squared change of the action, of a claim of changes."""
+        return TerminationLimits().action_change if self.most is None else self.most
 
     def change_of(self, symbol: str) -> float:
         """Returns how much an observation may change, in the robot's units."""
@@ -203,33 +149,34 @@ class Claim(Settings):
     def refuse_unknown(self, gait: Gait, *, imu: bool = False) -> None:
         """Refuses names that a gait's robots do not know.
 
-        Args:
-            gait: The gait.
-            imu: Whether they observe what an IMU measures.
-
         Raises:
             InputError: if a state or an observation is unknown.
         """
-        self.state_indices(gait)
+        if unknown := sorted({*self.states} - {*gait.states}):
+            raise InputError(
+                f"{self.refused_as()}: the {gait.name} has no state {shown(unknown[0])}; its "
+                f"states are {', '.join(gait.states)}"
+            )
         entries = ObservationLayout(gait.n_states, imu=imu).entries
-        states = [entry.symbol for entry in entries if entry.group == "machine state"]
-        if claimed := sorted({*self.observations, *self.stuck, *self.changes} & {*states}):
+        states = {entry.symbol for entry in entries if entry.group == "machine state"}
+        if claimed := sorted({*self.observations, *self.stuck, *self.changes} & states):
             raise InputError(
                 f"{self.refused_as()}: {claimed[0]} is a state of the machine, and each state is "
-                "decided by itself; name other observations"
+                "decided separately; name other observations"
             )
-        counted = [entry.symbol for entry in entries if "iterations" in entry.group]
-        if self.kind == "never" and (sloped := sorted({*self.observations} & {*counted})):
+        counted = {entry.symbol for entry in entries if "iterations" in entry.group}
+        if self.kind == "never" and (sloped := sorted({*self.observations} & counted)):
             raise InputError(
                 f"{self.refused_as()}: {sloped[0]} counts control steps and has no slope; claim an "
                 "effect of it"
             )
-        symbols = [entry.symbol for entry in entries if entry.symbol not in states]
+        symbols = {entry.symbol for entry in entries} - states
         kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}
         named = {_of_joint(name, 0) for name in self.observations}
-        unknown = sorted((named | set(self.stuck)) - set(symbols))
-        unknown += sorted(set(self.changes) - set(symbols) - kinds)
-        if unknown:
+        if unknown := [
+            *sorted((named | {*self.stuck}) - symbols),
+            *sorted({*self.changes} - symbols - kinds),
+        ]:
             raise InputError(
                 f"{self.refused_as()}: no observation is called {shown(unknown[0])}; the names are "
                 "those of formula files, such as q.FL_hip, or q.own"
@@ -249,33 +196,27 @@ def load_claims(
     Args:
         path: The file.
         robot: The robot; the default one by default.
-        law: The law of its joints; its own by default.
+        law: The law of its joints; the robot's own by default.
 
     Raises:
-        InputError: if the file cannot be read or a claim is not one; the message names the file,
+        InputError: if the file cannot be read or a claim is invalid; the message names the file,
             the claim and the key.
     """
     found = read_yaml(path)
     listed = found.get("claims") if isinstance(found, dict) else None
     if not isinstance(listed, list) or not listed or len(found) > 1:
         raise InputError(f"{path}: must hold the key 'claims' with a list of claims, and no other")
-    for index, one in enumerate(listed):
-        if isinstance(one, dict) and "name" not in one:
-            raise InputError(f"{path}: claim {index + 1}: needs the key 'name'; add it")
-    about = robot or load_robot()
-    claims = tuple(
-        Claim.from_plain(one, _where(path, i, one)).of(about, law) for i, one in enumerate(listed)
-    )
+    about, claims = robot or load_robot(), []
+    for index, values in enumerate(listed):
+        name = values.get("name") if isinstance(values, dict) else None
+        where = f"{path}: claim {shown(name) if isinstance(name, str) else index + 1}"
+        if isinstance(values, dict) and "name" not in values:
+            raise InputError(f"{where}: needs the key 'name'; add it")
+        claims.append(Claim.from_plain(values, where).of(about, law))
     names = [claim.name for claim in claims]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{path}: two claims are called {shown(name)}; rename one")
-    return claims
-
-
-def _where(path: Path, index: int, values: Any) -> str:
-    name = values.get("name") if isinstance(values, dict) else None
-    return f"{path}: claim {shown(name) if isinstance(name, str) else index + 1}"
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{path}: two claims are called {shown(twice[0])}; rename one")
+    return tuple(claims)
 
 
 def _of_joint(symbol: str, joint: int) -> str:

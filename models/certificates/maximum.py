@@ -1,14 +1,14 @@
 """The greatest value of a polynomial of observed quantities over a box, and a witness of it."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.branch_and_bound import Cells, greatest_bound
-from glassgait.models.certificates.question import Box, Maximum, Tree
 from glassgait.models.certificates.relaxation import Relaxation
 
 MOST_CELLS = 500
@@ -18,7 +18,7 @@ SPLIT_AT_ONCE = 64
 
 STARTS = 16
 SWEEPS = 6
-"""How a witness is sought: from the best starts, quantity by quantity, as often."""
+"""A witness is sought from the best starts, quantity by quantity, in so many sweeps."""
 
 MOST_GATES = 6
 """Quantities whose ends are combined in all ways to start from."""
@@ -26,16 +26,85 @@ MOST_GATES = 6
 INNER_POINTS = 9
 """Values of a curved quantity that are tried; of others the ends, where affine functions peak."""
 
+Tree = list
+"""A split: [quantity, cut, tree below, tree above]; an empty list where nothing is split."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box of quantities, in the robot's units.
+
+    Attributes:
+        lower: Least quantities (n).
+        upper: Greatest quantities (n).
+        counted: Quantities that are whole numbers.
+    """
+
+    lower: Array
+    upper: Array
+    counted: frozenset[int] = frozenset()
+
+    def with_copy(self, index: int) -> "Region":
+        """Returns a box with another value of one quantity behind all others."""
+        counted = self.counted | ({len(self.lower)} if index in self.counted else frozenset())
+        lower, upper = (np.append(ends, ends[index]) for ends in (self.lower, self.upper))
+        return Region(lower, upper, counted)
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """Bounds of the greatest value of a function over a box.
+
+    Attributes:
+        bound: No value is greater.
+        reached: Value at the witness.
+        witness: Quantities in the box (n).
+        splits: The cells that the bound was found over.
+    """
+
+    bound: float
+    reached: float
+    witness: Array
+    splits: Tree = field(default_factory=list)
+
+
+class _Cells(NamedTuple):
+    """Boxes of the search, one a row.
+
+    Attributes:
+        lower: Least quantities (m, n).
+        upper: Greatest quantities (m, n).
+        bound: An upper bound of the values in each cell (m).
+        label: Number of each cell in `_Search.leaves` (m).
+    """
+
+    lower: Array
+    upper: Array
+    bound: Array
+    label: NDArray[np.intp]
+
+    def where(self, mask: NDArray[np.bool_]) -> "_Cells":
+        """Returns the cells at which a mask (m) is set."""
+        return _Cells(self.lower[mask], self.upper[mask], self.bound[mask], self.label[mask])
+
+    def joined(self, other: "_Cells") -> "_Cells":
+        """Returns these cells, then others."""
+        columns: Any = map(np.concatenate, zip(self, other, strict=True))
+        return _Cells(*columns)
+
 
 def maximize(
     function: Callable[[Array], Array],
     relaxation: Relaxation,
-    region: Box,
+    region: Region,
     *,
     gap: float,
     threshold: float | None = None,
 ) -> Maximum:
-    """Bounds the greatest value of a function over a box.
+    """Bounds the greatest value of a function over a box, by branch and bound.
+
+    Cells with the greatest bounds are split first. A search that gives up returns a bound that
+    holds and is less tight.
 
     Args:
         function: Evaluates the function (m,) of quantities (m, n).
@@ -45,14 +114,30 @@ def maximize(
         threshold: A number of interest: the search ends once the bound is at most, or the witness
             above it.
     """
-    search = _Maximization(function, relaxation, region, gap, threshold)
+    search = _Search(function, relaxation, region)
     lower, upper = region.lower[None], region.upper[None]
-    root = Cells(lower, upper, relaxation.upper(lower, upper), np.zeros(1, dtype=np.intp))
-    bound = greatest_bound(search, root, at_once=SPLIT_AT_ONCE)
+    cells = _Cells(lower, upper, relaxation.upper(lower, upper), np.zeros(1, dtype=np.intp))
+    closed = -np.inf
+    while len(cells.bound):
+        # Close the cells whose bounds are low enough; all of them once there are too many.
+        enough = search.reached + gap
+        if threshold is not None:
+            enough = np.inf if search.reached > threshold else max(threshold, enough)
+        done = cells.bound <= (np.inf if search.n_cells >= MOST_CELLS else enough)
+        closed = max(closed, cells.bound[done].max(initial=-np.inf))
+        cells = cells.where(~done)
+        if not len(cells.bound):
+            break
+        # Split the cells with the greatest bounds.
+        first = np.zeros(len(cells.bound), dtype=bool)
+        first[np.argsort(-cells.bound, kind="stable")[:SPLIT_AT_ONCE]] = True
+        parts, stuck = search.split(cells.where(first))
+        closed, cells = max(closed, stuck), cells.where(~first).joined(parts)
+    bound = float(max(closed, search.reached))
     return Maximum(bound, float(search.reached), search.witness, search.leaves[0])
 
 
-class _Maximization:
+class _Search:
     """The search for a greatest value: its witness, and the tree of cells that bounds it.
 
     Attributes:
@@ -63,75 +148,66 @@ class _Maximization:
     """
 
     def __init__(
-        self,
-        function: Callable[[Array], Array],
-        relaxation: Relaxation,
-        region: Box,
-        gap: float,
-        threshold: float | None,
+        self, function: Callable[[Array], Array], relaxation: Relaxation, region: Region
     ) -> None:
         self._function, self._relaxation, self._region = function, relaxation, region
-        self._gap, self._threshold = gap, threshold
         self._generator = np.random.default_rng(0)
-        starts = _starts(region, region.counted, self._generator, STARTS)
-        starts = np.concatenate([starts, _gate_starts(relaxation, region)])
-        self.witness, self.reached = _ascended(function, relaxation, region, starts)
+        starts = np.concatenate([self._starts(region, STARTS), self._gate_starts()])
+        self.witness, self.reached = self._ascended(starts)
         self.leaves: list[Tree] = [[]]
         self.n_cells = self._climbs_at = 1
 
-    def enough(self, greatest: float) -> float:
-        near = self.reached + self._gap
-        if self._threshold is None:
-            return np.inf if self.n_cells >= MOST_CELLS else near
-        refuted = self.reached > self._threshold
-        return np.inf if refuted or self.n_cells >= MOST_CELLS else max(self._threshold, near)
+    def split(self, cells: _Cells) -> tuple[_Cells, float]:
+        """Halves each cell where that lowers its bound most, and climbs from points in one.
 
-    def split(self, cells: Cells) -> tuple[Cells, float]:
-        """Halves each cell where that lowers its bound most, and climbs from points in one."""
-        relaxation, counted = self._relaxation, self._region.counted
+        Returns:
+            The parts, and the greatest bound of cells that cannot be split; -inf without such.
+        """
+        shared, n = self._relaxation.shared, cells.lower.shape[1]
         if self.n_cells >= self._climbs_at:
-            self._climb(Box(cells.lower[0], cells.upper[0]))
-        if not relaxation.shared:
-            return cells[np.zeros(len(cells), dtype=bool)], float(cells.bound.max())
-        halves = [_halves(cells, index, index in counted) for index in relaxation.shared]
-        ends = [((cells.lower, below), (above, cells.upper)) for below, above, _ in halves]
+            self._climb(Region(cells.lower[0], cells.upper[0]))
+        if not shared:
+            return cells.where(np.zeros(len(cells.bound), dtype=bool)), float(cells.bound.max())
+
+        # Halve every cell by each quantity; counts stay whole. Corners are (k, 2, m, n).
         lower, upper = (
-            np.concatenate([half[end] for both in ends for half in both]) for end in (0, 1)
+            np.tile(ends, (len(shared), 2, 1, 1)) for ends in (cells.lower, cells.upper)
         )
-        # What each quantity's two halves of each cell are bounded by (k, 2, m).
-        bounds = relaxation.upper(lower, upper).reshape(len(halves), 2, len(cells))
+        for k, index in enumerate(shared):
+            is_counted = index in self._region.counted
+            middle = 0.5 * (cells.lower + cells.upper)[:, index]
+            upper[k, 0, :, index] = np.floor(middle) if is_counted else middle
+            lower[k, 1, :, index] = np.floor(middle) + 1.0 if is_counted else middle
+        bounds = self._relaxation.upper(lower.reshape(-1, n), upper.reshape(-1, n))
+        bounds = bounds.reshape(len(shared), 2, -1)
+
+        # Choose the quantity that lowers the bounds of both halves most.
+        k = np.arange(len(shared))
+        ends = upper[k, 0, :, shared], lower[k, 1, :, shared]
+        width = (cells.upper - cells.lower)[:, shared].T
         lowered = cells.bound - bounds
-        width = (cells.upper - cells.lower)[:, relaxation.shared].T
         gains = lowered.min(axis=1) + 0.3 * lowered.max(axis=1) + 1e-9 * width
-        gains = np.where([splits for _, _, splits in halves], gains, -np.inf)
-        place, row = np.argmax(gains, axis=0), np.arange(len(cells))
-        splits = np.max(gains, axis=0) > -np.inf
+        can_split = (ends[0] < cells.upper[:, shared].T) & (ends[1] > cells.lower[:, shared].T)
+        gains = np.where(can_split, gains, -np.inf)
+        splits = gains.max(axis=0) > -np.inf
         stuck = cells.bound[~splits].max(initial=-np.inf)
-        place, row = place[splits], row[splits]
-        below = np.array([own for own, _, _ in halves])[place, row]
-        above = np.array([own for _, own, _ in halves])[place, row]
-        index = np.array(relaxation.shared)[place]
-        cuts = 0.5 * (below + above)[np.arange(len(row)), index]
+
+        # Cut the cells there.
+        row = np.flatnonzero(splits)
+        place = gains.argmax(axis=0)[row]
+        cuts = 0.5 * (ends[0] + ends[1])[place, row]
         labels = [
-            self._cut(label, int(i), float(cut))
-            for label, i, cut in zip(cells.label[row], index, cuts, strict=True)
+            self._cut(label, shared[k], cut)
+            for label, k, cut in zip(cells.label[row], place, cuts.tolist(), strict=True)
         ]
-        parts = Cells(
-            np.stack([cells.lower[row], above], axis=1).reshape(-1, cells.lower.shape[1]),
-            np.stack([below, cells.upper[row]], axis=1).reshape(-1, cells.lower.shape[1]),
+        self.n_cells += len(row)
+        parts = _Cells(
+            lower[place, :, row].reshape(-1, n),
+            upper[place, :, row].reshape(-1, n),
             bounds[place, :, row].ravel(),
             np.array(labels, dtype=np.intp).ravel(),
         )
-        self.n_cells += len(row)
         return parts, float(stuck)
-
-    def _climb(self, cell: Box) -> None:
-        """Seeks a better witness from points in a cell; the rarer, the more cells there are."""
-        self._climbs_at = 2 * self.n_cells
-        starts = _starts(cell, self._region.counted, self._generator, STARTS // 4)
-        witness, value = _ascended(self._function, self._relaxation, self._region, starts)
-        if value > self.reached:
-            self.witness, self.reached = witness, value
 
     def _cut(self, label: int, index: int, cut: float) -> tuple[int, int]:
         """Splits a cell in the tree, and returns the labels of its parts."""
@@ -140,70 +216,62 @@ class _Maximization:
         self.leaves += [below, above]
         return len(self.leaves) - 2, len(self.leaves) - 1
 
+    def _climb(self, cell: Region) -> None:
+        """Seeks a better witness from points in a cell; the rarer, the more cells there are."""
+        self._climbs_at = 2 * self.n_cells
+        witness, value = self._ascended(self._starts(cell, STARTS // 4))
+        if value > self.reached:
+            self.witness, self.reached = witness, value
 
-def _halves(cells: Cells, index: int, counted: bool) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Returns upper corners of lower halves, lower corners of upper ones, and which can be."""
-    low, high = cells.lower[:, index], cells.upper[:, index]
-    middle = 0.5 * (low + high)
-    below, above = cells.upper.copy(), cells.lower.copy()
-    below[:, index] = np.floor(middle) if counted else middle
-    above[:, index] = np.floor(middle) + 1.0 if counted else middle
-    splits = high - low >= 1.0 if counted else (middle > low) & (middle < high)
-    return below, above, splits
+    def _starts(self, cell: Region, count: int) -> Array:
+        """Returns the middle of a cell, and random points at its middles and ends."""
+        ends = self._generator.integers(0, 3, (count, len(cell.lower))) / 2.0
+        points = cell.lower + ends * (cell.upper - cell.lower)
+        points[0] = 0.5 * (cell.lower + cell.upper)
+        return self._whole(points)
 
+    def _gate_starts(self) -> Array:
+        """Returns points with the gates at their ends, in all ways; between them all is affine."""
+        gates, region = self._relaxation.gates[:MOST_GATES], self._region
+        ways = np.array(list(product((0.0, 1.0), repeat=len(gates)))).reshape(2 ** len(gates), -1)
+        points = self._whole(np.tile(0.5 * (region.lower + region.upper), (len(ways), 1)))
+        points[:, gates] = region.lower[gates] + ways * (region.upper - region.lower)[gates]
+        return points
 
-def _starts(of: Box, counted: Collection[int], generator: np.random.Generator, count: int) -> Array:
-    ends = generator.integers(0, 3, (count, len(of.lower))) / 2.0
-    points = of.lower + ends * (of.upper - of.lower)
-    points[0] = 0.5 * (of.lower + of.upper)
-    return _whole(points, counted)
+    def _whole(self, points: Array) -> Array:
+        counted = list(self._region.counted)
+        points[:, counted] = np.floor(points[:, counted])
+        return points
 
+    def _ascended(self, points: Array) -> tuple[Array, float]:
+        """Climbs from points, a quantity at a time, to the highest point that is found."""
+        relaxation = self._relaxation
+        points = np.clip(points, self._region.lower, self._region.upper)
+        values = self._function(points)
+        rest = [index for index in relaxation.used if index not in relaxation.gates]
+        for sweep in range(SWEEPS):
+            before = values.copy()
+            # With the gates where they start, the first sweep finds the best of all others.
+            for index in rest if sweep == 0 else relaxation.used:
+                # Try several values of the quantity at each point, and keep the best.
+                tried = self._values_of(index)
+                moved = np.repeat(points[:, None], len(tried), axis=1)
+                moved[:, :, index] = tried
+                found = self._function(moved.reshape(-1, moved.shape[-1])).reshape(len(points), -1)
+                found = np.where(np.isnan(found), -np.inf, found)
+                best = np.arange(len(points)), np.argmax(found, axis=1)
+                better = found[best] > values
+                points = np.where(better[:, None], moved[best], points)
+                values = np.where(better, found[best], values)
+            if sweep and np.all(values <= before + 1e-12):
+                break
+            highest = np.argsort(-values, kind="stable")[:STARTS]
+            points, values = points[highest], values[highest]
+        best = int(np.argmax(values))
+        return points[best], float(values[best])
 
-def _whole(points: Array, counted: Collection[int]) -> Array:
-    points[:, list(counted)] = np.floor(points[:, list(counted)])
-    return points
-
-
-def _gate_starts(relaxation: Relaxation, region: Box) -> Array:
-    """Returns points with the gates at their ends, in all ways; between them all is affine."""
-    gates = relaxation.gates[:MOST_GATES]
-    ways = np.array(list(product((0.0, 1.0), repeat=len(gates)))).reshape(2 ** len(gates), -1)
-    points = np.tile(0.5 * (region.lower + region.upper), (len(ways), 1))
-    points = _whole(points, region.counted)
-    points[:, gates] = region.lower[gates] + ways * (region.upper - region.lower)[gates]
-    return points
-
-
-def _ascended(
-    function: Callable[[Array], Array], relaxation: Relaxation, region: Box, points: Array
-) -> tuple[Array, float]:
-    """Climbs from points, a quantity at a time, and returns where it is highest, and how high."""
-    points = np.clip(points, region.lower, region.upper)
-    values = function(points)
-    rest = [index for index in relaxation.used if index not in relaxation.gates]
-    for sweep in range(SWEEPS):
-        before = values.copy()
-        # With the gates where they start, the first sweep finds the best of all others.
-        for index in rest if sweep == 0 else relaxation.used:
-            tried = _values_of(index, relaxation, region)
-            moved = np.repeat(points[:, None], len(tried), axis=1)
-            moved[:, :, index] = tried
-            found = function(moved.reshape(-1, moved.shape[-1])).reshape(len(points), -1)
-            found = np.where(np.isnan(found), -np.inf, found)
-            best = np.argmax(found, axis=1)
-            better = found[np.arange(len(points)), best] > values
-            points = np.where(better[:, None], moved[np.arange(len(points)), best], points)
-            values = np.where(better, found[np.arange(len(points)), best], values)
-        if sweep and np.all(values <= before + 1e-12):
-            break
-        highest = np.argsort(-values, kind="stable")[:STARTS]
-        points, values = points[highest], values[highest]
-    best = int(np.argmax(values))
-    return points[best], float(values[best])
-
-
-def _values_of(index: int, relaxation: Relaxation, region: Box) -> Array:
-    low, high = region.lower[index], region.upper[index]
-    if index in region.counted:
-        return np.arange(low, high + 1.0)
-    return np.linspace(low, high, INNER_POINTS if index in relaxation.curved else 2)
+    def _values_of(self, index: int) -> Array:
+        low, high = self._region.lower[index], self._region.upper[index]
+        if index in self._region.counted:
+            return np.arange(low, high + 1.0)
+        return np.linspace(low, high, INNER_POINTS if index in self._relaxation.curved else 2)

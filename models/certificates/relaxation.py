@@ -1,9 +1,9 @@
 """Upper bounds of a polynomial over many boxes at once."""
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ Scope = tuple[Element, ...]
 """The elements that a table has an axis of, in order."""
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """A step of an elimination: tables are added up, and the sum is maximised over one element.
 
     Attributes:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.observation_box import measured_box
+from glassgait.models.certificates.box import measured_box
 from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import FormulaMirror, Place
@@ -136,7 +136,7 @@ def readings_of(gait: Gait, robot: Robot, names: tuple[str, ...], observations: 
         observations: Samples (m, n).
     """
     box = measured_box(gait, robot, names, observations.min(axis=0), observations.max(axis=0))
-    return Readings.around(names, *box.quantities)
+    return Readings.around(names, box.lower, box.upper)
 
 
 def settled(formula: Expression, names: Sequence[str], state: int) -> Expression:

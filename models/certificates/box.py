@@ -1,0 +1,283 @@
+"""Boxes of observations: what a robot may sense, each quantity between a least and a greatest."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import yaml
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError, shown
+from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.library import robot_folder, robot_of
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
+from glassgait.models.task.gait import Gait, gait_names, shipped_gait
+from glassgait.models.estimation.imu import IMU_NOISE
+from glassgait.models.task.observation import (
+    JOINT_POSITION_NOISE,
+    OVERDUE,
+    ObservationEntry,
+    ObservationLayout,
+    entries_of,
+    machine_state_entries,
+    symbols_of,
+)
+from glassgait.models.task.termination import TerminationLimits
+
+BOX_DIRECTORY = Path(__file__).parent / "boxes"
+
+FASTEST_TURN = 20.0
+"""Greatest angular velocity that the gyroscope gives, about any axis (rad/s); stated."""
+
+FASTEST_JOINT = 50.0
+"""Greatest joint velocity that the encoders measure (rad/s); stated, the motors reach 21."""
+
+FASTEST_TRUNK = 3.0
+"""Greatest trunk velocity that the estimator gives, along any axis (m/s); stated."""
+
+FOOT_HEIGHTS = (-0.1, 0.4)
+"""Least and greatest foot height that the estimator gives (m); stated, a leg is 0.4 m long."""
+
+MARGIN = 0.1
+"""Share of its width by which a measured range is widened on both sides."""
+
+DECIMALS = 4
+"""Decimals of a box's numbers; measured and physical ends are rounded outward to them."""
+
+COUNTED = ("iterations", "commanded iterations")
+"""Groups whose quantities are whole numbers."""
+
+
+@dataclass(frozen=True)
+class ObservationBox:
+    """All observations between two corners, in the robot's units.
+
+    Attributes:
+        robot: The robot.
+        names: Names of the observations (n), in order.
+        lower: Least quantities (n).
+        upper: Greatest quantities (n).
+    """
+
+    robot: Robot
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of_ranges(
+        cls, robot: Robot, names: tuple[str, ...], ranges: Mapping[str, Sequence[float]]
+    ) -> Self:
+        """Builds a box from ranges by symbol, such as "q.FL_hip".
+
+        Raises:
+            InputError: if a range is missing, unknown, empty or not finite.
+        """
+        symbols = symbols_of(names)
+        if missing := [symbol for symbol in symbols if symbol not in ranges]:
+            raise InputError(f"the box lacks {missing[0]!r}; give its least and greatest value")
+        if unknown := sorted({*ranges} - {*symbols}):
+            raise InputError(f"no quantity is called {shown(unknown[0])}; remove it")
+        for symbol in symbols:
+            if not -math.inf < ranges[symbol][0] <= ranges[symbol][1] < math.inf:
+                raise InputError(
+                    f"the box of {symbol} goes from {ranges[symbol][0]:g} to "
+                    f"{ranges[symbol][1]:g}; give the least, then the greatest"
+                )
+        lower, upper = np.array([ranges[symbol] for symbol in symbols], dtype=float).T
+        return cls(robot, names, lower, upper)
+
+    @property
+    def ranges(self) -> dict[str, list[float]]:
+        """The least and the greatest value of each quantity, by symbol."""
+        ends = np.stack([self.lower, self.upper], axis=-1).tolist()
+        return dict(zip(symbols_of(self.names), ends, strict=True))
+
+    @property
+    def counted(self) -> frozenset[int]:
+        """The quantities that are whole numbers, by index."""
+        entries = enumerate(entries_of(self.names))
+        return frozenset(index for index, entry in entries if entry.group in COUNTED)
+
+    def taking(self, indices: Collection[int], other: Self) -> Self:
+        """Returns this box with another's ranges of some observations."""
+        taken = np.isin(np.arange(len(self.names)), list(indices))
+        lower = np.where(taken, other.lower, self.lower)
+        return replace(self, lower=lower, upper=np.where(taken, other.upper, self.upper))
+
+    def in_state(self, state: int) -> Self:
+        """Returns the box with the one-hot machine state held."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        one_hot = machine_state_entries(self.names)
+        lower[one_hot] = upper[one_hot] = np.eye(one_hot.stop - one_hot.start)[state]
+        return replace(self, lower=lower, upper=upper)
+
+    def random(self, count: int, generator: np.random.Generator) -> Array:
+        """Draws quantities (count, n): counts whole, and the machine in one state."""
+        quantities = generator.uniform(self.lower, self.upper, (count, len(self.names)))
+        for index in sorted(self.counted):
+            low, high = math.ceil(self.lower[index]), math.floor(self.upper[index])
+            quantities[:, index] = generator.integers(low, high + 1, count)
+        one_hot = machine_state_entries(self.names)
+        allowed = np.flatnonzero(self.upper[one_hot] == 1.0)
+        states = np.eye(one_hot.stop - one_hot.start)
+        quantities[:, one_hot] = states[generator.choice(allowed, count)]
+        return quantities
+
+    def save(self, path: Path, gait: Gait, measured: str) -> None:
+        """Writes the box to a YAML file.
+
+        Args:
+            path: The file.
+            gait: The gait of the robots.
+            measured: How the box was measured, in words.
+        """
+        robot = {} if self.robot.name == DEFAULT_ROBOT else {"robot": self.robot.name}
+        whole = {"gait": gait.name, **robot, "measured": measured, "ranges": self.ranges}
+        text = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=100)
+        write_atomically(path, text)
+
+
+def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
+    """Loads a box from its file.
+
+    Raises:
+        InputError: if the file cannot be read, belongs to another gait or robot, or a range is
+            invalid; the message names file and key.
+    """
+    found = read_yaml(path)
+    ranges = found.get("ranges") if isinstance(found, dict) else None
+    if not isinstance(ranges, dict):
+        raise InputError(f"{path}: lacks the key 'ranges'; measure the box anew")
+    if (theirs := found.get("gait")) != gait.name:
+        raise InputError(
+            f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or add "
+            "--measure to 'glassgait verify prove'"
+        )
+    robot_of(path, found.get("robot"), robot)
+    for symbol, ends in ranges.items():
+        if not _is_range(ends):
+            raise InputError(
+                f"{path}: key {shown(symbol)} is {shown(ends)}; it must be [least, greatest]"
+            )
+    # The direction of gravity is observed by an IMU only.
+    names = ObservationLayout(gait.n_states, imu="g.x" in ranges).names
+    try:
+        return ObservationBox.of_ranges(robot, names, ranges)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
+    """Loads the shipped box that robots of a gait were measured in.
+
+    Raises:
+        InputError: if there is none, or it belongs to another machine.
+    """
+    if gait.name in gait_names():
+        key = shipped_gait(gait.name).first_difference(gait)
+        if key is not None:
+            raise InputError(
+                f"the operating box that ships is of another machine than this {gait.name}, which "
+                f"differs in {key!r}; add --measure to measure its own, or name one with --box"
+            )
+    path = robot_folder(BOX_DIRECTORY, robot.name) / f"{gait.name}.yaml"
+    if not path.exists():
+        raise InputError(
+            f"{path}: there is no operating box of the {gait.name}; add --measure to "
+            "'glassgait verify prove', or give its file by --box"
+        )
+    return load_box(path, gait, robot)
+
+
+def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
+    """Returns the box of what the robot can be and its sensors can measure.
+
+    Joint angles reach as far as a robot that has not failed, and the noise of encoders, let them;
+    targets of the step before reach the joints' limits. It holds the operating box.
+    """
+    limits = _limits(gait, operating)
+    lower = np.minimum(limits.lower, operating.lower)
+    return replace(operating, lower=lower, upper=np.maximum(limits.upper, operating.upper))
+
+
+def measured_box(
+    gait: Gait, robot: Robot, names: tuple[str, ...], lower: Array, upper: Array
+) -> ObservationBox:
+    """Returns the box of what robots observed, its ranges widened by `MARGIN`.
+
+    Commands, counts and machine state are at their true ranges.
+
+    Args:
+        gait: The gait.
+        robot: The robot.
+        names: Names of the observations (n).
+        lower: Least values that were observed (n), scaled.
+        upper: Greatest ones (n).
+    """
+    units, margin = RobotUnits.of(robot, names), MARGIN * (upper - lower)
+    low, high = units.quantities(lower - margin), units.quantities(upper + margin)
+    factor = 10.0**DECIMALS
+    low, high = np.floor(low * factor) / factor + 0.0, np.ceil(high * factor) / factor + 0.0
+    box = ObservationBox(robot, names, low, high)
+    groups = ("commanded velocity", "machine state", *COUNTED)
+    known = [index for index, entry in enumerate(entries_of(names)) if entry.group in groups]
+    return box.taking(known, _limits(gait, box))
+
+
+def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:
+    """Returns the box of what a box's quantities can be, whatever its ranges are."""
+    entries = entries_of(box.names)
+    ranges = {entry.symbol: _physical_range(entry, gait, box.robot) for entry in entries}
+    return ObservationBox.of_ranges(box.robot, box.names, ranges)
+
+
+def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[float, float]:
+    match entry.group:
+        case "commanded velocity":
+            most = gait.max_speed if entry.symbol == "cmd.v" else gait.max_yaw_rate
+            return -most, most
+        case "joint position":
+            reach = TerminationLimits().joint_overrun + JOINT_POSITION_NOISE
+            return _joint_range(entry, robot, reach)
+        case "previous action":
+            return _joint_range(entry, robot, 0.0)
+        case "gravity":
+            return -1.0 - float(IMU_NOISE[-1]), 1.0 + float(IMU_NOISE[-1])
+        case "angular velocity":
+            return -FASTEST_TURN, FASTEST_TURN
+        case "joint velocity":
+            return -FASTEST_JOINT, FASTEST_JOINT
+        case "machine state":
+            return 0.0, 1.0
+        case "iterations":
+            return 0.0, float(gait.dwell[1] + OVERDUE)
+        case "commanded iterations":
+            return float(gait.dwell[0]), float(gait.dwell[1])
+        case "base velocity":
+            return -FASTEST_TRUNK, FASTEST_TRUNK
+        case "foot height":
+            return FOOT_HEIGHTS
+
+
+def _joint_range(entry: ObservationEntry, robot: Robot, reach: float) -> tuple[float, float]:
+    joint, factor = quadruped.joint_index(entry.symbol.partition(".")[2]), 10.0**DECIMALS
+    low, high = float(robot.lower_limits[joint]) - reach, float(robot.upper_limits[joint]) + reach
+    # Rounded outward; a number that is off the last decimal by rounding only stays on it.
+    return (
+        math.floor(round(low * factor, 6)) / factor,
+        math.ceil(round(high * factor, 6)) / factor,
+    )
+
+
+def _is_range(ends: Any) -> bool:
+    return (
+        isinstance(ends, list)
+        and len(ends) == 2
+        and all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends)
+    )

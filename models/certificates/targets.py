@@ -1,0 +1,169 @@
+"""Bounds of the joint targets that a policy's formulas give."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache
+from typing import Literal
+
+import numpy as np
+
+from glassgait.models.certificates.box import ObservationBox
+from glassgait.models.certificates.maximum import Maximum, Region, maximize
+from glassgait.models.certificates.relaxation import Relaxation
+from glassgait.models.certificates.rounding import formula_error
+from glassgait.models.formulas.expression import Expression, variable
+from glassgait.models.formulas.polynomial import Polynomial, PolynomialRing, combined
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.tape import Tape
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.task.observation import indices_of
+from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
+
+
+@dataclass(frozen=True)
+class Query:
+    """A quantity that is bounded over a box.
+
+    Attributes:
+        of: The joint's `target` (rad), its `slope` by an observation (rad per unit), or the
+            `effect` of an observation: the target less the target with another value of it (rad).
+        state: State of the reward machine.
+        joint: Index of the joint.
+        sign: 1 for the greatest value, -1 for the greatest negative.
+        observation: Index of the observation; -1 of a target.
+    """
+
+    of: Literal["target", "slope", "effect"]
+    state: int
+    joint: int
+    sign: int
+    observation: int = -1
+
+
+class FormulaTargets:
+    """Bounds targets, slopes and effects over boxes whose machine state is held."""
+
+    def __init__(self, policy: FormulaPolicy) -> None:
+        names = policy.observation_names
+        self._names, self._n = names, len(names)
+        self._units = RobotUnits.of(policy.robot, names)
+        rows = [
+            [policy.vocabulary.expanded(formula) for formula in row]
+            for row in policy.formulas_by_state
+        ]
+        n_states = max(1, len(indices_of("machine state", names)))
+        self._formulas = rows if len(rows) > 1 else rows * n_states
+        readings, whole = policy.readings, np.full(self._n, np.inf)
+        self._ends = (-whole, whole) if readings is None else readings.ends(names)
+        self._ring = PolynomialRing()
+        self._polynomial = cache(self._multiplied_out)
+
+    def used(self, state: int, joint: int) -> frozenset[int]:
+        """Returns the quantities that a target is written with, also those that cancel out."""
+        return self._formulas[state][joint].variables
+
+    def rounding(self, state: int, joint: int, box: ObservationBox) -> float:
+        """Bounds how far a target in double precision may be from the exact one (rad).
+
+        Raises:
+            InputError: if that is too far, or the target may have no value in the box.
+        """
+        return formula_error(self._formulas[state][joint], joint, self._read(box), self._units)
+
+    def are_mirrored(self, images: Sequence[int]) -> bool:
+        """Returns whether the targets, multiplied out, are mirror images of one another.
+
+        Args:
+            images: State that each state of the machine is in the mirror.
+        """
+        reflection = reflect_observation(self._names, images)
+        return all(
+            self._polynomial(Query("target", state, joint, 1))
+            == self._image(image, int(REFLECT_JOINTS.index[joint]), reflection)
+            for state, image in enumerate(images)
+            for joint in range(quadruped.N_JOINTS)
+        )
+
+    def bound(
+        self, query: Query, box: ObservationBox, *, gap: float, threshold: float | None = None
+    ) -> Maximum:
+        """Bounds a quantity, times its sign, over a box.
+
+        Args:
+            query: The quantity.
+            box: The box, with the machine's state held. The witness of an effect ends with the
+                other value of the observation (n + 1).
+            gap: Distance of bound and witness that is near enough (rad).
+            threshold: A number of interest; see `maximize`.
+        """
+        ends, read = Region(box.lower, box.upper, box.counted), self._read(box)
+        if query.of == "effect":
+            ends, read = ends.with_copy(query.observation), read.with_copy(query.observation)
+        tape = Tape([self._expression(query)], len(read.lower))
+        found = maximize(
+            lambda quantities: query.sign * tape(quantities)[..., 0],
+            Relaxation(self._ring, self._polynomial(query)),
+            read,
+            gap=gap,
+            threshold=threshold,
+        )
+        # A quantity that is read at an end of its range may be anywhere beyond it.
+        found = replace(found, witness=np.clip(found.witness, ends.lower, ends.upper))
+        return self._flat_beyond(found, query.observation, ends) if query.of == "slope" else found
+
+    def change(self, state: int, joint: int, index: int, most: float, box: ObservationBox) -> float:
+        """Bounds the change of a target (rad) where a quantity changes by `most` at most.
+
+        The slope is bounded at once, without a search.
+        """
+        read, steepest = self._read(box), 0.0
+        for sign in (1, -1):
+            slope = self._polynomial(Query("slope", state, joint, sign, index))
+            bound = Relaxation(self._ring, slope).upper(read.lower[None], read.upper[None])
+            steepest = max(steepest, float(bound[0]))
+        return most * steepest
+
+    def _read(self, box: ObservationBox) -> Region:
+        """Returns what formulas read in a box."""
+        return Region(np.clip(box.lower, *self._ends), np.clip(box.upper, *self._ends), box.counted)
+
+    def _flat_beyond(self, found: Maximum, index: int, box: Region) -> Maximum:
+        """Corrects a slope where a box goes beyond the range of a reading: there it is 0."""
+        low, high = (float(ends[index]) for ends in self._ends)
+        if not (box.lower[index] < low or box.upper[index] > high):
+            return found
+        misses = box.upper[index] < low or box.lower[index] > high
+        if not misses and found.reached >= 0.0:
+            return found
+        witness, is_below = found.witness.copy(), box.lower[index] < low
+        witness[index] = (box.lower if is_below else box.upper)[index]
+        bound = 0.0 if misses else max(0.0, found.bound)
+        return replace(found, bound=bound, reached=0.0, witness=witness)
+
+    def _image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
+        """Returns a joint's target in the mirror of observations, multiplied out."""
+        seen = [variable(index) for index in reflection.index.tolist()]
+        images = {
+            index: image if sign > 0.0 else Expression("neg", (image,))
+            for index, (image, sign) in enumerate(zip(seen, reflection.sign, strict=True))
+        }
+        mirrored = self._formulas[state][joint].replaced(images)
+        sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
+        return combined(self._ring.polynomial(mirrored), factor=sign)
+
+    def _multiplied_out(self, query: Query) -> Polynomial:
+        polynomial = self._ring.polynomial(self._expression(query))
+        return combined(polynomial, factor=Fraction(query.sign))
+
+    def _expression(self, query: Query) -> Expression:
+        formula = self._formulas[query.state][query.joint]
+        match query.of:
+            case "target":
+                return formula
+            case "slope":
+                return formula.derivative(query.observation)
+            case "effect":
+                other = formula.replaced({query.observation: variable(self._n)})
+                return Expression("sub", (formula, other))
