@@ -21,7 +21,7 @@ from flint import arb, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from .files import RefusedError, refuse_unless
 from .policy import MOST_FACTORS
-from .robot import COUNTED, Box, Robot
+from .robot import Box, Robot
 
 ctx.prec = 96
 
@@ -123,19 +123,14 @@ class Rounding:
 
     def product(self, a: Ranged, b: Ranged) -> Ranged:
         error = a.size * b.error + b.size * a.error + a.error * b.error
-        return rounded(*multiplied((a.low, a.high), (b.low, b.high)), error)
+        low, high = multiplied((a.low, a.high), (b.low, b.high))
+        return rounded(low.max(arb(0)) if a is b else low, high, error)
 
     def quotient(self, a: Ranged, b: Ranged) -> Ranged:
         away = b.low.max(-b.high)
         refuse_unless(away > b.error, "a formula divides by what may be 0")
         low, high = multiplied((a.low, a.high), image("inverse", b.low, b.high))
         return rounded(low, high, (a.error + abs(low).max(abs(high)) * b.error) / (away - b.error))
-
-    def power(self, a: Ranged, power: int) -> Ranged:
-        square = self.product(a, a)
-        if power == 3:
-            return self.product(square, a)
-        return Ranged(square.low.max(arb(0)), square.high, square.error)
 
     def function(self, name: str, a: Ranged) -> Ranged:
         # None of the functions has a slope above 1.
@@ -181,10 +176,6 @@ class Polynomials:
     def quotient(self, a: fmpq_mpoly, b: fmpq_mpoly) -> fmpq_mpoly:
         return self.product(a, self.function("inverse", b))
 
-    def power(self, a: fmpq_mpoly, power: int) -> fmpq_mpoly:
-        square = self.product(a, a)
-        return square if power == 2 else self.product(square, a)
-
     def function(self, name: str, inner: fmpq_mpoly) -> fmpq_mpoly:
         """Returns the variable that stands for a function of a polynomial."""
         for variable, known in self.inner.items():
@@ -209,20 +200,16 @@ class Polynomials:
         for own in ({*self.names} - {*formula.unused_gens()}) & self.inner.keys():
             inner, value = self.inner[own].inner, self.variables[own]
             along = self.slope(inner, name)
-            if along:
-                whole += formula.derivative(own) * self.outer_slope(own, inner, value) * along
+            match self.inner[own].name if along else "":
+                case "tanh":
+                    whole += formula.derivative(own) * (1 - value**2) * along
+                case "sin":
+                    whole += formula.derivative(own) * self.function("cos", inner) * along
+                case "cos":
+                    whole -= formula.derivative(own) * self.function("sin", inner) * along
+                case "inverse":
+                    whole -= formula.derivative(own) * value**2 * along
         return whole
-
-    def outer_slope(self, variable: str, inner: fmpq_mpoly, value: fmpq_mpoly) -> fmpq_mpoly:
-        """Differentiates a function by its argument."""
-        match self.inner[variable].name:
-            case "tanh":
-                return 1 - value**2
-            case "sin":
-                return self.function("cos", inner)
-            case "cos":
-                return -self.function("sin", inner)
-        return -(value**2)
 
     def terms(self, formula: fmpq_mpoly) -> list[tuple[arb, list[Factor]]]:
         """Lists coefficients with the factors of each."""
@@ -268,8 +255,8 @@ class Polynomials:
                 own, low, high = self.inner[name], arb(0), arb(0)
                 for number, term in own.terms:
                     part = number, number
-                    for factor in term:
-                        part = multiplied(part, self.power_span(factor, cell, spans))
+                    for own_factor in term:
+                        part = multiplied(part, self.power_span(own_factor, cell, spans))
                     low, high = low + part[0], high + part[1]
                 spans[name] = image(own.name, low, high)
             else:
@@ -337,21 +324,17 @@ class Elimination:
 
     def greatest(self, ends: list[Span]) -> arb:
         """Bounds the polynomial from above, given the ends of each factor."""
+        # A table has an axis of two ends for each factor of its scope.
         tables: list[Any] = []
         for value, scope in self.terms:
-            table = np.array(value, dtype=object)
+            tables.append(np.array(value, dtype=object))
             for factor in scope:
-                table = np.multiply.outer(table, np.array(ends[factor], dtype=object))
-            tables.append(table)
+                tables[-1] = np.multiply.outer(tables[-1], np.array(ends[factor], dtype=object))
         for factor, numbers, scope in self.steps:
-            # A table has an axis of two ends for each factor of its scope.
-            whole: Any = sum(
-                np.asarray(tables[i])[
-                    tuple(slice(None) if own in self.scopes[i] else None for own in scope)
-                ]
-                for i in numbers
-            )
-            below, above = np.moveaxis(whole, scope.index(factor), 0)
-            tables.append(GREATER(below, above))
+            whole = np.array(arb(0), dtype=object)
+            for i in numbers:
+                axes = tuple(slice(None) if own in self.scopes[i] else None for own in scope)
+                whole = whole + np.asarray(tables[i])[axes]
+            tables.append(GREATER(*np.moveaxis(whole, scope.index(factor), 0)))
         done = (table for table, scope in zip(tables, self.scopes, strict=True) if not scope)
         return sum((np.asarray(table).item() for table in done), arb(0))
