@@ -11,13 +11,13 @@ import yaml
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.imu import IMU_NOISE
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import robot_folder, robot_of
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.gait import Gait, gait_names, shipped_gait
-from glassgait.models.estimation.imu import IMU_NOISE
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,
     OVERDUE,

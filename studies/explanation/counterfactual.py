@@ -17,12 +17,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.observation_box import (
-    COUNTED,
-    ObservationBox,
-    load_box,
-    operating_box,
-)
+from glassgait.models.certificates.box import COUNTED, ObservationBox, load_box, operating_box
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy

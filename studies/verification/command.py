@@ -10,6 +10,7 @@ import pandas as pd
 import tyro
 
 from glassgait.diagrams.scenario import load_scenarios
+from glassgait.models.certificates.box import ObservationBox, load_box, operating_box
 from glassgait.models.certificates.certificate import (
     OUTCOME_WORDS,
     certificate,
@@ -17,7 +18,6 @@ from glassgait.models.certificates.certificate import (
     shipped_certificates,
 )
 from glassgait.models.certificates.claims import Claim, claim_files, load_claims
-from glassgait.models.certificates.observation_box import ObservationBox, load_box, operating_box
 from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
@@ -147,7 +147,6 @@ def _claims_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
             "outcome": [OUTCOME_WORDS[own.outcome] for own in verdicts],
             "worst": [own.worst for own in verdicts],
             "claimed": [own.claimed for own in verdicts],
-            "unit": [own.claim.unit for own in verdicts],
             "where": [own.where for own in verdicts],
         }
     )

@@ -7,7 +7,7 @@ from joblib import delayed
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.observation_box import MARGIN, ObservationBox, measured_box
+from glassgait.models.certificates.box import MARGIN, ObservationBox, measured_box
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy

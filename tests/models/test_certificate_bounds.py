@@ -5,14 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from glassgait.models.certificates.formula_targets import FormulaTargets
-from glassgait.models.certificates.observation_box import (
-    ObservationBox,
-    operating_box,
-    physical_box,
-)
+from glassgait.models.certificates.box import ObservationBox, operating_box, physical_box
 from glassgait.models.certificates.prover import Prover
-from glassgait.models.certificates.question import BoundQuery, region_of
+from glassgait.models.certificates.targets import FormulaTargets, Query
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.reader import read_formulas
@@ -40,8 +35,8 @@ def formulas(text: str) -> FormulaPolicy:
 
 
 def greatest(text: str) -> tuple[float, float]:
-    region = region_of(whole_box(load_gait("trot")), 0)
-    found = FormulaTargets(formulas(text)).answer(BoundQuery("target", 0, 0, 1), region, gap=1e-6)
+    box = whole_box(load_gait("trot")).in_state(0)
+    found = FormulaTargets(formulas(text)).bound(Query("target", 0, 0, 1), box, gap=1e-6)
     return found.bound, found.reached
 
 
@@ -55,31 +50,30 @@ def greatest(text: str) -> tuple[float, float]:
 @pytest.mark.parametrize("box", [lambda gait: operating_box(gait, A1), whole_box])
 def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
     machine, policy = load_gait(gait), load_student(gait, kind)
+    assert isinstance(policy, FormulaPolicy)
     whole, targets = box(machine), FormulaTargets(policy)
-    observations = whole.random(3_000, np.random.default_rng(7))
-    assert np.array_equal(whole.clipped(observations), observations)
-    reached = A1.joint_targets(policy(observations))
+    quantities = whole.random(3_000, np.random.default_rng(7))
+    units = RobotUnits.of(A1, policy.observation_names)
+    reached = A1.joint_targets(policy(units.observed(quantities)))
     states = policy.observation_names.index("RM State 0")
     for state, joint in product(range(machine.n_states), (0, 8)):
-        mine = reached[observations[:, states + state] == 1.0, joint]
+        mine = reached[quantities[:, states + state] == 1.0, joint]
         for sign in (1, -1):
-            question = BoundQuery("target", state, joint, sign)
-            region = region_of(whole, state)
-            found = targets.answer(question, region, gap=0.005 * WIDTHS[joint])
-            assert (sign * mine).max() <= found.bound + targets.rounding(state, joint, region)
+            query, held = Query("target", state, joint, sign), whole.in_state(state)
+            found = targets.bound(query, held, gap=0.005 * WIDTHS[joint])
+            assert (sign * mine).max() <= found.bound + targets.rounding(state, joint, held)
 
 
-def test_a_witness_is_in_the_box_and_reaches_what_is_said():
+def test_a_witness_is_in_the_box_and_reaches_the_stated_value():
     gait, policy = load_gait("trot"), load_student("trot", "sparse_formula")
-    box, units = operating_box(gait, A1), RobotUnits.of(A1, policy.observation_names)
-    region, targets = region_of(box, 1), FormulaTargets(policy)
-    # Of these joints the page's search ends before it gives up.
-    for of, joint in (("target", 3), ("offset", 7), ("target", 8)):
-        found = targets.answer(BoundQuery(of, 1, joint, -1), region, gap=0.005 * WIDTHS[joint])
-        assert np.all((region.lower <= found.witness) & (found.witness <= region.upper))
-        action = policy(units.observed(found.witness))
-        value = A1.joint_targets(action)[joint]
-        value -= found.witness[2 + joint] if of == "offset" else 0.0
+    assert isinstance(policy, FormulaPolicy)
+    box, units = operating_box(gait, A1).in_state(1), RobotUnits.of(A1, policy.observation_names)
+    # Of these joints the search ends before it gives up.
+    for joint in (3, 8):
+        query = Query("target", 1, joint, -1)
+        found = FormulaTargets(policy).bound(query, box, gap=0.005 * WIDTHS[joint])
+        assert np.all((box.lower <= found.witness) & (found.witness <= box.upper))
+        value = A1.joint_targets(policy(units.observed(found.witness)))[joint]
         assert -value == pytest.approx(found.reached, abs=1e-8)
         assert found.bound - found.reached <= 0.01 * WIDTHS[joint]
 
@@ -121,13 +115,13 @@ def test_a_formula_that_may_divide_by_nothing_has_no_bound():
 
 
 def test_slopes_and_effects_of_a_gate():
-    gait, policy = load_gait("trot"), formulas("tanh(100*h.FL - 2)*cmd.v + 0.2*cmd.yaw")
-    targets, region = FormulaTargets(policy), region_of(whole_box(gait), 0)
-    slope = targets.answer(BoundQuery("slope", 0, 0, 1, 1), region, gap=1e-6)
+    policy = formulas("tanh(100*h.FL - 2)*cmd.v + 0.2*cmd.yaw")
+    targets, box = FormulaTargets(policy), whole_box(load_gait("trot")).in_state(0)
+    slope = targets.bound(Query("slope", 0, 0, 1, 1), box, gap=1e-6)
     assert slope.bound == pytest.approx(0.2)
-    effect = targets.answer(BoundQuery("effect", 0, 0, 1, 0), region, gap=1e-6)
+    effect = targets.bound(Query("effect", 0, 0, 1, 0), box, gap=1e-6)
     assert effect.bound == pytest.approx(2.0, abs=1e-5)
-    assert len(effect.witness) == len(region.lower) + 1
+    assert len(effect.witness) == len(box.lower) + 1
     assert targets.used(0, 0) == {0, 1, policy.observation_names.index("Foot Height FL")}
     assert targets.used(0, 1) == frozenset()
 

@@ -22,7 +22,7 @@ from glassgait.models.task.observation import (
 
 def test_shipped_claims_are_of_every_gait():
     claims = load_claims(DEFAULT_CLAIMS)
-    assert {claim.kind for claim in claims} == {"kept", "never", "effect", "mirror", "change"}
+    assert {claim.kind for claim in claims} == {"never", "effect", "mirror", "change"}
     assert len(claims) > 10
     for gait in gait_names():
         for claim in claims:
@@ -72,13 +72,9 @@ def test_claims_of_noise_go_from_one_end_of_the_sensors_noise_to_the_other():
         ("claims: [{name: a, kind: mirrors}]", "kind is 'mirrors'"),
         ("claims: [{name: a, kind: mirror, most: 1.0}]", "has no key 'most'; remove it"),
         ("claims: [{name: a, kind: effect, most: 1.0}]", "needs the key 'observations'"),
-        ("claims: [{name: a, kind: kept}]", "needs the key 'keeps'"),
-        ("claims: [{name: a, kind: kept, keeps: range, most: 1.0}]", "has no key 'most'"),
-        ("claims: [{name: a, kind: kept, keeps: pace}]", "keeps is 'pace'"),
-        ("claims: [{name: a, kind: kept, keeps: rate, stuck: [h.FL]}]", "has no key 'stuck'"),
         ("claims: [{name: a, kind: never, observations: [t]}]", "needs the key 'never'"),
-        ("claims: [{name: a, kind: torque, mots: 1.0}]", "write 'most'"),
-        ("claims: [{name: a, kind: torque, joints: [FL_knee]}]", "unknown joint 'FL_knee'"),
+        ("claims: [{name: a, kind: limits, mots: 1.0}]", "write 'most'"),
+        ("claims: [{name: a, kind: limits, joints: [FL_knee]}]", "unknown joint 'FL_knee'"),
         ("claims: [{name: a, kind: change, changes: {q: -1.0}}]", "changes"),
         ("claims: [{name: a, kind: effect, observations: [t]}]", "needs the key 'most'"),
         ("claims: [{name: a, kind: effect, observations: [t], limit: most}]", "limit"),
@@ -86,11 +82,11 @@ def test_claims_of_noise_go_from_one_end_of_the_sensors_noise_to_the_other():
             "claims: [{name: a, kind: effect, observations: [t], limit: torque, most: 1}]",
             "most and limit",
         ),
-        ("claims: [{name: a, kind: torque, limit: torque}]", "has no key 'limit'"),
+        ("claims: [{name: a, kind: limits, limit: torque}]", "has no key 'limit'"),
         ("claims: [{name: a, kind: mirror}, {name: a, kind: mirror}]", "two claims are called"),
         ("claims: [{name: a, kind: limits, most: .inf}]", "a finite number"),
         ("claims: [{name: a, kind: limits, least: 1, most: -1}]", "least is 1 and most is -1"),
-        ("claims: [{name: a, kind: torque, most: -1}]", "most is -1; give 0 or more"),
+        ("claims: [{name: a, kind: effect, observations: [t], most: -1}]", "give 0 or more"),
         ("claims: [{kind: mirror}]", "claim 1: needs the key 'name'; add it"),
     ],
 )
@@ -113,7 +109,7 @@ def test_refuses_what_is_no_claim(tmp_path, text, message):
 )
 def test_refuses_names_that_a_gait_does_not_know(values, message):
     with pytest.raises(InputError, match=message):
-        Claim(**{"name": "a", "kind": "torque"} | values).refuse_unknown(load_gait("trot"))
+        Claim(**{"name": "a", "kind": "limits"} | values).refuse_unknown(load_gait("trot"))
 
 
 def test_own_quantities_are_those_of_the_joint():

@@ -1,7 +1,6 @@
 """`glassgait verify prove` and `glassgait verify check`, from policy to certificate."""
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,31 +8,23 @@ import pandas as pd
 import pytest
 
 from glassgait.diagrams.scenario import load_scenario
-from glassgait.models.certificates.certificate import certificate_text, content_digest
-from glassgait.models.certificates.checker import RefusedError, check
-from glassgait.models.certificates.checker.text import FormulaText
-from glassgait.models.certificates.claims import DEFAULT_CLAIMS, load_claims
-from glassgait.models.certificates.observation_box import (
+from glassgait.models.certificates.box import (
     BOX_DIRECTORY,
     ObservationBox,
-    load_box,
     operating_box,
     physical_box,
 )
-from glassgait.models.errors import InputError
+from glassgait.models.certificates.checker import RefusedError, check
+from glassgait.models.certificates.checker.text import FormulaText
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.files import digest
 from glassgait.models.formulas.contacts import CONTACTS
 from glassgait.models.formulas.file import write_formulas
-from glassgait.models.formulas.limits import limits_lines
 from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.library import load_expert, load_policy, load_student
+from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import gait_lines, gait_path, load_gait
-from glassgait.models.task.observation import ObservationLayout, entries_of
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.verification.measurement import measure_box
@@ -119,62 +110,6 @@ def test_proves_refutes_and_checks_a_policy_of_ones_own(policy, capsys):
         assert "bounds hold" in capsys.readouterr().out
 
 
-KEPT = {claim.name: claim for claim in load_claims(DEFAULT_CLAIMS) if claim.kind == "kept"}
-TORQUE = "No joint at rest is asked for more torque than its motor has"
-
-
-def prove(folder, text):
-    """Proves what is claimed of formulas, and returns what became of each claim, checked."""
-    shutil.rmtree(folder / "out", ignore_errors=True)
-    (folder / "mine.formulas").write_text(text)
-    main(["verify", "prove", "--policy", "mine.formulas", "--output", "out"])
-    main(["verify", "check", "out", "--policy", "mine.formulas"])
-    content = json.loads((folder / "out" / "certificate.json").read_text())
-    return {claim["name"]: claim["outcome"] for claim in content["claims"]}
-
-
-def test_what_limits_keep_is_proved_of_formulas_with_limits_alone(policy):
-    limited = "\n".join(["", "limits", *limits_lines(TargetLimits(A1.stiffness)), ""])
-    assert not {*KEPT} & {*prove(policy.parent, FILE)}
-    outcomes = prove(policy.parent, FILE + limited)
-    assert load_policy(policy).joint_law.limited
-    assert {name: outcomes[name] for name in KEPT} == dict.fromkeys(KEPT, "proved")
-    content = (policy.parent / "out" / "certificate.json").read_text()
-    forged = json.loads(content)
-    claim = next(own for own in forged["claims"] if own["name"] == TORQUE)
-    middle = {name: sum(ends) / 2.0 for name, ends in forged["boxes"]["operating"].items()}
-    middle |= {"t": 4.0, "cmd.t": 8.0, "s0": 1.0, "s1": 0.0}
-    claim |= {"outcome": "refuted", "witnesses": [middle]}
-    forged["sha256"] = content_digest(forged)
-    (policy.parent / "forged.json").write_text(certificate_text(forged))
-    with pytest.raises(RefusedError, match="is not refuted"):
-        check(policy.parent / "forged.json", policy)
-    for changed in (
-        limited.replace("if g.z <", "if g.z >"),
-        limited.replace("q + reach)", "q + 2*reach)"),
-        limited.replace("slow = ", "# slow = "),
-        limited.replace("lowest + 0.02", "lowest + 0.01"),
-        limited.replace("0.02", "0.3"),
-        limited.replace(f"torque/{A1.stiffness:g}", "torque/4e + 1"),
-        # By a lesser stiffness than that of the joints a reach asks for more than their torque.
-        limited.replace(f"torque/{A1.stiffness:g}", "torque/9"),
-        limited.replace("cos(60)", "cos(91)"),
-        limited + "extra = 1\n",
-        limited + "\nevery state\nFL_hip = 1\n",
-        "",
-    ):
-        (policy.parent / "mine.formulas").write_text(FILE + changed)
-        again = json.loads(content)
-        again["policy"]["sha256"] = digest(policy)
-        again["sha256"] = content_digest(again)
-        (policy.parent / "forged.json").write_text(certificate_text(again))
-        with pytest.raises(RefusedError):
-            check(policy.parent / "forged.json", policy)
-        if changed:
-            with pytest.raises(InputError):
-                load_policy(policy)
-
-
 def test_refuses_to_check_against_another_policy(policy):
     main(["verify", "prove", "--policy", "mine.formulas", "--output", "out"])
     policy.write_text(FILE.replace("0.1*cmd.v", "0.2*cmd.v"))
@@ -219,33 +154,31 @@ def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
         config,
         processes=1,
     )
-    low, high = box.quantities
+    low, high = box.lower, box.upper
     names = list(expert.observation_names)
     # All robots stand still at first, in the default stance.
     hip = names.index("DoF Pos FL Hip")
     assert low[hip] < 0.1 < high[hip]
-    whole = physical_box(gait, operating_box(gait, A1)).quantities
+    whole = physical_box(gait, operating_box(gait, A1))
     for name in ("Command X", "RM Iters", "Command RM Iters", "RM State 0"):
         place = names.index(name)
-        assert (low[place], high[place]) == (whole[0][place], whole[1][place])
+        assert (low[place], high[place]) == (whole.lower[place], whole.upper[place])
     # Fifteen steps reach less far than the shipped box, which holds a hundred in every world.
-    shipped = operating_box(gait, A1).quantities
+    shipped = operating_box(gait, A1)
     velocities = [i for i, name in enumerate(names) if name.startswith("Base")]
     assert (low <= high).all()
-    assert (high - low)[velocities].sum() < (shipped[1] - shipped[0])[velocities].sum()
+    assert (high - low)[velocities].sum() < (shipped.upper - shipped.lower)[velocities].sum()
     assert "2 robots a scenario" in measured
 
 
 def test_a_box_of_ones_own_is_used(policy, tmp_path):
-    gait = load_gait("trot")
-    names = load_expert(gait).observation_names
-    operating_box(gait, A1).widened(0.5).save(tmp_path / "wide.yaml", gait, "by a test")
+    gait, shipped = load_gait("trot"), operating_box(load_gait("trot"), A1)
+    wide = replace(shipped, lower=2.0 * shipped.lower, upper=2.0 * shipped.upper)
+    taken = [shipped.names.index("Base Lin Vel X")]
+    shipped.taking(taken, wide).save(tmp_path / "wide.yaml", gait, "by a test")
     main(["verify", "prove", "--policy", "mine.formulas", "--box", "wide.yaml", "--output", "out"])
     content = json.loads((tmp_path / "out" / "certificate.json").read_text())
-    wide = load_box(tmp_path / "wide.yaml", gait, A1).quantities
-    assert content["boxes"]["operating"]["v.x"][1] == pytest.approx(
-        wide[1][names.index("Base Lin Vel X")]
-    )
+    assert content["boxes"]["operating"]["v.x"][1] == wide.ranges["v.x"][1]
 
 
 IMU_FILE = """format: 1
@@ -278,12 +211,10 @@ def imu_policy(folder, of_gravity=0.1):
     (folder / "imu.formulas").write_text(text)
     gait = load_gait("trot")
     box = operating_box(gait, A1)
-    names = ObservationLayout(2, imu=True).names
-    ends = zip(entries_of(box.names), *box.quantities, strict=True)
-    ranges = {entry.symbol: (low, high) for entry, low, high in ends}
+    ranges = box.ranges
     ranges |= {f"g.{axis}": (-0.5, 0.5) for axis in "xy"} | {"g.z": (-1.05, -0.8)}
     ranges |= {f"w.{axis}": (-4.0, 4.0) for axis in "xyz"}
-    ObservationBox.of_quantities(A1, names, ranges).save(folder / "imu.yaml", gait, "by a test")
+    ObservationBox.of_ranges(A1, box.names, ranges).save(folder / "imu.yaml", gait, "by a test")
     return text
 
 

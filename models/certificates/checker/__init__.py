@@ -17,6 +17,6 @@ except ImportError as missing:
     ) from missing
 
 from .certificate import check
-from .files import RefusedError
+from .robot import RefusedError
 
 __all__ = ["RefusedError", "check"]
