@@ -38,7 +38,7 @@ def key_lines(text: str) -> dict[str, int]:
     """
     try:
         root = yaml.compose(text, Loader=_Loader)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, RecursionError):
         return {}
     lines = {}
     for key, value in root.value if isinstance(root, yaml.MappingNode) else ():

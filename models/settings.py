@@ -17,7 +17,7 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError, brief, shown
 
 T = TypeVar("T", bound=tuple[Any, ...])
 
@@ -68,6 +68,8 @@ _CONFIG = ConfigDict(
     allow_inf_nan=False,
     arbitrary_types_allowed=True,
     validate_default=True,
+    validate_by_name=True,
+    validate_by_alias=True,
 )
 
 
@@ -85,25 +87,28 @@ class Settings:
         return self.title
 
     @classmethod
-    def from_plain(cls, values: Any, where: str) -> Self:
+    def from_plain(cls, values: Any, where: str = "") -> Self:
         """Builds settings from the plain values that YAML and JSON hold.
 
         Args:
             values: Fields by name; those left out keep their defaults.
-            where: Name of the source in errors.
+            where: Name of the source, with which errors begin.
 
         Raises:
             InputError: if a key is unknown, or a value is of another kind or out of range.
         """
+        prefix = f"{where}: " if where else ""
         try:
             # As JSON, so that lists become tuples and texts become paths, but no text a number.
             return _adapter(cls).validate_json(json.dumps(values, default=str))
         except ValidationError as error:
-            raise InputError(f"{where}: {_sentence(error, cls)}") from error
+            raise InputError(f"{prefix}{_sentence(error, cls)}") from error
         except InputError as error:
-            raise InputError(f"{where}: {error}") from error
+            raise InputError(f"{prefix}{error}") from error
         except (TypeError, ValueError, RecursionError) as error:
-            raise InputError(f"{where}: is not a mapping of settings; mend it") from error
+            raise InputError(
+                f"{prefix}holds a value that cannot be read ({brief(str(error))})"
+            ) from error
 
 
 S = TypeVar("S", bound=type[Settings])
@@ -133,8 +138,9 @@ def _adapter(kind: type[Settings]) -> TypeAdapter[Any]:
 
 def _sentence(error: ValidationError, kind: type[Settings]) -> str:
     """Returns what is wrong with the first value that pydantic refuses, and what it must be."""
-    first = error.errors(include_url=False)[0]
-    path, problem = list(first["loc"]), first["msg"]
+    # A misspelt key is also one that lacks: what is written comes first.
+    errors = sorted(error.errors(include_url=False), key=lambda own: own["type"] == "missing")
+    first, path = errors[0], list(errors[0]["loc"])
     if path and isinstance(path[0], int):
         # A value that was given by its position.
         path[0] = fields(kind)[path[0]].name  # type: ignore[arg-type]
@@ -145,7 +151,8 @@ def _sentence(error: ValidationError, kind: type[Settings]) -> str:
         return f"unknown key {shown(key)}; {remedy}"
     if first["type"] == "missing":
         return f"lacks the key {key!r}; add it"
-    wanted = re.sub(r"^Value error,", "it must be", re.sub(r"^\w+ should", "it must", problem))
+    wanted = first["msg"].replace(" after validation", "")
+    wanted = re.sub(r"^\w+ should", "it must", wanted).replace("Value error,", "it must be")
     if first["type"] == "float_type" and _EXPONENT.fullmatch(str(first["input"])):
         wanted = "YAML takes it for text; write it as 1.0e-5 is written"
     return f"{key} is {shown(first['input'])}; {wanted}".lstrip()

@@ -29,8 +29,14 @@ from glassgait.models.plain_yaml import key_lines
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.task.gait import MACHINE, Gait, gait_names, parse_gait, shipped_gait
-from glassgait.models.task.gait_keys import MOST_STATES
+from glassgait.models.task.gait import (
+    MACHINE,
+    MOST_STATES,
+    Gait,
+    gait_names,
+    parse_gait,
+    shipped_gait,
+)
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import refuse_other_mirror
 

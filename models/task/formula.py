@@ -1,13 +1,12 @@
-"""Boolean formulas: over the feet's contacts, as in gait files, or over other propositions.
+"""Boolean formulas over the feet's contacts, as gait files hold them.
 
-A formula such as `FL & RR & ~FR & ~RL` is read by Python's grammar, restricted to names, `&`, `|`,
-`~` and parentheses; nothing is ever executed. It is kept as a truth table, of the feet over the 16
+A formula such as `FL & RR & ~FR & ~RL` is read by Python's grammar, restricted to the names of the
+feet, `&`, `|`, `~` and parentheses. Nothing is executed. It is kept as a truth table over the 16
 stances.
 """
 
 import ast
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,21 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.robots import quadruped
+from glassgait.models.robots.quadruped import LEGS, N_LEGS
 
-N_STANCES: Final = 2**quadruped.N_LEGS
+N_STANCES: Final = 2**N_LEGS
 
-
-def valuations(count: int) -> NDArray[np.bool_]:
-    """Returns the truth values (2**count, count) of propositions; number i adds 2**i to a row."""
-    return (np.arange(2**count)[:, None] >> np.arange(count) & 1).astype(bool)
-
-
-STANCES: Final[NDArray[np.bool_]] = valuations(quadruped.N_LEGS)
+STANCES: Final[NDArray[np.bool_]] = (np.arange(N_STANCES)[:, None] >> np.arange(N_LEGS) & 1).astype(
+    bool
+)
 """The feet that touch (16, 4), by stance code; foot i contributes 2**i to the code."""
 
 LONGEST_FORMULA = 1000
-"""Greatest number of characters of a formula; every one over four feet can be written in fewer."""
+"""Greatest number of characters of a formula; every formula over four feet can be shorter."""
 
 DEEPEST_FORMULA = 50
 """Greatest nesting of a formula's parentheses."""
@@ -39,11 +34,11 @@ _FOREIGN = re.compile(r"[^A-Za-z_&|~()\s]")
 
 @dataclass(frozen=True)
 class Formula:
-    """A boolean formula over propositions, such as the feet's contacts.
+    """A boolean formula over the feet's contacts.
 
     Attributes:
         text: The formula as written.
-        table: Whether it holds, by the code of the propositions; of the feet by stance code (16).
+        table: Whether it holds, by stance code (16).
     """
 
     text: str
@@ -57,60 +52,38 @@ class Formula:
 
 
 def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Encodes contacts (..., 4) as stance codes (...) in 0..15, and other propositions alike."""
+    """Encodes contacts (..., 4) as stance codes (...) in 0..15."""
     return contact.astype(np.intp) @ (1 << np.arange(contact.shape[-1]))
 
 
-@dataclass(frozen=True)
-class Names:
-    """What the names of a formula stand for.
-
-    Attributes:
-        names: The names, in the order of their places in a code.
-        one: What a refusal calls one of them.
-        all: What it calls all of them.
-        example: A formula of them.
-    """
-
-    names: Sequence[str]
-    one: str
-    all: str
-    example: str
-
-
-FEET: Final = Names(quadruped.LEGS, "foot", "feet", "FL & RR & ~FR & ~RL")
-
-
-def parse_formula(text: str, names: Names = FEET) -> Formula:
+def parse_formula(text: str) -> Formula:
     """Reads a formula.
 
     Raises:
-        InputError: if the text is not a formula over the names, by default FL, FR, RL and RR, or
-            can never hold.
+        InputError: if the text is not a formula over FL, FR, RL and RR, or can never hold.
     """
     # Line breaks would end the formula early, and break the drawings that hold it.
     text = " ".join(text.split())
-    _check_text(text, names)
+    _check_text(text)
     try:
-        tree = ast.parse(text, mode="eval")
-        table = _evaluate(tree.body, names)
+        table = _evaluate(ast.parse(text, mode="eval").body)
     except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
         raise InputError(
-            f"formula {shown(text)} cannot be read; write it like {names.example!r}"
+            f"formula {shown(text)} cannot be read; write it like 'FL & RR & ~FR & ~RL'"
         ) from error
     if not table.any():
         raise InputError(f"formula {shown(text)} can never hold; remove a contradiction from it")
     return Formula(text, tuple(bool(value) for value in table))
 
 
-def _check_text(text: str, names: Names) -> None:
-    """Refuses what Python's parser, which reads whole programs, had better never see."""
+def _check_text(text: str) -> None:
+    """Refuses texts that Python's parser, which reads whole programs, should never see."""
     if len(text) > LONGEST_FORMULA:
         raise InputError(
             f"formula {shown(text)} is longer than {LONGEST_FORMULA} characters; simplify it"
         )
     if foreign := _FOREIGN.search(text):
-        raise _foreign(foreign[0], names)
+        raise _foreign(foreign[0])
     depth = 0
     for character in text:
         depth += (character == "(") - (character == ")")
@@ -120,26 +93,24 @@ def _check_text(text: str, names: Names) -> None:
             )
 
 
-def _foreign(text: str, names: Names) -> InputError:
+def _foreign(text: str) -> InputError:
     return InputError(
         f"{shown(text)} does not belong in a formula; "
-        f"use {names.one} names with & (and), | (or), ~ (not) and parentheses"
+        "use foot names with & (and), | (or), ~ (not) and parentheses"
     )
 
 
-def _evaluate(node: ast.expr, names: Names) -> NDArray[np.bool_]:
+def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
     match node:
-        case ast.Name(id=name) if name in names.names:
-            return valuations(len(names.names))[:, names.names.index(name)]
+        case ast.Name(id=name) if name in LEGS:
+            return STANCES[:, LEGS.index(name)]
         case ast.Name(id=name):
-            raise InputError(
-                f"unknown {names.one} {shown(name)}; the {names.all} are {', '.join(names.names)}"
-            )
+            raise InputError(f"unknown foot {shown(name)}; the feet are {', '.join(LEGS)}")
         case ast.UnaryOp(op=ast.Invert(), operand=operand):
-            return ~_evaluate(operand, names)
+            return ~_evaluate(operand)
         case ast.BinOp(left=left, op=ast.BitAnd(), right=right):
-            return _evaluate(left, names) & _evaluate(right, names)
+            return _evaluate(left) & _evaluate(right)
         case ast.BinOp(left=left, op=ast.BitOr(), right=right):
-            return _evaluate(left, names) | _evaluate(right, names)
+            return _evaluate(left) | _evaluate(right)
         case _:
-            raise _foreign(ast.unparse(node), names)
+            raise _foreign(ast.unparse(node))

@@ -1,6 +1,6 @@
 """Gaits as data: a reward machine and the commands it is meant for, read from a YAML file.
 
-A formula file may hold its gait, as the same YAML in a section of its own: `find_gait` of
+A formula file may hold its gait as the same YAML in a section: `find_gait` of
 `glassgait.models.policies.library` reads both.
 """
 
@@ -8,20 +8,23 @@ import hashlib
 import os
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cache
 from itertools import combinations
 from math import inf
 from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import yaml
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from glassgait.models.errors import InputError, brief, shown
 from glassgait.models.files import YAML_BYTES, read_text
 from glassgait.models.plain_yaml import parse_yaml
-from glassgait.models.task.formula import Formula
-from glassgait.models.task.gait_keys import checked_values, is_plain
+from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
+from glassgait.models.task.formula import N_STANCES, Formula, parse_formula
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
 
@@ -32,12 +35,47 @@ LONGEST_NAME = 80
 """Greatest number of bytes of a gait's name, which stands in the names of its files."""
 
 TAKEN_NAMES = ("checkpoint", "config")
-"""Names that the files of a training run have, beside those of the gait's expert."""
+"""Names of files that a training run keeps beside the gait's expert."""
+
+LONGEST_STATE = 40
+"""Greatest number of characters of a state's name."""
+
+LONGEST_DESCRIPTION = 500
+"""Greatest number of characters of a description."""
+
+MOST_STATES = 32
+"""Greatest number of states; each is an entry of the observation."""
 
 
-@dataclass(frozen=True)
-class Transition:
-    """An edge of a reward machine.
+def _is_plain(name: str, longest: int) -> bool:
+    return 0 < len(name) <= longest and name.isprintable() and name == name.strip()
+
+
+def _state(name: str) -> str:
+    if not _is_plain(name, LONGEST_STATE):
+        raise ValueError(
+            f"of printable characters, {LONGEST_STATE} at most, with no space at the ends"
+        )
+    return name
+
+
+def _sentence(text: str) -> str:
+    line = " ".join(text.split())
+    if not line.isprintable() or len(line) > LONGEST_DESCRIPTION:
+        raise ValueError(f"of printable characters, {LONGEST_DESCRIPTION} at most")
+    return line
+
+
+def _formula(text: Any) -> Any:
+    return parse_formula(text) if isinstance(text, str) else text
+
+
+Dwell = Annotated[int, Ge(1), Le(1000)]
+
+
+@checked
+class Transition(Settings):
+    """An edge of a reward machine. Files call its states "from" and "to".
 
     Attributes:
         source: State it leaves.
@@ -48,15 +86,17 @@ class Transition:
         grace: Control steps since the episode's start before which it cannot fire.
     """
 
-    source: str
-    target: str
-    when: Formula
-    dwell: float = 1.0
-    grace: int = 0
+    title: ClassVar[str] = "transition"
+
+    source: Annotated[str, Field(validation_alias="from")]
+    target: Annotated[str, Field(validation_alias="to")]
+    when: Annotated[Formula, BeforeValidator(_formula)]
+    dwell: Annotated[float, Ge(0.0), Le(1.0)] = 1.0
+    grace: Annotated[int, Ge(0), Le(100_000)] = 0
 
 
-@dataclass(frozen=True)
-class Gait:
+@checked
+class Gait(Settings):
     """A gait: the reward machine's definition and the commands it is trained for.
 
     Attributes:
@@ -72,16 +112,28 @@ class Gait:
         max_yaw_rate: Greatest commanded yaw rate (rad/s).
     """
 
+    title: ClassVar[str] = "gait"
+
     name: str
-    description: str
-    states: tuple[str, ...]
+    description: Annotated[str, AfterValidator(_sentence)]
+    states: Annotated[
+        tuple[Annotated[str, AfterValidator(_state)], ...],
+        MinLen(2),
+        MaxLen(MOST_STATES),
+        DISTINCT,
+    ]
     initial: str
-    faults: tuple[str, ...]
-    transitions: tuple[Transition, ...]
-    clearance: float
-    dwell: tuple[int, int]
-    max_speed: float
-    max_yaw_rate: float
+    faults: Annotated[tuple[str, ...], MaxLen(MOST_STATES), DISTINCT]
+    transitions: Annotated[tuple[Transition, ...], MaxLen(MOST_STATES * N_STANCES)]
+    clearance: Annotated[float, Gt(0.0), Le(1.0)]
+    dwell: Annotated[tuple[Dwell, Dwell], IN_ORDER]
+    max_speed: Annotated[float, Gt(0.0), Le(100.0)]
+    max_yaw_rate: Annotated[float, Gt(0.0), Le(100.0)]
+
+    def __post_init__(self) -> None:
+        _check_states(self)
+        _check_reachability(self)
+        _check_determinism(self)
 
     @property
     def n_states(self) -> int:
@@ -177,13 +229,12 @@ def parse_gait(text: str, *, name: str) -> Gait:
         InputError: if a key is missing, unknown, of the wrong kind or out of range, a formula or
             state is unknown, a state cannot be reached, or two transitions can fire together.
     """
-    values = checked_values(text)
-    transitions = tuple(Transition(**own) for own in values.pop("transitions"))
-    gait = Gait(name=name, transitions=transitions, **values)
-    _check_states(gait)
-    _check_reachability(gait)
-    _check_determinism(gait)
-    return gait
+    data = parse_yaml(text)
+    if not isinstance(data, dict):
+        raise InputError("is not a mapping; start from one of the shipped gait files")
+    if "name" in data:
+        raise InputError("unknown key 'name'; a gait is called as its file")
+    return Gait.from_plain({"faults": [], **data, "name": name})
 
 
 def gait_lines(gait: Gait) -> list[str]:
@@ -246,7 +297,7 @@ def check_gait_name(name: str, said: str) -> None:
     """
     # The file system counts bytes.
     short = len(os.fsencode(name)) <= LONGEST_NAME
-    plain = is_plain(name, LONGEST_NAME) and not {*name} & {"/", "\\"}
+    plain = _is_plain(name, LONGEST_NAME) and not {*name} & {"/", "\\"}
     if not short or not plain or name.startswith("."):
         raise InputError(
             f"{said}; give it one of printable characters, {LONGEST_NAME} bytes at most, that "
@@ -261,8 +312,8 @@ def check_gait_name(name: str, said: str) -> None:
 def _check_states(gait: Gait) -> None:
     named = [("initial", gait.initial), *(("faults", state) for state in gait.faults)]
     for i, transition in enumerate(gait.transitions):
-        named.append((f"transitions[{i}]: key 'from'", transition.source))
-        named.append((f"transitions[{i}]: key 'to'", transition.target))
+        named.append((f"transitions[{i}].from", transition.source))
+        named.append((f"transitions[{i}].to", transition.target))
     for where, state in named:
         if state not in gait.states:
             raise InputError(

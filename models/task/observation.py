@@ -13,7 +13,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import BASE_VELOCITY_SCALE
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.gait_keys import MOST_STATES
+from glassgait.models.task.gait import MOST_STATES
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 JOINT_VELOCITY_SCALE = 0.05

@@ -72,7 +72,7 @@ FROM_FILE = [
     ({"inner": {"kind": "c"}}, "inner.kind is 'c'; it must be 'a' or 'b'"),
     ({"inner": {"other": 1}}, "unknown key 'inner.other'; remove it"),
     ({"count": date(2020, 1, 2)}, "it must be a valid integer"),
-    ({(1, 2): 2}, "is not a mapping of settings; mend it"),
+    ({"count": 10**5000}, "holds a value that cannot be read"),
     ({"count": 13}, "outer: count is 13; name another"),
     ([1], "is [1]; it must be an object"),
 ]
@@ -83,7 +83,7 @@ def test_refuses_what_does_not_fit_its_annotation(values, message):
     with pytest.raises(InputError) as refused:
         Outer(**values)
     assert str(refused.value).startswith("outer: ")
-    assert str(refused.value).endswith(message)
+    assert message in str(refused.value)
 
 
 @pytest.mark.parametrize(("values", "message"), FROM_FILE)
@@ -91,7 +91,7 @@ def test_refuses_a_file_by_its_name_and_key(values, message):
     with pytest.raises(InputError) as refused:
         Outer.from_plain(values, "run.yaml")
     assert str(refused.value).startswith("run.yaml: ")
-    assert str(refused.value).endswith(message)
+    assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 
 

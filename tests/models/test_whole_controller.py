@@ -108,7 +108,6 @@ YAML = (
     ("q1", "2026-01-01"),
     ("q1", "<<"),
     ("q1", "yes"),
-    ("clearance: 0.03", "clearance: 0.03" + "0" * 150),
     ("clearance: 0.03", "clearance: 0.03\nclearance: 0.04"),
     ("clearance: 0.03", "clearance: 0.03\n? [a, b]\n: c"),
     ("clearance: 0.03", "clearance: 0.03\nfaults: " + "[" * 3000 + "]" * 3000),
@@ -192,16 +191,16 @@ def test_a_policy_takes_no_machine_of_another_gait():
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("clearance: 0.03", "clearance: 0", "line 57, column 1: machine: key 'clearance'"),
+        ("clearance: 0.03", "clearance: 0", "line 57, column 1: machine: clearance"),
         (
             "clearance: 0.03",
             "clearance: [",
             "line 59, column 1: machine: is not valid YAML (line 5",
         ),
-        ("states: [q0, q1]", "states: [q0]", "line 58, column 1: machine: key 'states'"),
+        ("states: [q0, q1]", "states: [q0]", "line 58, column 1: machine: states"),
         ("from: q0, to: q1", "from: q0, to: q0", "machine: state 'q1' cannot be reached"),
         ("from: q1", "from: q2", "line 62, column 1: machine: transitions[1]"),
-        ("initial: q0\n", "", "machine: missing key 'initial'"),
+        ("initial: q0\n", "", "machine: lacks the key 'initial'"),
         ("states: 2\n", "states: 3\n", "mirror: must name"),
         ("mirror: 1 0", "mirror: 0 1", "line 5, column 1: mirror: is 0 1, and by the machine"),
         ("& ~RL}", "}", "line 5, column 1: mirror: is 1 0, and the machine of this trot favours"),
