@@ -159,11 +159,11 @@ class Prover:
     def _search(
         self, query: Query, place: Place, gap: float, threshold: float | None = None
     ) -> Maximum:
-        box = self._box(place, query.state)
-        found = self._targets.bound(query, box, gap=gap, threshold=threshold)
         # A slope is one of the exact target, from which a computed one is less than `FINE` away.
         errors = {"target": 1.0, "slope": 0.0, "effect": 2.0}[query.of]
         error = errors * self._error(query.state, query.joint, place)
+        box = self._box(place, query.state)
+        found = self._targets.bound(query, box, gap=gap, threshold=threshold)
         return replace(found, bound=found.bound + error + SLACK)
 
     def _error(self, state: int, joint: int, place: Place) -> float:

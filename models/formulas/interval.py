@@ -1,16 +1,15 @@
 """Interval arithmetic on arrays, rounded outward: a result holds every value that there can be."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.formulas.expression import Expression
 
 LIBRARY_ULPS = 4
-"""Units in the last place that NumPy's sin, cos, tanh, exp and log may be wrong by; documented
+"""Units in the last place that NumPy's sin, cos and tanh may be wrong by; documented
 errors of the libraries behind them are below 1."""
 
 LARGEST_ANGLE = 1e6
@@ -57,10 +56,6 @@ class Interval:
         products[np.isnan(products)] = 0.0
         return _outward(products.min(axis=0), products.max(axis=0))
 
-    def scaled(self, factor: float) -> "Interval":
-        """Multiplies by a number."""
-        return self * Interval.point(factor, self.lower.shape)
-
     def power(self, exponent: int) -> "Interval":
         """Raises to a whole power, 1 or more."""
         if exponent == 1:
@@ -79,7 +74,9 @@ class Interval:
         holds_zero = (self.lower <= 0.0) & (self.upper >= 0.0)
         with np.errstate(divide="ignore", over="ignore"):
             low, high = 1.0 / self.upper, 1.0 / self.lower
-        return _unbounded_where(holds_zero, _outward(low, high))
+        found = _outward(low, high)
+        lower = np.where(holds_zero, -np.inf, found.lower)
+        return Interval(lower, np.where(holds_zero, np.inf, found.upper))
 
     def sin(self) -> "Interval":
         return self.shifted_wave(np.sin, crest=0.5)
@@ -104,40 +101,14 @@ class Interval:
         return np.floor(last) >= np.ceil(first)
 
     def tanh(self) -> "Interval":
-        found = _monotone(np.tanh, self)
+        found = _outward(np.tanh(self.lower), np.tanh(self.upper), ulps=LIBRARY_ULPS)
         return Interval(np.maximum(found.lower, -1.0), np.minimum(found.upper, 1.0))
-
-    def exp(self) -> "Interval":
-        with np.errstate(over="ignore"):
-            found = _monotone(np.exp, self)
-        return Interval(np.maximum(found.lower, 0.0), found.upper)
-
-    def log(self) -> "Interval":
-        """Returns the logarithm; without ends where it holds what has none."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return _unbounded_where(self.lower <= 0.0, _monotone(np.log, self))
-
-    def sqrt(self) -> "Interval":
-        """Returns the root; without ends where it holds what has none."""
-        with np.errstate(invalid="ignore"):
-            found = _monotone(np.sqrt, self)
-        found = Interval(np.maximum(found.lower, 0.0), found.upper)
-        return _unbounded_where(self.lower < 0.0, found)
-
-    def abs(self) -> "Interval":
-        straddles = (self.lower < 0.0) & (self.upper > 0.0)
-        low = np.minimum(np.abs(self.lower), np.abs(self.upper))
-        return Interval(np.where(straddles, 0.0, low), self.magnitude)
 
 
 FUNCTIONS: dict[str, Callable[[Interval], Interval]] = {
     "sin": Interval.sin,
     "cos": Interval.cos,
     "tanh": Interval.tanh,
-    "exp": Interval.exp,
-    "log": Interval.log,
-    "sqrt": Interval.sqrt,
-    "abs": Interval.abs,
     "inverse": Interval.inverse,
 }
 """Bounds of the functions of one argument, by name."""
@@ -155,34 +126,7 @@ OPERATORS: dict[str, Callable[..., Interval]] = {
 """Bounds of the operators of formulas, by name."""
 
 
-def bounds_of(formula: Expression, boxes: Mapping[int, Interval]) -> Interval:
-    """Bounds a formula's values over boxes of its variables.
-
-    Args:
-        formula: The formula.
-        boxes: Range of each of its variables, in each of m boxes (m).
-    """
-    if formula.operator == "constant":
-        return Interval.point(formula.value, ())
-    if formula.operator == "variable":
-        return boxes[formula.variable]
-    operands = [bounds_of(operand, boxes) for operand in formula.operands]
-    if formula.operator == "mul" and formula.operands[0] == formula.operands[1]:
-        # A square is no product of two numbers that go their own ways.
-        return operands[0].power(2)
-    with np.errstate(all="ignore"):
-        return OPERATORS[formula.operator](*operands)
-
-
-def _monotone(function: Callable[[Array], Array], of: Interval) -> Interval:
-    return _outward(function(of.lower), function(of.upper), ulps=LIBRARY_ULPS)
-
-
 def _outward(lower: Array, upper: Array, ulps: int = 1) -> Interval:
     for _ in range(ulps):
         lower, upper = np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf)
     return Interval(lower, upper)
-
-
-def _unbounded_where(lost: NDArray[np.bool_], found: Interval) -> Interval:
-    return Interval(np.where(lost, -np.inf, found.lower), np.where(lost, np.inf, found.upper))
