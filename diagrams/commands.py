@@ -46,7 +46,7 @@ class FixedCommand(Settings):
         Raises:
             InputError: if a value is beyond the gait's range.
         """
-        check_command(gait, gait.name, **asdict(self))
+        check_command(gait, **asdict(self))
 
 
 @checked

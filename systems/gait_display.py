@@ -7,8 +7,8 @@ from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSyste
 
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.drawing import state_colors
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import state_colors
 
 DISPLAY_PERIOD = 1.0 / 32.0
 """Time between two pictures (s)."""

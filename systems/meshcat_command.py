@@ -4,7 +4,8 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, OutputPort, State
 
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.command import CommandRange, gamepad_velocity
+from glassgait.models.task.command import gamepad_velocity
+from glassgait.models.task.gait import Gait
 
 # Short, since Meshcat cuts long names.
 SPEED_SLIDER = "speed (m/s)"
@@ -30,20 +31,20 @@ class MeshcatCommand(LeafSystem):
     State: what is commanded (3), latched every 20 ms (unrestricted update). Feedthrough: none.
     """
 
-    def __init__(self, limits: CommandRange, meshcat: Meshcat) -> None:
+    def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
         """
         Args:
-            limits: The gait, or what else says where sliders end.
+            gait: The gait, whose ranges the sliders have.
             meshcat: Where they show.
         """
         super().__init__()
-        self._meshcat, self._limits = meshcat, limits
-        start = [0.5 * limits.max_speed, 0.0, float(sum(limits.dwell) // 2)]
+        self._meshcat, self._gait = meshcat, gait
+        start = [0.5 * gait.max_speed, 0.0, float(sum(gait.dwell) // 2)]
         self._values = self.DeclareDiscreteState(start)
-        speed, turn = limits.max_speed, limits.max_yaw_rate
+        speed, turn = gait.max_speed, gait.max_yaw_rate
         meshcat.AddSlider(SPEED_SLIDER, -speed, speed, 0.05, start[0], "KeyS", "KeyW")
         meshcat.AddSlider(YAW_RATE_SLIDER, -turn, turn, 0.05, start[1], "KeyD", "KeyA")
-        meshcat.AddSlider(DWELL_SLIDER, *limits.dwell, 1, start[2])
+        meshcat.AddSlider(DWELL_SLIDER, *gait.dwell, 1, start[2])
         self._command_port = self.DeclareVectorOutputPort(
             name="command",
             size=2,
@@ -82,5 +83,5 @@ class MeshcatCommand(LeafSystem):
             # Meshcat keeps the last report of a browser that is gone.
             is_there = self._meshcat.GetNumActiveConnections() > 0
             axes = gamepad.axes if is_there else ()
-            values[:2] = gamepad_velocity(self._limits, axes).tolist()
+            values[:2] = gamepad_velocity(self._gait, axes).tolist()
         state.get_mutable_discrete_state(self._values).SetFromVector(values)

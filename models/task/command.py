@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,25 +16,6 @@ DEAD_BAND = 0.2
 
 DEAD_ZONE = 0.1
 """Share of a gamepad stick's way from its middle that commands nothing."""
-
-
-class CommandRange(Protocol):
-    """What commands something is made for, such as a gait."""
-
-    @property
-    def max_speed(self) -> float:
-        """Greatest forward speed, and greatest backward (m/s)."""
-        ...
-
-    @property
-    def max_yaw_rate(self) -> float:
-        """Greatest yaw rate, to either side (rad/s)."""
-        ...
-
-    @property
-    def dwell(self) -> tuple[int, int]:
-        """Least and greatest time to stay in a state of the gait (control steps)."""
-        ...
 
 
 class Command(NamedTuple):
@@ -84,65 +65,64 @@ def sample_commands(
     return Command(velocity, generator.integers(low, high + 1, size=count).astype(float))
 
 
-def limit_command(limits: CommandRange, command: Command) -> Command:
+def limit_command(gait: Gait, command: Command) -> Command:
     """Returns the nearest command that a gait is made for."""
-    greatest = np.array([limits.max_speed, limits.max_yaw_rate])
+    greatest = np.array([gait.max_speed, gait.max_yaw_rate])
     return Command(
-        np.clip(command.velocity, -greatest, greatest), np.clip(command.dwell, *limits.dwell)
+        np.clip(command.velocity, -greatest, greatest), np.clip(command.dwell, *gait.dwell)
     )
 
 
-def check_command(limits: CommandRange, made_for: str, **given: float) -> None:
-    """Checks that numbers of a command are within what something is made for.
+def check_command(gait: Gait, **given: float) -> None:
+    """Checks that numbers of a command are within the gait's ranges.
 
     Args:
-        limits: Its ranges.
-        made_for: What it is called, such as a gait's name.
+        gait: The gait.
         given: `speed` (m/s), `yaw_rate` (rad/s), `dwell` (control steps), or some of them.
 
     Raises:
         InputError: if one is beyond its range.
     """
     ranges = {
-        "speed": (-limits.max_speed, limits.max_speed),
-        "yaw_rate": (-limits.max_yaw_rate, limits.max_yaw_rate),
-        "dwell": limits.dwell,
+        "speed": (-gait.max_speed, gait.max_speed),
+        "yaw_rate": (-gait.max_yaw_rate, gait.max_yaw_rate),
+        "dwell": gait.dwell,
     }
     for name, value in given.items():
         least, greatest = ranges[name]
         if not least <= value <= greatest:
             raise InputError(
                 f"command: {name} is {shown(value)}; give {least:g} to {greatest:g}, the range of "
-                f"gait {made_for!r}"
+                f"gait {gait.name!r}"
             )
 
 
-def on_the_spot(limits: CommandRange) -> Command:
+def on_the_spot(gait: Gait) -> Command:
     """Returns the command to step on the spot, at the middle of the gait's rhythm."""
-    return Command(np.zeros(2), np.array(float(sum(limits.dwell) // 2)))
+    return Command(np.zeros(2), np.array(float(sum(gait.dwell) // 2)))
 
 
-def sound_command(limits: CommandRange, command: Command) -> Command:
+def sound_command(gait: Gait, command: Command) -> Command:
     """Returns the nearest command that a gait is made for; on the spot if one is not finite."""
     if not np.isfinite([*command.velocity, command.dwell]).all():
-        return on_the_spot(limits)
-    return limit_command(limits, command)
+        return on_the_spot(gait)
+    return limit_command(gait, command)
 
 
-def gamepad_velocity(limits: CommandRange, axes: Sequence[float]) -> Array:
+def gamepad_velocity(gait: Gait, axes: Sequence[float]) -> Array:
     """Returns the velocity (2; m/s, rad/s) that a gamepad commands.
 
     The left stick commands the speed and the right one the yaw rate; a stick at its end commands
     the greatest of the range.
 
     Args:
-        limits: The range.
+        gait: The gait, for its ranges.
         axes: The sticks, -1 to 1, in the order of the W3C's standard layout: left stick to the
             right and back, right stick to the right and back. Axes that are missing or not finite
             are at their middle.
     """
     _, back, right, _ = (*axes, 0.0, 0.0, 0.0, 0.0)[:4]
-    return np.array([-_beyond(back) * limits.max_speed, -_beyond(right) * limits.max_yaw_rate])
+    return np.array([-_beyond(back) * gait.max_speed, -_beyond(right) * gait.max_yaw_rate])
 
 
 def _beyond(axis: float) -> float:

@@ -1,91 +1,53 @@
-"""Drawings of reward machines as Graphviz and Mermaid text.
-
-Names are a person's own words, so they are quoted as each language asks.
-"""
+"""Colours of the reward machine's states, and drawings of the machine in Mermaid's language."""
 
 import re
-from typing import NamedTuple
+from itertools import cycle
 
 from glassgait.models.task.gait import Gait, Transition
-from glassgait.models.task.palette import state_colors
+
+COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+"""Colours by Okabe and Ito, which colour-blind readers can tell apart."""
+
+FAULT_COLORS = ("#999999", "#BBBBBB", "#777777")
+"""Greys: states at fault are no part of the gait."""
 
 
-class _Arrow(NamedTuple):
-    """An edge: the state that it leaves, the one that it enters, its formula and what else it asks
-    for."""
-
-    source: str
-    target: str
-    formula: str
-    conditions: str
+def state_colors(gait: Gait) -> tuple[str, ...]:
+    """Returns the colour of each state of a gait's machine, as #rrggbb."""
+    sound, faulty = cycle(COLORS), cycle(FAULT_COLORS)
+    return tuple(next(faulty if state in gait.faults else sound) for state in gait.states)
 
 
-class _Graph(NamedTuple):
-    """What is drawn of a machine: its states in colours, those at fault in double circles."""
-
-    name: str
-    initial: str
-    colors: dict[str, str]
-    faults: tuple[str, ...]
-    arrows: list[_Arrow]
-
-
-def to_graphviz(gait: Gait) -> str:
-    """Draws a gait's reward machine in Graphviz's language."""
-    graph = _graph(gait)
-    lines = [
-        f"digraph {_quoted(graph.name)} {{",
-        "  rankdir=LR;",
-        '  node [shape=circle, style=filled, fontname="Helvetica", fontcolor=white];',
-        '  edge [fontname="Helvetica", fontsize=10];',
-        # No state has an empty name.
-        '  "" [shape=point, fillcolor=black];',
-        f'  "" -> {_quoted(graph.initial)};',
-    ]
-    for state, color in graph.colors.items():
-        shape = ", shape=doublecircle" if state in graph.faults else ""
-        lines.append(f'  {_quoted(state)} [fillcolor="{color}"{shape}];')
-    for source, target, formula, conditions in graph.arrows:
-        label = f"{formula}\\n{conditions}"
-        lines.append(f'  {_quoted(source)} -> {_quoted(target)} [label="{label}"];')
-    return "\n".join([*lines, "}"]) + "\n"
+def ink_on(color: str) -> str:
+    """Returns the colour of text, black or white, with the higher contrast (WCAG 2.2)."""
+    channels = [int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]
+    red, green, blue = (
+        value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
+        for value in channels
+    )
+    luminance = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    return "#000000" if (luminance + 0.05) ** 2 > 1.05 * 0.05 else "#ffffff"
 
 
 def to_mermaid(gait: Gait) -> str:
     """Draws a gait's reward machine in Mermaid's language."""
-    graph = _graph(gait)
-    # Some names, such as "end", are words of the language, so that states go by their numbers.
-    ids = {state: f"s{i}" for i, state in enumerate(graph.colors)}
+    # Some names, such as "end", are words of the language, so states go by their numbers.
+    ids = {state: f"s{i}" for i, state in enumerate(gait.states)}
     lines = ["stateDiagram-v2", "  direction LR"]
-    lines += [f'  state "{_coded(state)}" as {ids[state]}' for state in graph.colors]
-    lines.append(f"  [*] --> {ids[graph.initial]}")
-    for source, target, *texts in graph.arrows:
-        label = ", ".join(filter(None, texts))
-        lines.append(f"  {ids[source]} --> {ids[target]}: {label}")
+    lines += [f'  state "{_coded(state)}" as {ids[state]}' for state in gait.states]
+    lines.append(f"  [*] --> {ids[gait.initial]}")
+    for edge in gait.transitions:
+        label = ", ".join([edge.when.text, *_conditions(gait, edge)])
+        lines.append(f"  {ids[edge.source]} --> {ids[edge.target]}: {label}")
     return "\n".join(lines) + "\n"
 
 
-def _graph(gait: Gait) -> _Graph:
-    arrows = [
-        _Arrow(edge.source, edge.target, edge.when.text, _conditions(gait, edge))
-        for edge in gait.transitions
-    ]
-    colors = dict(zip(gait.states, state_colors(gait), strict=True))
-    return _Graph(gait.name, gait.initial, colors, gait.faults, arrows)
-
-
-def _quoted(name: str) -> str:
-    """Quotes a name for Graphviz, which reads escapes and HTML's entities in it."""
-    escaped = name.replace("&", "&amp;").replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
-
-
 def _coded(name: str) -> str:
-    """Writes a name for Mermaid: all but letters, digits and spaces by their codes."""
+    """Writes a name with codes for all but letters, digits and spaces."""
     return re.sub(r"[^\w ]", lambda found: f"#{ord(found[0])};", name)
 
 
-def _conditions(gait: Gait, edge: Transition) -> str:
+def _conditions(gait: Gait, edge: Transition) -> list[str]:
     parts = []
     if edge.dwell > 0:
         share = "" if edge.dwell == 1 else f"{edge.dwell:g} × "
@@ -94,4 +56,4 @@ def _conditions(gait: Gait, edge: Transition) -> str:
         parts.append(f"swing feet ≥ {gait.clearance:g} m")
     if edge.grace > 0:
         parts.append(f"from step {edge.grace}")
-    return ", ".join(parts)
+    return parts

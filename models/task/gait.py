@@ -7,7 +7,6 @@ A formula file may hold its gait as the same YAML in a section: `find_gait` of
 import hashlib
 import os
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import fields, replace
 from functools import cache
 from itertools import combinations
@@ -47,23 +46,24 @@ MOST_STATES = 32
 """Greatest number of states; each is an entry of the observation."""
 
 
-def _is_plain(name: str, longest: int) -> bool:
-    return 0 < len(name) <= longest and name.isprintable() and name == name.strip()
-
-
-def _state(name: str) -> str:
-    if not _is_plain(name, LONGEST_STATE):
+def _plain(text: str, longest: int) -> str:
+    # In a formula file # begins a comment wherever it stands.
+    if (
+        not 0 < len(text) <= longest
+        or not text.isprintable()
+        or text != text.strip()
+        or "#" in text
+    ):
         raise ValueError(
-            f"of printable characters, {LONGEST_STATE} at most, with no space at the ends"
+            f"1 to {longest} printable characters without # and without spaces at the ends"
         )
-    return name
+    return text
 
 
-def _sentence(text: str) -> str:
-    line = " ".join(text.split())
-    if not line.isprintable() or len(line) > LONGEST_DESCRIPTION:
-        raise ValueError(f"of printable characters, {LONGEST_DESCRIPTION} at most")
-    return line
+StateName = Annotated[str, AfterValidator(lambda name: _plain(name, LONGEST_STATE))]
+Description = Annotated[
+    str, AfterValidator(lambda text: _plain(" ".join(text.split()), LONGEST_DESCRIPTION))
+]
 
 
 def _formula(text: Any) -> Any:
@@ -115,13 +115,8 @@ class Gait(Settings):
     title: ClassVar[str] = "gait"
 
     name: str
-    description: Annotated[str, AfterValidator(_sentence)]
-    states: Annotated[
-        tuple[Annotated[str, AfterValidator(_state)], ...],
-        MinLen(2),
-        MaxLen(MOST_STATES),
-        DISTINCT,
-    ]
+    description: Description
+    states: Annotated[tuple[StateName, ...], MinLen(2), MaxLen(MOST_STATES), DISTINCT]
     initial: str
     faults: Annotated[tuple[str, ...], MaxLen(MOST_STATES), DISTINCT]
     transitions: Annotated[tuple[Transition, ...], MaxLen(MOST_STATES * N_STANCES)]
@@ -239,51 +234,30 @@ def parse_gait(text: str, *, name: str) -> Gait:
 
 def gait_lines(gait: Gait) -> list[str]:
     """Writes a gait, in ASCII, as lines from which `parse_gait` reads the same gait."""
-    shortest, longest = gait.dwell
     return [
-        f"description: {_scalar(gait.description, 'key: {}')}",
-        f"max_speed: {_number(gait.max_speed)}    # m/s",
-        f"max_yaw_rate: {_number(gait.max_yaw_rate)}    # rad/s",
-        f"dwell: [{shortest}, {longest}]    # control steps to stay in a state",
-        f"clearance: {_number(gait.clearance)}    # m, how high a foot in the air must be",
-        f"states: {_list(gait.states)}",
-        f"initial: {_scalar(gait.initial)}",
-        *([f"faults: {_list(gait.faults)}"] if gait.faults else []),
+        f"description: {_yaml(gait.description)}",
+        f"max_speed: {_yaml(gait.max_speed)}    # m/s",
+        f"max_yaw_rate: {_yaml(gait.max_yaw_rate)}    # rad/s",
+        f"dwell: {_yaml([*gait.dwell])}    # control steps to stay in a state",
+        f"clearance: {_yaml(gait.clearance)}    # m, how high a foot in the air must be",
+        f"states: {_yaml([*gait.states])}",
+        f"initial: {_yaml(gait.initial)}",
+        *([f"faults: {_yaml([*gait.faults])}"] if gait.faults else []),
         "transitions:",
         *(f"  - {_edge(transition)}" for transition in gait.transitions),
     ]
 
 
 def _edge(edge: Transition) -> str:
-    texts = {"from": edge.source, "to": edge.target, "when": edge.when.text}
-    keys = [f"{key}: {_scalar(text)}" for key, text in texts.items()]
-    keys += [f"dwell: {_number(edge.dwell)}"] if edge.dwell != 1.0 else []
-    keys += [f"grace: {edge.grace}"] if edge.grace else []
-    return f"{{{', '.join(keys)}}}"
+    plain: dict[str, Any] = {"from": edge.source, "to": edge.target, "when": edge.when.text}
+    plain |= {"dwell": edge.dwell} if edge.dwell != 1.0 else {}
+    plain |= {"grace": edge.grace} if edge.grace else {}
+    return _yaml(plain)
 
 
-def _number(value: float) -> str:
-    """Writes a number so that YAML reads one: to YAML 1e-05 is a text."""
-    text = repr(value)
-    return text if "." in text else text.replace("e", ".0e")
-
-
-def _list(names: Iterable[str]) -> str:
-    return f"[{', '.join(map(_scalar, names))}]"
-
-
-def _scalar(text: str, place: str = "{{key: {}}}") -> str:
-    """Writes a text: as it is where it is then read as it is in its place, and else in quotes."""
-    try:
-        (read,) = parse_yaml(place.format(text)).values()
-        plain = read == text and text.isascii() and "#" not in text
-    except (InputError, AttributeError, ValueError):
-        plain = False
-    if plain:
-        return text
-    quoted = yaml.safe_dump(text, default_style='"', width=inf)
-    # In a formula file # begins a comment wherever it stands.
-    return quoted.strip().replace("#", "\\x23")
+def _yaml(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=inf)
+    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def check_gait_name(name: str, said: str) -> None:
@@ -296,9 +270,8 @@ def check_gait_name(name: str, said: str) -> None:
         InputError: if it is such a name.
     """
     # The file system counts bytes.
-    short = len(os.fsencode(name)) <= LONGEST_NAME
-    plain = _is_plain(name, LONGEST_NAME) and not {*name} & {"/", "\\"}
-    if not short or not plain or name.startswith("."):
+    sound = name.isprintable() and 0 < len(os.fsencode(name)) <= LONGEST_NAME
+    if not sound or name != name.strip() or name.startswith(".") or {*name} & {"/", "\\"}:
         raise InputError(
             f"{said}; give it one of printable characters, {LONGEST_NAME} bytes at most, that "
             "starts with no dot"

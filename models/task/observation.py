@@ -1,4 +1,4 @@
-"""What a policy sees: the entries of the observation, named as in the paper's tables."""
+"""The observation: its entries, named as in the paper's tables, and how it is assembled."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ JOINT_NOISE.flags.writeable = False
 OVERDUE = 2
 """Control steps by which the observed time in a state may pass the commanded one.
 
-Longer waits are hardly among the samples. Copies of a walk that observed the growing time waited
+Longer waits are hardly among the samples. Students of a walk that observed the growing time waited
 two seconds and fell; with the time held they go on.
 """
 
@@ -55,10 +55,15 @@ Group = Literal[
 ]
 """Entries of one group are one quantity, of several legs, joints, axes or states."""
 
-_SCALED_UNITS: dict[Group, str] = {
-    "joint position": "rad from the default stance",
-    "machine state": "0 or 1",
+_FACTORS: dict[Group, float] = {
+    "joint velocity": JOINT_VELOCITY_SCALE,
+    "angular velocity": ANGULAR_VELOCITY_SCALE,
+    "iterations": ITERATIONS_SCALE,
+    "commanded iterations": ITERATIONS_SCALE,
+    "base velocity": BASE_VELOCITY_SCALE,
 }
+"""Factors on quantities; others are observed as they are, the previous action in the robot's
+scale."""
 
 
 @dataclass(frozen=True)
@@ -67,39 +72,42 @@ class ObservationEntry:
 
     Attributes:
         name: Its name in policy files and tables, such as "DoF Vel FL Hip".
-        group: The quantity.
-        leg: The leg that it belongs to, or None.
-        unit: Unit of the quantity; none for the one-hot state of the machine.
-        factor: What the quantity, in its unit, is multiplied by; of the previous action it is the
-            robot's, see `scale`. Joint positions are counted from the default stance, and so are
-            joint targets, which the previous action stands for.
+        group: The quantity. Joint positions are counted from the default stance, and so are joint
+            targets, which the previous action stands for.
+        unit: Unit of the quantity; empty for the one-hot state of the machine.
         symbol: Short symbol, such as "dq.FL_hip".
         latex: The same for LaTeX.
         merged_name: The name without its leg and without the number of the machine's state.
+        leg: The leg that it belongs to, or None.
         mirror_sign: -1 if the quantity changes its sign in a mirror that exchanges left and right,
             else 1.
     """
 
     name: str
     group: Group
-    leg: str | None
     unit: str
-    factor: float
     symbol: str
     latex: str
     merged_name: str
+    leg: str | None = None
     mirror_sign: float = 1.0
 
+    @property
+    def factor(self) -> float:
+        """Factor on the quantity in its unit, of the previous action without the robot's."""
+        return _FACTORS.get(self.group, 1.0)
+
     def scale(self, robot: Robot) -> float:
-        """Returns what the quantity, in its unit, is multiplied by."""
+        """Returns the factor on the quantity in its unit."""
         return 1.0 / robot.action_scale if self.group == "previous action" else self.factor
 
     def scaled_unit(self, robot: Robot) -> str:
         """Returns the unit as pages print it, with the factor that the entry is scaled by."""
         if self.group == "previous action":
             return f"{robot.action_scale} rad of joint target"
-        plain = self.unit if self.factor == 1.0 else f"{self.factor:g} · {self.unit}"
-        return _SCALED_UNITS.get(self.group, plain)
+        plain = {"joint position": "rad from the default stance", "machine state": "0 or 1"}
+        scaled = self.unit if self.factor == 1.0 else f"{self.factor:g} · {self.unit}"
+        return plain.get(self.group, scaled)
 
 
 class ObservationLayout:
@@ -116,7 +124,7 @@ class ObservationLayout:
 
     @classmethod
     def of(cls, names: Sequence[str]) -> "ObservationLayout":
-        """Returns the layout that has as many machine states, and an IMU, as an observation has.
+        """Returns the layout with as many machine states, and an IMU, as an observation has.
 
         Raises:
             InputError: if a name is unknown.
@@ -128,35 +136,22 @@ class ObservationLayout:
     @cached_property
     def entries(self) -> tuple[ObservationEntry, ...]:
         """All entries, in order."""
-        velocity = JOINT_VELOCITY_SCALE
+        imu = (
+            *_of_axes("Gravity", "gravity", "", "g", "g", turned="y"),
+            *_of_axes("Base Ang Vel", "angular velocity", "rad/s", "w", r"\omega", turned="xz"),
+        )
         return (
-            _single("Command X", "commanded velocity", "m/s", 1.0, "cmd.v", "v_x^{*}"),
-            _single(
-                "Command Yaw",
-                "commanded velocity",
-                "rad/s",
-                1.0,
-                "cmd.yaw",
-                r"\omega_z^{*}",
-                mirror_sign=-1.0,
-            ),
-            *_of_joints("DoF Pos", "joint position", "rad", 1.0, "q", "q"),
-            *_of_joints("DoF Vel", "joint velocity", "rad/s", velocity, "dq", r"\dot q"),
-            *(_gravity(axis) for axis in "xyz" if self.imu),
-            *(_angular_velocity(axis) for axis in "xyz" if self.imu),
-            *_of_joints("Prev Action", "previous action", "rad", 1.0, "a", "a^{-}"),
-            *(_machine_state(i) for i in range(self.n_machine_states)),
-            _single("RM Iters", "iterations", "control steps", ITERATIONS_SCALE, "t", "n"),
-            _single(
-                "Command RM Iters",
-                "commanded iterations",
-                "control steps",
-                ITERATIONS_SCALE,
-                "cmd.t",
-                "n^{*}",
-            ),
-            *(_base_velocity(axis) for axis in "xyz"),
-            *(_foot_height(leg) for leg in quadruped.LEGS),
+            _entry("Command X", "commanded velocity", "m/s", "cmd.v", "v_x^{*}"),
+            _entry("Command Yaw", "commanded velocity", "rad/s", "cmd.yaw", r"\omega_z^{*}", -1.0),
+            *_of_joints("DoF Pos", "joint position", "rad", "q", "q"),
+            *_of_joints("DoF Vel", "joint velocity", "rad/s", "dq", r"\dot q"),
+            *(imu if self.imu else ()),
+            *_of_joints("Prev Action", "previous action", "rad", "a", "a^{-}"),
+            *map(_machine_state, range(self.n_machine_states)),
+            _entry("RM Iters", "iterations", "control steps", "t", "n"),
+            _entry("Command RM Iters", "commanded iterations", "control steps", "cmd.t", "n^{*}"),
+            *_of_axes("Base Lin Vel", "base velocity", "m/s", "v", r"\hat v", turned="y"),
+            *map(_foot_height, quadruped.LEGS),
         )
 
     @cached_property
@@ -175,34 +170,43 @@ class ObservationLayout:
         return self.size - N_ESTIMATED
 
 
-def _single(
-    name: str,
-    group: Group,
-    unit: str,
-    factor: float,
-    symbol: str,
-    latex: str,
-    *,
-    mirror_sign: float = 1.0,
+def _entry(
+    name: str, group: Group, unit: str, symbol: str, latex: str, mirror_sign: float = 1.0
 ) -> ObservationEntry:
     return ObservationEntry(
-        name, group, None, unit, factor, symbol, latex, merged_name=name, mirror_sign=mirror_sign
+        name, group, unit, symbol, latex, merged_name=name, mirror_sign=mirror_sign
     )
 
 
+def _of_axes(
+    title: str, group: Group, unit: str, symbol: str, latex: str, *, turned: str
+) -> list[ObservationEntry]:
+    """Returns a quantity along each axis; `turned` are those with another sign in the mirror."""
+    return [
+        _entry(
+            f"{title} {axis.upper()}",
+            group,
+            unit,
+            f"{symbol}.{axis}",
+            f"{latex}_{{{axis}}}",
+            -1.0 if axis in turned else 1.0,
+        )
+        for axis in "xyz"
+    ]
+
+
 def _of_joints(
-    title: str, group: Group, unit: str, factor: float, symbol: str, latex: str
+    title: str, group: Group, unit: str, symbol: str, latex: str
 ) -> list[ObservationEntry]:
     return [
         ObservationEntry(
             name=f"{title} {leg} {joint.title()}",
             group=group,
-            leg=leg,
             unit=unit,
-            factor=factor,
             symbol=f"{symbol}.{leg}_{joint}",
             latex=rf"{latex}_{{\mathrm{{{leg}\,{joint}}}}}",
             merged_name=f"{title} {joint.title()}",
+            leg=leg,
             mirror_sign=-1.0 if joint == "hip" else 1.0,
         )
         for leg in quadruped.LEGS
@@ -212,58 +216,13 @@ def _of_joints(
 
 def _machine_state(number: int) -> ObservationEntry:
     return ObservationEntry(
-        name=f"RM State {number}",
-        group="machine state",
-        leg=None,
-        unit="",
-        factor=1.0,
-        symbol=f"s{number}",
-        latex=f"s_{{{number}}}",
-        merged_name="RM State",
-    )
-
-
-def _gravity(axis: str) -> ObservationEntry:
-    name, sign = f"Gravity {axis.upper()}", -1.0 if axis == "y" else 1.0
-    return _single(name, "gravity", "", 1.0, f"g.{axis}", f"g_{{{axis}}}", mirror_sign=sign)
-
-
-def _angular_velocity(axis: str) -> ObservationEntry:
-    return _single(
-        f"Base Ang Vel {axis.upper()}",
-        "angular velocity",
-        "rad/s",
-        ANGULAR_VELOCITY_SCALE,
-        f"w.{axis}",
-        rf"\omega_{{{axis}}}",
-        mirror_sign=1.0 if axis == "y" else -1.0,
-    )
-
-
-def _base_velocity(axis: str) -> ObservationEntry:
-    name, latex = f"Base Lin Vel {axis.upper()}", rf"\hat v_{{{axis}}}"
-    return _single(
-        name,
-        "base velocity",
-        "m/s",
-        BASE_VELOCITY_SCALE,
-        f"v.{axis}",
-        latex,
-        mirror_sign=-1.0 if axis == "y" else 1.0,
+        f"RM State {number}", "machine state", "", f"s{number}", f"s_{{{number}}}", "RM State"
     )
 
 
 def _foot_height(leg: str) -> ObservationEntry:
-    return ObservationEntry(
-        name=f"Foot Height {leg}",
-        group="foot height",
-        leg=leg,
-        unit="m",
-        factor=1.0,
-        symbol=f"h.{leg}",
-        latex=rf"\hat h_{{\mathrm{{{leg}}}}}",
-        merged_name="Foot Height",
-    )
+    name, latex = f"Foot Height {leg}", rf"\hat h_{{\mathrm{{{leg}}}}}"
+    return ObservationEntry(name, "foot height", "m", f"h.{leg}", latex, "Foot Height", leg)
 
 
 def entry_of(name: str) -> ObservationEntry:
@@ -279,29 +238,17 @@ def entry_of(name: str) -> ObservationEntry:
 
 
 def entries_of(names: Sequence[str]) -> tuple[ObservationEntry, ...]:
-    """Returns the entries of the names that a policy stores, in their order.
-
-    Raises:
-        InputError: if no entry is called so.
-    """
+    """Returns the entries of the names that a policy stores, in their order."""
     return tuple(entry_of(name) for name in names)
 
 
 def symbols_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Returns what formulas and pages call the entries of the names that a policy stores.
-
-    Raises:
-        InputError: if no entry is called so.
-    """
+    """Returns the symbols of entries in formulas and on pages, by their names."""
     return tuple(entry.symbol for entry in entries_of(names))
 
 
 def indices_of(group: Group, names: Sequence[str]) -> tuple[int, ...]:
-    """Returns where the entries of a group stand among the names of an observation.
-
-    Raises:
-        InputError: if a name is unknown.
-    """
+    """Returns the indices of a group's entries among the names of an observation."""
     return tuple(i for i, entry in enumerate(entries_of(names)) if entry.group == group)
 
 
@@ -309,7 +256,7 @@ def machine_state_entries(names: Sequence[str]) -> slice:
     """Finds the one-hot machine state, whose entries stand in a row, in an observation.
 
     Raises:
-        InputError: if a name is unknown, or none is of the machine's state.
+        InputError: if no name is of the machine's state.
     """
     indices = indices_of("machine state", names)
     if not indices:
@@ -350,7 +297,7 @@ def proprioception(
         commanded_dwell: Commanded iterations (...; control steps).
         joint_noise: Errors of positions, then velocities (..., 24; rad, rad/s).
         imu: The IMU's reading (..., 9), where the policy observes gravity and angular velocity.
-        limited: Whether joints follow targets within their ranges alone. Then these are observed,
+        limited: Whether joints only follow targets within their ranges. Then these are observed,
             not what was asked for: a policy that multiplies its last targets could otherwise make
             them grow from step to step.
 
@@ -361,12 +308,13 @@ def proprioception(
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
     held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
     counts = kinematics.stacked(held, commanded_dwell)
+    measured_by_imu = () if imu is None else (imu[..., 6:9], ANGULAR_VELOCITY_SCALE * imu[..., 0:3])
     return np.concatenate(
         [
             command,
             measured[..., : quadruped.N_JOINTS] - robot.default_stance,
             measured[..., quadruped.N_JOINTS :] * JOINT_VELOCITY_SCALE,
-            *_of_imu(imu),
+            *measured_by_imu,
             robot.limited_action(previous_action) if limited else previous_action,
             rm_state,
             counts * ITERATIONS_SCALE,
@@ -376,7 +324,7 @@ def proprioception(
 
 
 def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Returns where a robot waits (...): its time in a state is `OVERDUE` past the commanded one.
+    """Returns which robots wait (...): their time in a state is `OVERDUE` past the commanded one.
 
     Args:
         observation: Observations (..., n).
@@ -387,13 +335,6 @@ def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
     )
     past = (observation[..., spent] - observation[..., commanded]) / ITERATIONS_SCALE
     return np.rint(past) >= OVERDUE
-
-
-def _of_imu(imu: Array | None) -> tuple[Array, ...]:
-    """Returns what is observed of an IMU's reading: gravity's direction, angular velocity."""
-    if imu is None:
-        return ()
-    return imu[..., 6:9], ANGULAR_VELOCITY_SCALE * imu[..., 0:3]
 
 
 def body_state(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Array:

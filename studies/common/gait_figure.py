@@ -11,8 +11,8 @@ from matplotlib.patches import Patch
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.drawing import ink_on, state_colors
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import ink_on, state_colors
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 
 

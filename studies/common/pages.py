@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.task.palette import ink_on
+from glassgait.models.task.drawing import ink_on
 from glassgait.studies.common.tables import format_cell
 
 SHARED_TEMPLATES = Path(__file__).parent / "templates"

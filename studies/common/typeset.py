@@ -16,9 +16,9 @@ from glassgait.models.formulas.text import write_formula, written_number
 from glassgait.models.formulas.typeset import Latex, Markup, Typesetter
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.drawing import COLORS, state_colors
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
-from glassgait.models.task.palette import COLORS, state_colors
 from glassgait.studies.common.pages import SHARED_TEMPLATES, page_template
 
 PIECES_OF_A_LINE = 4

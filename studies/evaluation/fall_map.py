@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import PercentFormatter
 
 from glassgait.diagrams.scenario import TRAINING
-from glassgait.models.task.palette import ink_on
+from glassgait.models.task.drawing import ink_on
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.distillation.students.registry import policy_title

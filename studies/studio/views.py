@@ -11,7 +11,7 @@ from glassgait.models.formulas.text import written_number
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import DEAD_ZONE
-from glassgait.models.task.palette import state_colors
+from glassgait.models.task.drawing import state_colors
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.studio.background import ROLLOUTS, Work
 from glassgait.studies.studio.live_robot import KEPT, Moment

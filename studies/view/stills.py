@@ -8,8 +8,8 @@ from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.drawing import state_colors
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import state_colors
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled
 from glassgait.studies.common.gait_figure import draw_gait
 

@@ -14,7 +14,7 @@ import yaml
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
-from glassgait.models.task.drawing import to_graphviz, to_mermaid
+from glassgait.models.task.drawing import to_mermaid
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, gait_names, load_gait
 from glassgait.models.task.reward_machine import RewardMachine
@@ -51,9 +51,7 @@ FORMULAS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("seed", "count"), [(0, 100), pytest.param(1, 800, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("seed", "count"), [(0, 60), pytest.param(1, 800, marks=pytest.mark.slow)])
 def test_damaged_files_are_refused_in_one_sentence_or_are_sound(tmp_path, damaged, seed, count):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     generator = random.Random(seed)
@@ -90,7 +88,6 @@ def check_sound(gait: Gait) -> None:
         assert np.all(np.isfinite(step.multiplier))
     assert 0 < gait.clearance < 10 and 0 < gait.max_speed < 1000 and 0 < gait.max_yaw_rate < 1000
     assert to_mermaid(gait).count("-->") == len(gait.transitions) + 1
-    assert to_graphviz(gait).count("->") == len(gait.transitions) + 1
 
 
 @contextmanager
