@@ -1,10 +1,8 @@
 """The batch simulator: the locomotion task for hundreds of robots at once.
 
-Physics runs in C++ threads; the task is the same batch-first functions of
-`glassgait.models.task` that the systems diagram calls for one robot.
+Physics runs in C++ threads; the control step is that of `glassgait.models.control`.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,31 +11,26 @@ from numpy.typing import NDArray
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.task_config import TaskConfig
-from glassgait.diagrams.task_state import BoolArray, TaskState
+from glassgait.diagrams.task_state import TaskState, measured
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.contact import ContactTrust, read_contacts
-from glassgait.models.estimation.imu import N_IMU, ImuReading, measure_imu
-from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.control import BoolArray, ControlStep
+from glassgait.models.estimation.contact import read_contacts
+from glassgait.models.estimation.imu import N_IMU, measure_imu
 from glassgait.models.policies.controller import Estimator
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.ground import FootSense, sense_feet
-from glassgait.models.task.observation import (
-    N_ESTIMATED,
-    ObservationLayout,
-    body_state,
-    proprioception,
-)
+from glassgait.models.task.observation import ObservationLayout, body_state
 from glassgait.models.task.reward import Reward, fall_speeds, step_reward, tracked_speeds
-from glassgait.models.task.reward_machine import MachineStep, RewardMachine
+from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
 
 NOT_FINITE = FAILURES.index("not_finite")
 
 
 class BatchStep(NamedTuple):
-    """What one control step brings, robots along the first axis.
+    """Outcome of a control step, robots along the first axis.
 
     Attributes:
         reward: Reward with the machine's factor (n,).
@@ -61,7 +54,7 @@ class BatchStep(NamedTuple):
 
 
 class _Moved(NamedTuple):
-    """Where one control step took robots; those that are lost stay as they were.
+    """Result of a control period of physics; robots that are lost stay as they were.
 
     Attributes:
         plant: Plant states (n, 37).
@@ -74,25 +67,6 @@ class _Moved(NamedTuple):
     touching: BoolArray
     action: Array
     failures: BoolArray
-
-    @property
-    def lost(self) -> BoolArray:
-        """Which robots had no finite state, or no finite action to follow (n,)."""
-        return self.failures[:, NOT_FINITE]
-
-
-class _Contacts(NamedTuple):
-    """Contacts as far as sensors are believed.
-
-    Attributes:
-        trust: Which sensors are believed.
-        sensed: Which feet seem to press on the ground (n, 4).
-        lasting: Which feet touch, or did at the step before (n, 4).
-    """
-
-    trust: ContactTrust
-    sensed: BoolArray
-    lasting: BoolArray
 
 
 class BatchSimulator:
@@ -118,10 +92,8 @@ class BatchSimulator:
             physics: The stepper.
             n_robots: Number of robots.
             generator: Source of all randomness.
-            estimator: Odometry, or what maps proprioception (n, 40 + n_states) to the body state
-                (n, 7), which is then what is observed and, a step later, what the reward machine
-                takes the feet's heights from: the loop is closed on sensors only. None for the true
-                ones; a policy's own is `estimator_in_loop`.
+            estimator: Estimator of the body state, see `ControlStep`; None to observe the true one.
+                That of a policy is `estimator_in_loop`.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
         """
@@ -131,14 +103,14 @@ class BatchSimulator:
         self.estimator = estimator
         self.difficulty = difficulty
         self.push_share = 1.0
-        """Share of the pushes' speed that they have."""
+        """Factor on the speed of pushes."""
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
         if (limits := task.joint_law.limits) is not None:
             limits.check(task.robot)
-        needs_imu = isinstance(estimator, Odometry) or limits is not None
-        self._has_imu = task.observes_imu or needs_imu
-        self._weights = task.weights
+        self.control = ControlStep(
+            task.robot, self.machine, task.joint_law, estimator, task.observes_imu
+        )
         self._is_commanded = False
         self._all_robots = np.arange(n_robots)
         self._stand_on(physics)
@@ -155,17 +127,13 @@ class BatchSimulator:
         self._state = state
 
     def change_ground(self, physics: Physics) -> None:
-        """Goes on with other physics of the same robots, which stand on what is then under them.
-
-        Args:
-            physics: Physics of as many groups.
-        """
+        """Goes on with other physics of as many groups of robots, which stand on its ground."""
         self._stand_on(physics)
         self.physics.set_friction(self.friction)
         plant = self._state.plant
         standing = self._ground.stand(self.task.robot, plant)
         plant = np.where(self._ground.is_rough[:, None], standing, plant)
-        self._state = replace(self._state, plant=plant)
+        self._state = self._state._replace(plant=plant)
 
     def _stand_on(self, physics: Physics) -> None:
         self.physics = physics
@@ -176,8 +144,7 @@ class BatchSimulator:
     def resample_friction(self) -> None:
         """Draws a new friction for every group of robots."""
         low, high = self.task.randomization.friction
-        self.friction = self.generator.uniform(low, high, size=self.physics.n_groups)
-        self.physics.set_friction(self.friction)
+        self.restore_friction(self.generator.uniform(low, high, size=self.physics.n_groups))
 
     def friction_of_robots(self) -> Array:
         """Returns the friction under each robot (n,)."""
@@ -206,13 +173,16 @@ class BatchSimulator:
         self._state = self._begin(self._all_robots, plant, command)
 
     def set_command(self, command: Command) -> None:
-        """Gives every robot a command: from then on episodes alone begin with drawn ones."""
+        """Gives every robot a command; from then on only episodes begin with drawn ones."""
         self._is_commanded = True
-        self._state = self._estimated(replace(self._state, command=command))
+        s = self._state._replace(command=command)
+        # A learned estimator observes the command.
+        self._state = s._replace(memory=self.control.estimated(s.memory, s.sensors(), command))
 
     def proprioception(self) -> Array:
         """Observes the part that needs no estimator (n, 40 + n_states)."""
-        return self._proprioception(self._state)
+        s = self._state
+        return self.control.proprioception(s.memory, s.sensors(), s.command)
 
     def body_state(self) -> Array:
         """Returns the true values of what the estimator estimates (n, 7)."""
@@ -224,59 +194,56 @@ class BatchSimulator:
         Returns:
             Observations (n, 47 + n_states), in the order of `layout`.
         """
-        body = self.body_state() if self.estimator is None else self._state.estimate
-        return np.concatenate([self.proprioception(), body], axis=-1)
+        s, body = self._state, self.body_state() if self.estimator is None else None
+        return self.control.observation(s.memory, s.sensors(), s.command, body)
 
     def limited(self, action: Array) -> Array:
         """Returns what the controllers' limits leave of actions (n, 12) that are asked for now."""
-        limits, s = self.task.joint_law.limits, self._state
-        if limits is None:
-            return action
-        position, _ = s.measured_joints()
-        gravity = ImuReading.of(s.imu[:, -1]).gravity
-        return limits.applied(
-            self.task.robot, action, before=s.action, position=position, gravity=gravity
-        )
+        return self.control.limited(self._state.memory, self._state.sensors(), action)
 
     def step(self, action: Array) -> BatchStep:
-        """Holds actions (n, 12), within limits, for one control step and moves the task on.
-
-        Args:
-            action: What controllers ask for.
-        """
+        """Holds actions (n, 12), within limits, for one control step and moves the task on."""
         s, task = self._state, self.task
-        is_finite = np.isfinite(action).all(axis=1)
-        moved = self._moved(s, self.limited(action), is_finite)
+        moved = self._moved(s, self.limited(action), np.isfinite(action).all(axis=1))
+
+        # Draw what the next instant brings. A new command holds from the end of the step on, for
+        # the machine too.
         steps = s.steps + 1
         joint_noise = self._joint_errors(s.bias)
         push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
-        # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
+        wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
+
+        # Reward the step, before the push.
         feet = sense_feet(task.robot, moved.plant, s.touching, moved.touching, self._ground)
-        contacts = self._read_contacts(s, moved.plant, joint_noise, feet)
-        machine = self._step_machine(s, feet, contacts.lasting, command)
-        reward = self._rewarded(s, moved.plant, moved.action, command, feet)
-        plain = np.where(moved.lost, 0.0, reward.plain)
-        after = replace(
-            s,
+        reward = self._rewarded(s, moved, command, feet)
+        lost = moved.failures[:, NOT_FINITE]
+        plain = np.where(lost, 0.0, reward.plain)
+
+        # Sense what the push has left. The machine follows the contacts.
+        after = s._replace(
             plant=moved.plant,
             command=command,
-            machine=machine.machine,
             touching=feet.touching,
             air_time=reward.air_time,
             fall_speed=reward.fall_speed,
             tracked=reward.tracked,
-            action=moved.action,
-            action_before=s.action,
+            action_before=s.memory.action,
             joint_noise=joint_noise,
-            trust=contacts.trust,
-            sensed=contacts.sensed,
             steps=steps,
+        ).pushed(push)
+        if self.control.needs_imu:
+            reading = self._read_imu(after.plant, s.plant, s.bias, self._all_robots)
+            imu = np.concatenate([reading[:, None], s.imu[:, :-1]], axis=1)
+            after = after._replace(imu=imu)
+        memory, machine = self.control.sense(
+            s.memory._replace(action=moved.action),
+            after.sensors(read_contacts(feet.touching, wrong, s.stuck)),
+            command,
+            true_height=self._true_height(feet),
+            difficulty=self.difficulty,
         )
-        # A push comes between two steps: the next observation shows it.
-        self._state = self._estimated(
-            self._sensed(after.pushed(push), self._all_robots, before=s.plant)
-        )
+        self._state = after._replace(memory=memory)
         return BatchStep(
             reward=plain * machine.multiplier,
             plain_reward=plain,
@@ -289,13 +256,19 @@ class BatchSimulator:
         )
 
     def _moved(self, s: TaskState, action: Array, is_finite: BoolArray) -> _Moved:
-        """Moves robots by actions (n, 12) that were finite or not (n,), and looks for failures."""
+        """Moves robots by limited actions (n, 12) and looks for failures.
+
+        Args:
+            s: The state before.
+            action: The actions.
+            is_finite: Whether the actions that were asked for are finite (n,).
+        """
         stepped = self._followed(s, action)
         shown = failures(
             self.task.robot,
             stepped.states,
             action=action,
-            previous_action=s.action,
+            previous_action=s.memory.action,
             limits=self.task.limits,
             ground=self._ground,
         )
@@ -306,53 +279,39 @@ class BatchSimulator:
         return _Moved(
             plant=np.where(kept, s.plant, stepped.states),
             touching=np.where(kept, s.touching, stepped.touching),
-            action=np.where(kept, s.action, action),
+            action=np.where(kept, s.memory.action, action),
             failures=shown,
         )
 
-    def _read_contacts(
-        self, s: TaskState, plant: Array, joint_noise: Array, feet: FootSense
-    ) -> _Contacts:
-        """Reads the feet's contact sensors, and believes those that are to be trusted."""
-        wrong = self.task.randomization.wrong_contacts(self.n_robots, self.generator)
-        reading = read_contacts(feet.touching, wrong, s.stuck)
-        trust, lasting = s.trust.after(reading), s.trust.lasting(reading)
-        if not trust.doubted.any():
-            return _Contacts(trust, reading, lasting)
-        height = self._expected_height(s, plant, joint_noise, feet)
-        return _Contacts(trust, trust.believed(reading, height), trust.believed(lasting, height))
+    def _followed(self, s: TaskState, action: Array) -> PhysicsStep:
+        """Lets the joints follow actions (n, 12) as late as they come, for a control period."""
+        very_late = s.latency > CONTROL_PERIOD
+        last = s.memory.action
+        coming = np.where(very_late[:, None], last, action)
+        held = np.where(very_late[:, None], s.action_before, last)
+        return self.physics.step(
+            s.plant,
+            self.control.joint_targets(coming),
+            previous_targets=self.control.joint_targets(held),
+            latency=np.where(very_late, s.latency - CONTROL_PERIOD, s.latency),
+        )
 
-    def _rewarded(
-        self, s: TaskState, plant: Array, action: Array, command: Command, feet: FootSense
-    ) -> Reward:
-        """Rewards the step from `s` to plant states (n, 37) by sound actions (n, 12)."""
+    def _rewarded(self, s: TaskState, moved: _Moved, command: Command, feet: FootSense) -> Reward:
+        """Rewards the step from a state to where robots have moved."""
         return step_reward(
             self.task.robot,
-            state=plant,
+            state=moved.plant,
             previous_joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
-            action=action,
-            previous_action=s.action,
+            action=moved.action,
+            previous_action=s.memory.action,
             command=command.velocity,
             foot_contact=feet.contact,
             foot_height=feet.height,
             air_time=s.air_time,
             fall_speed=s.fall_speed,
             tracked=s.tracked,
-            weights=self._weights,
+            weights=self.task.weights,
             joint_law=self.task.joint_law,
-        )
-
-    def _followed(self, s: TaskState, action: Array) -> PhysicsStep:
-        """Lets the joints follow actions (n, 12) as late as they come, for a control period."""
-        very_late = s.latency > CONTROL_PERIOD
-        coming = np.where(very_late[:, None], s.action, action)
-        held = np.where(very_late[:, None], s.action_before, s.action)
-        robot, limited = self.task.robot, self.task.joint_law.limited
-        return self.physics.step(
-            s.plant,
-            robot.joint_targets(coming, limited=limited),
-            previous_targets=robot.joint_targets(held, limited=limited),
-            latency=np.where(very_late, s.latency - CONTROL_PERIOD, s.latency),
         )
 
     def _joint_errors(self, bias: Array) -> Array:
@@ -361,19 +320,25 @@ class BatchSimulator:
         errors[:, : quadruped.N_JOINTS] += bias[:, : quadruped.N_JOINTS]
         return errors
 
-    def _step_machine(
-        self, s: TaskState, feet: FootSense, contact: BoolArray, command: Command
-    ) -> MachineStep:
-        return self.machine.step(
-            s.machine,
-            foot_contact=contact,
-            foot_height=self._sensed_height(feet, s.estimate),
-            commanded_dwell=command.dwell,
-            difficulty=self.difficulty,
-        )
+    def _read_imu(
+        self, plant: Array, before: Array, bias: Array, index: NDArray[np.int64]
+    ) -> Array:
+        """Reads the IMU (n, 9) of the robots at `index`, and draws its noise.
+
+        Args:
+            plant: Plant states (n, 37).
+            before: Plant states one control step before (n, 37).
+            bias: Constant errors (n, 21).
+            index: The robots.
+        """
+        velocity = before[:, quadruped.LINEAR_VELOCITY]
+        reading = measure_imu(plant, velocity, self.gravity[index])
+        reading += self.task.randomization.imu_noise(len(index), self.generator)
+        reading += bias[:, quadruped.N_JOINTS :]
+        return reading
 
     def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
-        """Returns what is commanded once each robot's control steps (n,) are over."""
+        """Returns the commands once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
         if len(due) and not self._is_commanded:
             state = state.with_commands(due, self._draw_commands(len(due)))
@@ -390,6 +355,7 @@ class BatchSimulator:
                 )
 
     def _fresh(self, index: NDArray[np.int64]) -> TaskState:
+        """Draws states and commands of robots at an episode's start."""
         count = len(index)
         ground = self._ground.of_robots(index)
         plant = self.task.randomization.initial_states(
@@ -398,121 +364,48 @@ class BatchSimulator:
         return self._begin(index, plant, self._draw_commands(count))
 
     def _begin(self, index: NDArray[np.int64], plant: Array, command: Command) -> TaskState:
-        count = len(plant)
-        randomization = self.task.randomization
-        untouched = np.zeros((count, quadruped.N_LEGS), dtype=bool)
+        """Returns robots at an episode's start."""
+        count, task, randomization = len(plant), self.task, self.task.randomization
+        no_legs = np.zeros((count, quadruped.N_LEGS))
+        no_action = np.zeros((count, quadruped.N_JOINTS))
         ground = self._ground.of_robots(index)
-        feet = sense_feet(self.task.robot, plant, untouched, ground=ground)
+        feet = sense_feet(task.robot, plant, no_legs > 0.0, ground=ground)
+
+        # Draw what is wrong with the sensors.
         wrong = randomization.wrong_contacts(count, self.generator)
         stuck = randomization.stuck_contacts(count, self.generator)
-        reading = read_contacts(feet.touching, wrong, stuck)
-        nothing, no_speed = np.zeros((count, N_ESTIMATED)), np.zeros((count, quadruped.N_LEGS))
-        start = self.machine.step(
-            self.machine.initial((count,)),
-            foot_contact=reading,
-            foot_height=self._sensed_height(feet, nothing),
-            commanded_dwell=command.dwell,
-            difficulty=self.difficulty,
-        )
         bias = randomization.biases(count, self.generator)
         joint_noise = self._joint_errors(bias)
-        measured = plant[:, quadruped.JOINT_POSITION] + joint_noise[:, : quadruped.N_JOINTS]
-        begun = TaskState(
+        latency = randomization.latencies(count, self.generator)
+        imu = np.zeros((count, 1 + randomization.imu.delay, N_IMU))
+        if self.control.needs_imu:
+            imu[:] = self._read_imu(plant, plant, bias, index)[:, None]
+
+        # Take the first look at them.
+        reading = read_contacts(feet.touching, wrong, stuck)
+        memory, _ = self.control.sense(
+            None,
+            measured(plant, joint_noise, reading, imu),
+            command,
+            true_height=self._true_height(feet),
+            difficulty=self.difficulty,
+        )
+        return TaskState(
             plant=plant,
             command=command,
-            machine=start.machine,
+            memory=memory,
             touching=feet.touching,
-            air_time=np.zeros((count, quadruped.N_LEGS)),
-            fall_speed=fall_speeds(self.task.robot, plant, feet.contact, no_speed, self._weights),
-            tracked=tracked_speeds(plant, np.zeros((count, 2)), self._weights),
-            action=np.zeros((count, quadruped.N_JOINTS)),
-            action_before=np.zeros((count, quadruped.N_JOINTS)),
+            air_time=no_legs,
+            fall_speed=fall_speeds(task.robot, plant, feet.contact, no_legs, task.weights),
+            tracked=tracked_speeds(plant, np.zeros((count, 2)), task.weights),
+            action_before=no_action,
             joint_noise=joint_noise,
             bias=bias,
-            imu=np.zeros((count, 1 + randomization.imu.delay, N_IMU)),
+            imu=imu,
             stuck=stuck,
-            trust=ContactTrust.begin((count,)).after(reading),
-            sensed=reading,
-            latency=randomization.latencies(count, self.generator),
-            estimate=nothing,
-            odometry=Odometry().begin(self.task.robot, measured),
+            latency=latency,
             steps=np.zeros(count, dtype=np.int64),
         )
-        return self._estimated(self._sensed(begun, index))
 
-    def _proprioception(self, s: TaskState) -> Array:
-        return proprioception(
-            self.task.robot,
-            command=s.command.velocity,
-            joint_position=s.plant[:, quadruped.JOINT_POSITION],
-            joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
-            previous_action=s.action,
-            rm_state=self.machine.one_hot(s.machine.state),
-            rm_iterations=s.machine.iterations,
-            commanded_dwell=s.command.dwell,
-            joint_noise=s.joint_noise,
-            imu=s.imu[:, -1] if self.layout.imu else None,
-            limited=self.task.joint_law.limited,
-        )
-
-    def _sensed(
-        self, state: TaskState, index: NDArray[np.int64], before: Array | None = None
-    ) -> TaskState:
-        """Returns a state that is about to be observed, with what the IMU and odometry then give.
-
-        Args:
-            state: The state.
-            index: Its robots.
-            before: Plant states one control step before (n, 37); None at an episode's start.
-        """
-        if not self._has_imu:
-            return state
-        earlier = state.plant if before is None else before
-        reading = measure_imu(
-            state.plant,
-            earlier[:, quadruped.LINEAR_VELOCITY],
-            self.gravity[index],
-        )
-        reading += self.task.randomization.imu_noise(len(index), self.generator)
-        reading += state.bias[:, quadruped.N_JOINTS :]
-        if before is None:
-            return replace(state, imu=np.repeat(reading[:, None], state.imu.shape[1], axis=1))
-        readings = np.concatenate([reading[:, None], state.imu[:, :-1]], axis=1)
-        state = replace(state, imu=readings)
-        if not isinstance(self.estimator, Odometry):
-            return state
-        position, velocity = state.measured_joints()
-        odometry = self.estimator.advance(
-            self.task.robot,
-            state.odometry,
-            joint_position=position,
-            joint_velocity=velocity,
-            imu=readings[:, -1],
-            touching=state.sensed,
-        )
-        return replace(state, odometry=odometry)
-
-    def _estimated(self, state: TaskState) -> TaskState:
-        """Returns a state that is about to be observed, with what the estimator then gives."""
-        match self.estimator:
-            case None:
-                return state
-            case Odometry() as odometry:
-                position, _ = state.measured_joints()
-                estimate = odometry.body_state(self.task.robot, state.odometry, position)
-            case network:
-                estimate = network(self._proprioception(state))
-        return replace(state, estimate=estimate)
-
-    def _expected_height(
-        self, before: TaskState, plant: Array, joint_noise: Array, feet: FootSense
-    ) -> Array:
-        """Returns how high feet are (n, 4; m) before it is known which of them touch."""
-        if not isinstance(self.estimator, Odometry):
-            return self._sensed_height(feet, before.estimate)
-        position = plant[:, quadruped.JOINT_POSITION] + joint_noise[:, : quadruped.N_JOINTS]
-        return self.estimator.expected_heights(self.task.robot, before.odometry, position)
-
-    def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
-        # The estimator sees the machine's state, so the machine reads what it estimated before.
-        return feet.height if self.estimator is None else estimate[:, -quadruped.N_LEGS :]
+    def _true_height(self, feet: FootSense) -> Array | None:
+        return feet.height if self.estimator is None else None

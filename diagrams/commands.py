@@ -14,9 +14,7 @@ from glassgait.models.settings import Range, Settings, checked
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, check_command
 from glassgait.models.task.gait import Gait
-from glassgait.systems.command import RandomCommand
-from glassgait.systems.given_command import GivenCommand
-from glassgait.systems.meshcat_command import MeshcatCommand
+from glassgait.systems.commands import GivenCommand, MeshcatCommand, RandomCommand
 
 
 @checked
@@ -90,74 +88,54 @@ class SliderCommand(Settings):
         """Does nothing: sliders end where the gait's range does."""
 
 
+NAMES = ("command", "commanded_dwell")
+"""Ports of a command."""
+
 CommandConfig = FixedCommand | DrawnCommands | SliderCommand
 
 
 def AddCommand(  # noqa: N802
     builder: DiagramBuilder, gait: Gait, config: CommandConfig, meshcat: Meshcat | None
-) -> tuple[OutputPort, OutputPort]:
-    """Adds the source of commands.
+) -> dict[str, OutputPort]:
+    """Adds the source of commands, and the diagram's inputs by which a planner commands instead.
 
     Returns:
-        Its outputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps).
+        The outputs command (2; m/s, rad/s) and commanded_dwell (1, control steps).
 
     Raises:
-        InputError: if the gait is not made for the command.
-        ValueError: if there is no Meshcat for sliders.
+        InputError: if the gait is not made for the command, or sliders have no Meshcat.
     """
     config.check(gait)
     match config:
         case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
-            velocity = ConstantVectorSource([speed, yaw_rate])
-            builder.AddNamedSystem("command", velocity)
-            rhythm = builder.AddNamedSystem("commanded_dwell", ConstantVectorSource([dwell]))
-            return velocity.get_output_port(), rhythm.get_output_port()
+            sources = [ConstantVectorSource([speed, yaw_rate]), ConstantVectorSource([dwell])]
+            for name, source in zip(NAMES, sources, strict=True):
+                builder.AddNamedSystem(name, source)
+            drawn = [source.get_output_port() for source in sources]
         case DrawnCommands(speed_range=speed_range):
-            source = _add_random_command(builder, gait, speed_range)
+            seed = AddSeed(builder, "command_seed")
+            source = builder.AddNamedSystem("command", RandomCommand(gait, speed_range))
+            builder.Connect(seed, source.get_input_port())
+            drawn = [source.GetOutputPort(name) for name in NAMES]
         case SliderCommand():
             if meshcat is None:
-                raise ValueError("locomotion: commands from sliders need a Meshcat")
+                raise InputError("locomotion: commands from sliders need a Meshcat; give one")
             source = builder.AddNamedSystem("command", MeshcatCommand(gait, meshcat))
-    return source.get_command_output_port(), source.get_commanded_dwell_output_port()
-
-
-def AddGivenCommand(  # noqa: N802
-    builder: DiagramBuilder, gait: Gait, drawn: tuple[OutputPort, OutputPort]
-) -> tuple[OutputPort, OutputPort]:
-    """Adds what lets a planner command the robot, by the diagram's inputs of the same names.
-
-    Args:
-        builder: Where it is added.
-        gait: The gait, for its ranges.
-        drawn: What `AddCommand` returns, which is commanded where the inputs are unconnected.
-
-    Returns:
-        The outputs command (2; m/s, rad/s) and commanded_dwell (1, control steps).
-    """
+            drawn = [source.GetOutputPort(name) for name in NAMES]
     given = builder.AddNamedSystem("given_command", GivenCommand(gait))
-    command, dwell = drawn
-    builder.Connect(command, given.get_drawn_command_input_port())
-    builder.Connect(dwell, given.get_drawn_dwell_input_port())
-    for port in (given.get_command_input_port(), given.get_commanded_dwell_input_port()):
-        builder.ExportInput(port, port.get_name())
-    return given.get_command_output_port(), given.get_commanded_dwell_output_port()
+    builder.Connect(drawn[0], given.GetInputPort("drawn_command"))
+    builder.Connect(drawn[1], given.GetInputPort("drawn_dwell"))
+    for name in NAMES:
+        builder.ExportInput(given.GetInputPort(name), name)
+    return {name: given.GetOutputPort(name) for name in NAMES}
 
 
 def AddSeed(builder: DiagramBuilder, name: str) -> OutputPort:  # noqa: N802
     """Adds a number that a random context draws, and that holds for the whole rollout."""
-    # A system written in Python cannot draw its own parameters in `SetRandomContext`, but a linear
+    # A system written in Python cannot draw its parameters in `SetRandomContext`, but a linear
     # system draws its initial state, and this one stays where it starts. A RandomSource would draw
     # another number in the first update.
     nothing = np.zeros((1, 0))
     seed = LinearSystem(np.eye(1), nothing, np.eye(1), nothing, COMMAND_STEPS * CONTROL_PERIOD)
     seed.configure_random_state(np.eye(1))
     return builder.AddNamedSystem(name, seed).get_output_port()
-
-
-def _add_random_command(
-    builder: DiagramBuilder, gait: Gait, speed_range: tuple[float, float] | None
-) -> RandomCommand:
-    seed = AddSeed(builder, "command_seed")
-    source = builder.AddNamedSystem("command", RandomCommand(gait, speed_range))
-    builder.Connect(seed, source.get_seed_input_port())
-    return source

@@ -74,14 +74,10 @@ class LiveDisplay:
         meshcat.SetCameraPose([0.85, -1.0, 0.55], [0.0, 0.2, 0.1])
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
         marks = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
-        for port in (
-            marks.get_state_input_port(),
-            marks.get_rm_state_input_port(),
-            marks.get_foot_contact_input_port(),
-        ):
-            builder.ExportInput(port, port.get_name())
-        self._diagram = builder.Build()
         names = ("state", "rm_state", "foot_contact")
+        for name in names:
+            builder.ExportInput(marks.GetInputPort(name), name)
+        self._diagram = builder.Build()
         self._inputs = {name: self._diagram.GetInputPort(name) for name in names}
         self._context = self._diagram.CreateDefaultContext()
         self._own = self._plant.GetMyMutableContextFromRoot(self._context)

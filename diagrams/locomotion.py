@@ -1,24 +1,74 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
-from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from functools import partial
+from typing import TypeVar
 
-from glassgait.diagrams.commands import AddCommand, AddGivenCommand
-from glassgait.diagrams.controller import AddController, ControllerPorts, Sensed, Senses
-from glassgait.diagrams.judges import AddJudges
+from pydrake.common import RandomDistribution
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPortIndex,
+    OutputPort,
+    System,
+)
+from pydrake.systems.primitives import Multiplexer, PortSwitch, RandomSource
+
+from glassgait.diagrams.commands import AddCommand, AddSeed
+from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.sensed_robot import AddSensedRobot, SensedRobot
-from glassgait.diagrams.station import actuated_joints
-from glassgait.diagrams.visualization import AddLocomotionDisplay
-from glassgait.models.policies.controller import Controller
+from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
+from glassgait.models.errors import InputError
+from glassgait.models.estimation.contact import stuck_sensors
+from glassgait.models.estimation.imu import N_IMU
+from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    Controller,
+    Estimator,
+    alone,
+    estimator_in_loop,
+    expert_of,
+)
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.ground import Ground
-from glassgait.systems.action_delay import ActionDelay
-from glassgait.systems.action_hold import ActionHold
-from glassgait.systems.foot_sensor import FootSensor
-from glassgait.systems.joint_targets import JointTargets
-from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.systems.control import (
+    ActionHold,
+    AlternationSchedule,
+    ContactTrustSystem,
+    JointTargets,
+    PolicySystem,
+    Proprioception,
+    RewardMachineSystem,
+    TargetLimitsSystem,
+)
+from glassgait.systems.estimation import OdometrySystem, StateEstimator
+from glassgait.systems.reward import FallMonitor, RewardSystem
+from glassgait.systems.sensors import (
+    BodyStateSensor,
+    ContactSensor,
+    FootSensor,
+    ImuSensor,
+    JointSensor,
+    SensorBias,
+)
+
+Ports = dict[str, OutputPort]
+"""Output ports by what they give."""
+
+OUTPUTS = (
+    *("actions", "observations", "reward", "plain_reward", "reward_terms", "failures"),
+    *("rm_state", "rm_iterations", "served_dwell", "foot_contact", "foot_height"),
+    *("command", "commanded_dwell", "state", "imu"),
+)
+"""Names of the diagram's outputs; some are only there if they are needed."""
+
+S = TypeVar("S", bound=System)
 
 
 def MakeLocomotion(  # noqa: N802
@@ -26,170 +76,305 @@ def MakeLocomotion(  # noqa: N802
     scenario: Scenario | None = None,
     *,
     policy: Controller | Policy | None = None,
-    senses: Senses | None = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
-    """Builds the station with the task and the policies around it.
+    """Builds the station with its sensors, the controller and the task around it.
 
     .. pydrake_system::
 
         name: Locomotion
-        input_ports:
-        - command
-        - commanded_dwell
-        - actions
-        output_ports:
-        - actions
-        - observations
-        - reward
-        - plain_reward
-        - reward_terms
-        - rm_state
-        - rm_iterations
-        - served_dwell
-        - foot_contact
-        - foot_height
-        - failures
-        - command
-        - commanded_dwell
-        - state
-        - imu
+        input_ports: [command, commanded_dwell, actions]
+        output_ports: [actions, observations, reward, plain_reward, reward_terms, failures,
+          rm_state, rm_iterations, served_dwell, foot_contact, foot_height, command,
+          commanded_dwell, state, imu]
 
     Inputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps), from a planner, limited
-    to what the gait is made for; each may stay unconnected, and then the scenario's command holds.
-    actions (12), only where no policy is given.
-    Outputs: actions (12), what acts at this control step. observations (47 + n_states, or 53 +
-    n_states with an IMU). reward (1) and plain_reward (1) of the step that ends now, reward_terms
-    (13). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
-    foot_contact (4), foot_height (4, m). failures (7). command (2) and commanded_dwell (1), by
-    which the robot goes. state (37), the plant's. imu (9), the IMU's reading, only where it is
-    needed.
+    to the gait's ranges; each may stay unconnected, and then the scenario's command holds.
+    actions (12), only without a policy.
+    Outputs: actions (12), only with a policy. observations (47 + n_states, 6 more with an IMU).
+    reward (1) and plain_reward (1) of the step that ends now, reward_terms (13). failures (7).
+    rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps). foot_contact
+    (4), foot_height (4, m). command (2), commanded_dwell (1). state (37), the plant's. imu (9), the
+    IMU's reading, only where it is needed.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
-    In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the
-    sensors' noise and biases, and drawn commands. The scenario's pushes come between two control
-    steps, from the code that advances the simulator; see `glassgait.diagrams.plant_state.push`.
+    In a default context the robot stands at rest; `SetRandomContext` draws its pose, the sensors'
+    errors and commands. Pushes come from the code that advances the simulator; see
+    `glassgait.diagrams.rollout.push`.
 
     Args:
         gait: The gait whose reward machine runs.
-        scenario: The world, and how the loop is closed; the training world by default.
-        policy: The controller. Its estimator gives the observed body state and the foot heights
-            that the reward machine reads; they are the true ones where the scenario says so, and
-            where no policy is given.
-        senses: Where no policy is given, what is observed by; the true body state by default.
+        scenario: The scenario; that of training by default.
+        policy: The controller. Without one the true body state is observed.
         meshcat: Shows robot, contacts and machine state there.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or has no estimator, and
+        InputError: if a policy was made for another gait or observation, or has no estimator and
             the scenario does not ask for the true body state; or the gait is not made for the
             command.
-        ValueError: if commands come from sliders, and there is no Meshcat.
     """
-    scenario = scenario or Scenario()
-    if policy is not None:
-        senses = Senses.of(policy, true_body_state=scenario.true_body_state)
-    senses = senses or Senses()
-    robot, joint_law = scenario.robot_of(policy), scenario.joint_law(policy)
-    builder = DiagramBuilder()
-    # What comes first draws first in a random context: a seed gives the same commands with noise
-    # and without, and the same noise whatever the robot's pose is drawn from.
-    drawn = AddCommand(builder, gait, scenario.command, meshcat)
-    commanded = AddGivenCommand(builder, gait, drawn)
-    sensed_robot = AddSensedRobot(
-        builder, robot, scenario, imu=senses.need_imu, joint_law=joint_law
+    scenario, builder = scenario or Scenario(), DiagramBuilder()
+    robot, law = scenario.robot_of(policy), scenario.joint_law(policy)
+    controller = alone(policy) if isinstance(policy, Policy) else policy
+    estimator = controller and estimator_in_loop(
+        controller, true_body_state=scenario.true_body_state
     )
-    sensed = _sensed(sensed_robot, commanded)
-    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
-    controller = AddController(
-        builder,
-        robot,
-        gait,
-        sensed,
-        machine=machine,
-        policy=policy,
-        senses=senses,
-        limited=joint_law.limited,
+    has_imu = controller is not None and expert_of(controller).layout.imu
+    layout = ObservationLayout(gait.n_states, imu=has_imu)
+    add = partial(_add, builder)
+
+    # What is added first draws first in a random context: a seed gives the same commands and the
+    # same noise, whatever comes after.
+    ports = AddCommand(builder, gait, scenario.command, meshcat)
+    needs_imu = has_imu or isinstance(estimator, Odometry) or law.limits is not None
+    errors = _add_sensor_errors(builder, scenario, imu=needs_imu)
+
+    # The robot on its ground with its sensors.
+    station = scenario.station.with_gains(robot, law)
+    plant, scene_graph, instance = AddStation(builder, robot, station, reach=laid(station.terrain))
+    ports["state"] = AddWorldState(builder, plant, station)
+    ports |= _add_sensors(builder, robot, scenario, ports["state"], errors, imu=needs_imu)
+
+    # The controller, and the joints that follow its actions some time later.
+    hold = add("action_hold", ActionHold(scenario.latency, station.time_step))
+    ports |= _outputs(hold)
+    ports |= _add_observation(
+        builder, robot, scenario, gait, layout, estimator, ports, limited=law.limited
     )
-    hold = controller.hold
-    if policy is None:
-        builder.ExportInput(hold.get_action_input_port(), "actions")
-    _add_joint_targets(builder, sensed_robot, scenario, hold, limited=joint_law.limited)
-    judged = AddJudges(builder, sensed_robot, scenario, sensed.command, machine, hold, joint_law)
+    if controller is None:
+        builder.ExportInput(hold.get_input_port(), "actions")
+    else:
+        ports["actions"] = _add_policies(builder, controller, gait, layout, law, ports)
+        builder.Connect(ports["actions"], hold.get_input_port())
+    targets = JointTargets(robot, actuated_joints(plant), limited=law.limited)
+    add("joint_targets", targets, action=ports["delayed_action"])
+    builder.Connect(targets.get_output_port(), plant.get_desired_state_input_port(instance))
+
+    # Reward, failures and display.
+    ports |= _add_task(builder, robot, scenario, law, ports)
     if meshcat is not None:
-        rm_state = machine.get_rm_state_output_port()
-        AddLocomotionDisplay(builder, sensed_robot, gait, rm_state, meshcat)
-    _export_outputs(builder, sensed, sensed_robot.sensors.feet, machine, controller, judged)
+        # Imported here: most diagrams show nothing.
+        from glassgait.diagrams.visualization import AddLocomotionDisplay  # noqa: PLC0415
+
+        AddLocomotionDisplay(
+            builder,
+            robot,
+            gait,
+            station.terrain,
+            meshcat,
+            plant=plant,
+            scene_graph=scene_graph,
+            rm_state=ports["rm_state"],
+            foot_contact=ports["foot_contact"],
+        )
+    for name in OUTPUTS:
+        if name in ports:
+            builder.ExportOutput(ports[name], name)
     diagram = builder.Build()
     diagram.set_name("Locomotion")
     return diagram
 
 
-def _sensed(sensed_robot: SensedRobot, commanded: tuple[OutputPort, OutputPort]) -> Sensed:
-    """Returns what the controller and the reward machine read."""
-    command, commanded_dwell = commanded
-    sensors = sensed_robot.sensors
-    return Sensed(
-        joints=sensors.joints,
-        command=command,
-        commanded_dwell=commanded_dwell,
-        touching=sensors.touching,
-        imu=sensors.imu,
-        state=sensed_robot.state,
-        foot_height=sensors.feet.get_foot_height_output_port(),
-        ground=Ground([sensed_robot.terrain]),
-    )
+def _add(builder: DiagramBuilder, name: str, system: S, **inputs: OutputPort | None) -> S:
+    """Adds a system and connects its inputs by their names, except those that are None."""
+    builder.AddNamedSystem(name, system)
+    for port, source in inputs.items():
+        if source is not None:
+            builder.Connect(source, system.GetInputPort(port))
+    return system
 
 
-def _add_joint_targets(
+def _outputs(system: System) -> Ports:
+    """Returns a system's output ports by their names."""
+    ports = (system.get_output_port(index) for index in range(system.num_output_ports()))
+    return {port.get_name(): port for port in ports}
+
+
+def _add_sensor_errors(builder: DiagramBuilder, scenario: Scenario, *, imu: bool) -> Ports:
+    """Adds the sources of the errors of joints, contacts and IMU; without errors nothing."""
+    errors: Ports = {}
+    for name, share, size in (
+        ("sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS),
+        ("contact_noise", scenario.contact_flips, quadruped.N_LEGS),
+        ("imu_noise", scenario.sensor_noise if imu else 0.0, N_IMU),
+    ):
+        if share > 0.0:
+            noise = RandomSource(RandomDistribution.kUniform, size, CONTROL_PERIOD)
+            errors[name] = builder.AddNamedSystem(name, noise).get_output_port()
+    if scenario.encoder_bias > 0.0 or (imu and scenario.imu.half_widths.any()):
+        bias = SensorBias(scenario.randomization())
+        _add(builder, "sensor_bias", bias, seed=AddSeed(builder, "sensor_bias_seed"))
+        errors |= _outputs(bias)
+    return errors
+
+
+def _add_sensors(
     builder: DiagramBuilder,
-    sensed_robot: SensedRobot,
+    robot: Robot,
     scenario: Scenario,
-    hold: ActionHold,
+    state: OutputPort,
+    errors: Ports,
+    *,
+    imu: bool,
+) -> Ports:
+    """Adds sensors of joints, feet and trunk.
+
+    Returns:
+        joints (24), foot_contact (4), foot_height (4), touching (4) as the contact sensors read it
+        and, with an IMU, imu (9).
+    """
+    add = partial(_add, builder)
+    joints = JointSensor(scenario.sensor_noise)
+    noise, bias = errors.get("sensor_noise"), errors.get("encoder_bias")
+    add("joint_sensor", joints, state=state, uniform_noise=noise, encoder_bias=bias)
+    feet = add("foot_sensor", FootSensor(robot, scenario.station.ground), state=state)
+    ports = _outputs(joints) | _outputs(feet)
+
+    # Contact sensors that are wrong now and then, or stuck.
+    stuck = stuck_sensors(scenario.stuck_open, scenario.stuck_closed)
+    if "contact_noise" in errors or stuck.any():
+        contacts = ContactSensor(scenario.contact_flips, stuck)
+        noise = errors.get("contact_noise")
+        add("contact_sensors", contacts, touching=ports["touching"], uniform_noise=noise)
+        ports["touching"] = contacts.get_output_port()
+
+    if imu:
+        gravity = scenario.station.terrain.gravity
+        sensor = ImuSensor(gravity, scenario.imu.delay, scenario.sensor_noise)
+        noise, bias = errors.get("imu_noise"), errors.get("imu_bias")
+        add("imu", sensor, state=state, uniform_noise=noise, imu_bias=bias)
+        ports |= _outputs(sensor)
+    return ports
+
+
+def _add_observation(
+    builder: DiagramBuilder,
+    robot: Robot,
+    scenario: Scenario,
+    gait: Gait,
+    layout: ObservationLayout,
+    estimator: Estimator | None,
+    ports: Ports,
     *,
     limited: bool,
-) -> None:
-    """Lets the plant's joints follow the action that is held, as late as it comes."""
-    joints = actuated_joints(sensed_robot.plant)
-    targets = JointTargets(sensed_robot.robot, joints, limited=limited)
-    builder.AddNamedSystem("joint_targets", targets)
-    action = _acting_action(builder, scenario, hold)
-    builder.Connect(action, targets.get_action_input_port())
-    builder.Connect(targets.get_desired_state_output_port(), sensed_robot.desired_state)
+) -> Ports:
+    """Adds contacts, reward machine and estimator, and what is observed of them.
+
+    Returns:
+        observations, and the outputs of the reward machine.
+    """
+    add = partial(_add, builder)
+    trust = add("contact_trust", ContactTrustSystem(), touching=ports["touching"])
+    machine = RewardMachineSystem(gait)
+    believed, dwell = trust.GetOutputPort("believed_contact"), ports["commanded_dwell"]
+    add("reward_machine", machine, foot_contact=believed, commanded_dwell=dwell)
+    proprioception = add(
+        "proprioception",
+        Proprioception(robot, layout, limited=limited),
+        joints=ports["joints"],
+        command=ports["command"],
+        commanded_dwell=dwell,
+        previous_action=ports["held_action"],
+        rm_state=machine.GetOutputPort("rm_state"),
+        rm_iterations=machine.GetOutputPort("rm_iterations"),
+        **({"imu": ports["imu"]} if layout.imu else {}),
+    )
+
+    # The body state, and the foot heights by which contacts and the machine go.
+    expected = None
+    match estimator:
+        case None:
+            ground = scenario.station.ground
+            body = add("body_state_sensor", BodyStateSensor(robot, ground), state=ports["state"])
+            height = ports["foot_height"]
+        case Odometry():
+            body = add(
+                "odometry",
+                OdometrySystem(robot, estimator),
+                joints=ports["joints"],
+                imu=ports["imu"],
+                touching=trust.GetOutputPort("believed_touching"),
+            )
+            height = body.GetOutputPort("previous_foot_height")
+            expected = body.GetOutputPort("expected_foot_height")
+        case network:
+            learned = StateEstimator(network, layout.n_proprioceptive)
+            source = proprioception.get_output_port()
+            body = add("state_estimator", learned, proprioception=source)
+            height = body.GetOutputPort("previous_foot_height")
+    builder.Connect(height, machine.GetInputPort("foot_height"))
+    builder.Connect(expected or height, trust.GetInputPort("foot_height"))
+
+    observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
+    builder.AddNamedSystem("observation", observation)
+    builder.Connect(proprioception.get_output_port(), observation.get_input_port(0))
+    builder.Connect(body.GetOutputPort("body_state"), observation.get_input_port(1))
+    return _outputs(machine) | {"observations": observation.get_output_port()}
 
 
-def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold) -> OutputPort:
-    """Returns the action that the joints follow."""
-    held = hold.get_held_action_output_port()
-    if scenario.latency == 0:
-        return held
-    delay = ActionDelay(scenario.latency, scenario.station.time_step)
-    builder.AddNamedSystem("action_delay", delay)
-    builder.Connect(held, delay.get_held_action_input_port())
-    return delay.get_delayed_action_output_port()
-
-
-def _export_outputs(
+def _add_policies(
     builder: DiagramBuilder,
-    sensed: Sensed,
-    feet: FootSensor,
-    machine: RewardMachineSystem,
-    controller: ControllerPorts,
-    judged: dict[str, OutputPort],
-) -> None:
-    exported = {
-        **controller.acting,
-        "observations": controller.observation,
-        **judged,
-        "rm_state": machine.get_rm_state_output_port(),
-        "rm_iterations": machine.get_rm_iterations_output_port(),
-        "served_dwell": machine.get_served_dwell_output_port(),
-        "foot_contact": feet.get_foot_contact_output_port(),
-        "foot_height": feet.get_foot_height_output_port(),
-        "command": sensed.command,
-        "commanded_dwell": sensed.commanded_dwell,
-        "state": sensed.state,
-        "imu": sensed.imu,
+    controller: Controller,
+    gait: Gait,
+    layout: ObservationLayout,
+    law: JointLaw,
+    ports: Ports,
+) -> OutputPort:
+    """Adds a controller's policies, a switch between them, and the limits that come last.
+
+    Returns:
+        The action (12).
+    """
+    if not isinstance(controller, AlternatingController):
+        raise InputError(
+            f"a diagram has no system for a controller of type {type(controller).__name__}; "
+            "choose a discrete scenario, which the batch simulator plays"
+        )
+    switch = builder.AddNamedSystem("alternation", PortSwitch(quadruped.N_JOINTS))
+    indices: dict[str, InputPortIndex] = {}
+    for name, policy in controller.policies.items():
+        policy.check(gait=gait, observation_names=layout.names)
+        acting = PolicySystem(policy)
+        _add(builder, name, acting, observation=ports["observations"])
+        port = switch.DeclareInputPort(name)
+        builder.Connect(acting.get_output_port(), port)
+        indices[name] = port.get_index()
+    # A policy that never acts has no port, and is never chosen.
+    only = next(iter(indices.values()))
+    schedule = AlternationSchedule(
+        controller.period, indices.get("expert", only), indices.get("student", only)
+    )
+    builder.AddNamedSystem("alternation_schedule", schedule)
+    builder.Connect(schedule.get_output_port(), switch.get_port_selector_input_port())
+    if law.limits is None:
+        return switch.get_output_port()
+    return _add(
+        builder,
+        "target_limits",
+        TargetLimitsSystem(controller.robot, law.limits),
+        action=switch.get_output_port(),
+        previous_action=ports["held_action"],
+        joints=ports["joints"],
+        imu=ports["imu"],
+    ).get_output_port()
+
+
+def _add_task(
+    builder: DiagramBuilder, robot: Robot, scenario: Scenario, law: JointLaw, ports: Ports
+) -> Ports:
+    """Adds the reward and the fall monitor.
+
+    Returns:
+        reward (1), plain_reward (1), reward_terms (13) and failures (7).
+    """
+    moved = {
+        "state": ports["state"],
+        "action": ports["held_action"],
+        "previous_action": ports["previous_action"],
     }
-    for name, port in exported.items():
-        if port is not None:
-            builder.ExportOutput(port, name)
+    shared = ("command", "foot_contact", "foot_height", "reward_multiplier")
+    reward = RewardSystem(robot, scenario.weights, law)
+    _add(builder, "reward", reward, **moved, **{name: ports[name] for name in shared})
+    monitor = FallMonitor(robot, scenario.limits, scenario.station.ground)
+    _add(builder, "fall_monitor", monitor, **moved)
+    return _outputs(reward) | _outputs(monitor)

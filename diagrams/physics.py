@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -143,6 +144,62 @@ class EnginePhysics(Physics):
             Plant states x (n, 37), NaN of others, and whether each foot presses on the ground (n,
             4); None where that follows from the pose.
         """
+
+
+class MixedPhysics(Physics):
+    """Robots of which some are advanced by one engine and some by another, one after the other."""
+
+    def __init__(self, parts: Sequence[Physics]) -> None:
+        """
+        Args:
+            parts: Physics of the first groups, of the next ones, and so on.
+        """
+        stations = [station for part in parts for station in part.stations]
+        super().__init__(parts[0].robot, stations)
+        self._parts = parts
+        self._ends = np.cumsum([part.n_groups for part in parts])[:-1]
+
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
+        for part, own in zip(self._parts, np.split(friction, self._ends), strict=True):
+            part.set_friction(own)
+
+    def _step(self, states: Array, held: Held) -> PhysicsStep:
+        # Groups are contiguous, and none is smaller than the one after it: each part splits its
+        # robots as they are split here.
+        sizes = [len(group) for group in self.members(len(states))]
+        ends = np.cumsum([0, *sizes])[self._ends]
+        parts = zip(self._parts, np.split(np.arange(len(states)), ends), strict=True)
+        steps = [part._step(states[own], held.of(own)) for part, own in parts]
+        return PhysicsStep(*(np.concatenate(values) for values in zip(*steps, strict=True)))
+
+
+def make_physics(robot: Robot, *stations: StationConfig) -> Physics:
+    """Makes the physics of groups of robots.
+
+    Args:
+        robot: What robots they are.
+        stations: Physics of each group; those of an engine stand side by side.
+
+    Raises:
+        InputError: if a station is continuous.
+    """
+    parts = [
+        _physics_of(robot, engine, list(own))
+        for engine, own in groupby(stations, key=lambda station: station.engine)
+    ]
+    return parts[0] if len(parts) == 1 else MixedPhysics(parts)
+
+
+def _physics_of(robot: Robot, engine: str, stations: Sequence[StationConfig]) -> Physics:
+    # Imported here: most processes need one engine.
+    if engine == "drake":
+        from glassgait.diagrams.drake_physics import DrakePhysics  # noqa: PLC0415
+
+        return DrakePhysics(robot, *stations)
+    from glassgait.diagrams.mujoco_physics import MujocoPhysics  # noqa: PLC0415
+
+    return MujocoPhysics(robot, *stations)
 
 
 def _members(n_robots: int, n_groups: int) -> list[NDArray[np.int64]]:

@@ -5,8 +5,7 @@ from pathlib import Path
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
-from glassgait.diagrams.plant_state import set_plant_state
-from glassgait.diagrams.rollout import Rollout
+from glassgait.diagrams.rollout import Rollout, set_plant_state
 from glassgait.models.files import write_atomically
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.systems.gait_display import GaitDisplay
@@ -39,7 +38,7 @@ def save_replay(
         context.SetTime(time - rollout.time[0])
         set_plant_state(diagram, context, state)
         # The machine's history is not recorded, only its state.
-        display.get_rm_state_input_port().FixValue(own, rm_state)
+        display.GetInputPort("rm_state").FixValue(own, rm_state)
         diagram.ForcedPublish(context)
     meshcat.StopRecording()
     meshcat.get_mutable_recording().set_repetitions(repetitions)

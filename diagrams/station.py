@@ -38,7 +38,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.randomization import NOMINAL, Friction
 from glassgait.models.task.terrain import REACH, Terrain
-from glassgait.systems.world_state import WorldState
+from glassgait.systems.sensors import WorldState
 
 Engine = Literal["drake", "mujoco"]
 
@@ -194,7 +194,6 @@ def AddStation(  # noqa: N802
     config: StationConfig,
     *,
     reach: float = REACH,
-    sampled: bool = False,
 ) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex]:
     """Adds the finalized plant, on its ground, and its scene graph to a diagram.
 
@@ -211,8 +210,6 @@ def AddStation(  # noqa: N802
         robot: The robot.
         config: Physics.
         reach: How far around the middle period ground other than a plane is laid (m).
-        sampled: Whether contacts and torques that the plant puts out are those of the step that it
-            took last. To put out those of an instant it solves for them once more.
 
     Returns:
         The plant, the scene graph and the robot's model instance, whose `desired_state` input
@@ -232,7 +229,7 @@ def AddStation(  # noqa: N802
             time_step=config.time_step,
             contact_model="point",
             discrete_contact_approximation=config.contact_solver,
-            use_sampled_output_ports=sampled,
+            use_sampled_output_ports=False,
         ),
         builder,
     )
@@ -266,8 +263,8 @@ def AddWorldState(  # noqa: N802
     if config.terrain.is_plane:
         return port
     world = builder.AddNamedSystem(WORLD_STATE, WorldState())
-    builder.Connect(port, world.get_plant_state_input_port())
-    return world.get_state_output_port()
+    builder.Connect(port, world.get_input_port())
+    return world.get_output_port()
 
 
 def MakeStation(  # noqa: N802

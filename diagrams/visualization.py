@@ -12,12 +12,14 @@ from pydrake.geometry import (
     MeshcatVisualizer,
     MeshcatVisualizerParams,
     Rgba,
+    SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from glassgait.diagrams.ground import laid
-from glassgait.diagrams.sensed_robot import SensedRobot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 from glassgait.systems.gait_display import (
@@ -44,37 +46,38 @@ def open_meshcat(port: int | None = None) -> Meshcat:
 
 def AddLocomotionDisplay(  # noqa: N802
     builder: DiagramBuilder,
-    sensed_robot: SensedRobot,
+    robot: Robot,
     gait: Gait,
-    rm_state: OutputPort,
+    terrain: Terrain,
     meshcat: Meshcat,
+    *,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    rm_state: OutputPort,
+    foot_contact: OutputPort,
 ) -> None:
     """Shows robot, ground, contacts and machine state in Meshcat.
 
     Args:
-        builder: Where the displays are added.
-        sensed_robot: The robot.
+        builder: The builder of the diagram.
+        robot: The robot.
         gait: The gait.
+        terrain: The ground.
+        meshcat: The Meshcat that shows it.
+        plant: The robot's plant.
+        scene_graph: Its scene graph.
         rm_state: The machine's state (n_states, one-hot).
-        meshcat: Where it shows.
+        foot_contact: Whether each foot touches (4).
     """
-    AddRobotDisplay(builder, sensed_robot, meshcat)
-    display = builder.AddNamedSystem("gait_display", GaitDisplay(sensed_robot.robot, gait, meshcat))
-    # The plant's own state, on the ground that is laid.
-    builder.Connect(sensed_robot.plant.get_state_output_port(), display.get_state_input_port())
-    builder.Connect(rm_state, display.get_rm_state_input_port())
-    foot_contact = sensed_robot.sensors.feet.get_foot_contact_output_port()
-    builder.Connect(foot_contact, display.get_foot_contact_input_port())
-
-
-def AddRobotDisplay(  # noqa: N802
-    builder: DiagramBuilder, sensed_robot: SensedRobot, meshcat: Meshcat
-) -> None:
-    """Shows robot and ground in Meshcat."""
-    draw_ground(meshcat, sensed_robot.terrain)
+    draw_ground(meshcat, terrain)
     meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
     params = MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
-    MeshcatVisualizer.AddToBuilder(builder, sensed_robot.scene_graph, meshcat, params)
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+    display = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
+    # The plant's state, on the ground that is laid.
+    builder.Connect(plant.get_state_output_port(), display.GetInputPort("state"))
+    builder.Connect(rm_state, display.GetInputPort("rm_state"))
+    builder.Connect(foot_contact, display.GetInputPort("foot_contact"))
 
 
 def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:

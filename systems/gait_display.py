@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.geometry import Box, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
@@ -36,7 +36,6 @@ class GaitDisplay(LeafSystem):
     Inputs: state (37), the plant's. rm_state (n_states, one-hot). foot_contact (4, {0, 1}).
     Publishes to Meshcat every 1/32 s and when forced, the whole scene moved so that the robot stays
     in the middle, and the pavement by whole tiles so that it never ends.
-    State: none.
     """
 
     def __init__(self, robot: Robot, gait: Gait, meshcat: Meshcat) -> None:
@@ -59,18 +58,6 @@ class GaitDisplay(LeafSystem):
             period_sec=DISPLAY_PERIOD, offset_sec=0.0, publish=self._publish
         )
         self.DeclareForcedPublishEvent(self._publish)
-
-    def get_state_input_port(self) -> InputPort:
-        """Takes the plant's state."""
-        return self._state_port
-
-    def get_rm_state_input_port(self) -> InputPort:
-        """Takes the reward machine's state."""
-        return self._rm_state_port
-
-    def get_foot_contact_input_port(self) -> InputPort:
-        """Takes which feet touch."""
-        return self._foot_contact_port
 
     def _publish(self, context: Context) -> EventStatus:
         time = context.get_time()

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.engines import make_physics
-from glassgait.diagrams.physics import Physics
+from glassgait.diagrams.physics import Physics, make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.policies.controller import (
     Controller,
     ControllerOutput,
@@ -69,7 +68,7 @@ class ControlStep(NamedTuple):
         observation: Observations (n, n_obs).
         output: What the controller returned.
         action: Actions (n, 12) that were asked for: 0 of fallen robots. What limits left of them is
-            `after.action`.
+            `after.memory.action`.
         outcome: What the simulator returned.
         after: The task's state after the step.
         fallen: Which robots had fallen by the end of the step (n,).
@@ -284,7 +283,7 @@ def _left(
     """Returns an episode of the robots at some places alone, and their controllers' memory."""
     simulator.restore(running.simulator.state.of_robots(up))
     left = Episode(simulator, running.robots[up], running.step)
-    return left, _each(lambda own: own[up], memory)
+    return left, map_arrays(lambda own: own[up], memory)
 
 
 def _restarted(memory: Any, fresh: Any, index: IntArray) -> Any:
@@ -295,20 +294,9 @@ def _restarted(memory: Any, fresh: Any, index: IntArray) -> Any:
         changed[index] = new[index]
         return changed
 
-    return _each(change, memory, fresh)
+    return map_arrays(change, memory, fresh)
 
 
 def _own(values: Any, ndim: int, running: Episode) -> Any:
     """Returns the values of an episode's robots, where there is one for each."""
     return np.asarray(values)[running.robots] if np.ndim(values) == ndim else values
-
-
-def _each(change: Callable[..., Array], *memories: Any) -> Any:
-    """Changes every array of a controller's memory, which may be a tuple of such, or None."""
-    first = memories[0]
-    if first is None:
-        return None
-    if isinstance(first, tuple):
-        parts = [_each(change, *own) for own in zip(*memories, strict=True)]
-        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-    return change(*memories)

@@ -66,7 +66,7 @@ class Log(Observer):
         plant, outcome, values = step.after.plant, step.outcome, self._values
         values["velocity"].append(forward_and_yaw(plant))
         values["command"].append(step.before.command.velocity)
-        power = joint_power(self._controller, self._scenario, plant, step.after.action)
+        power = joint_power(self._controller, self._scenario, plant, step.after.memory.action)
         values["power"].append(power)
         values["action"].append(step.action)
         values["expert_acts"].append(step.output.expert_acts)
@@ -125,7 +125,7 @@ class Snapshots(Observer):
 
 def entered(step: ControlStep, state: int) -> BoolArray:
     """Returns which robots' reward machines entered a state in a control step (n,)."""
-    return step.outcome.fired & (step.after.machine.state == state)
+    return step.outcome.fired & (step.after.memory.machine.state == state)
 
 
 def forward_and_yaw(plant: Array) -> Array:

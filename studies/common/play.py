@@ -14,9 +14,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.plant_state import push
 from glassgait.diagrams.replay import save_replay
-from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.rollout import Rollout, make_simulator, push, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.settings import Count

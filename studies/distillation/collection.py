@@ -6,7 +6,7 @@ import numpy as np
 
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.domain_randomization import DomainRandomization
-from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array

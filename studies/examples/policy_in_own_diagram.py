@@ -17,16 +17,15 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import N_ESTIMATED
-from glassgait.systems.action_hold import ActionHold
-from glassgait.systems.body_state_sensor import BodyStateSensor
-from glassgait.systems.foot_sensor import FootSensor
-from glassgait.systems.imu import ImuSensor
-from glassgait.systems.joint_sensor import JointSensor
-from glassgait.systems.joint_targets import JointTargets
-from glassgait.systems.proprioception import Proprioception
-from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.systems.control import (
+    ActionHold,
+    JointTargets,
+    Proprioception,
+    RewardMachineSystem,
+    TargetLimitsSystem,
+)
+from glassgait.systems.sensors import BodyStateSensor, FootSensor, ImuSensor, JointSensor
 from glassgait.systems.symbolic_policy import make_symbolic_policy
-from glassgait.systems.target_limits import TargetLimitsSystem
 
 
 def make_diagram() -> Diagram:

@@ -228,12 +228,9 @@ class _Moments(Observer):
 
 def moments(state: TaskState) -> Iterator[Moment]:
     """Returns the inputs of each robot's controller in a state."""
-    joints = [state.plant[:, quadruped.JOINT_POSITION], state.plant[:, quadruped.JOINT_VELOCITY]]
-    measured = np.concatenate(joints, axis=1) + state.joint_noise
-    for row, touching, imu, velocity, dwell in zip(
-        measured, state.sensed, state.imu[:, -1], *state.command, strict=True
+    for position, speed, touching, imu, velocity, dwell in zip(
+        *state.sensors(), *state.command, strict=True
     ):
-        position, speed = np.split(row, 2)
         yield Moment(Sensors(position, speed, touching, imu), Command(velocity, dwell))
 
 

@@ -18,7 +18,7 @@ from pydrake.systems.framework import DiagramBuilder
 from glassgait.diagrams.gym import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.physics import PhysicsStep
-from glassgait.diagrams.plant_state import set_plant_state
+from glassgait.diagrams.rollout import set_plant_state
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.models.arrays import Array

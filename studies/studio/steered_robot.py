@@ -6,8 +6,7 @@ import numpy as np
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.plant_state import push, recenter
-from glassgait.diagrams.rollout import begin_anew, make_simulator
+from glassgait.diagrams.rollout import begin_anew, make_simulator, push, recenter
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import AlternatingController

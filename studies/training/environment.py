@@ -1,7 +1,6 @@
 """The batch simulator as PPO sees it: observation groups, scaled rewards and resets."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from torch import nn
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.domain_randomization import at_hardship
-from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
@@ -108,7 +107,7 @@ class Environment:
         )
         # Spread the ends of the first episodes, so that updates see all ages at once.
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
-        self.simulator.restore(replace(self.simulator.state, steps=ages))
+        self.simulator.restore(self.simulator.state._replace(steps=ages))
 
     @property
     def difficulty(self) -> float:
@@ -144,7 +143,7 @@ class Environment:
         """Returns the observation groups of all robots."""
         proprioception = _tensor(self.simulator.proprioception())
         if isinstance(self._estimator, Odometry):
-            estimate = _tensor(self.simulator.state.estimate)
+            estimate = _tensor(self.simulator.state.memory.estimate)
         else:
             with torch.no_grad():
                 estimate = self._estimator(proprioception)
@@ -162,7 +161,9 @@ class Environment:
         """Holds actions (n, 12) for one control step and resets the robots that ended."""
         simulator = self.simulator
         step = simulator.step(actions.numpy().astype(float))
-        worthless = step.terminated | simulator.machine.in_sink(simulator.state.machine.state)
+        worthless = step.terminated | simulator.machine.in_sink(
+            simulator.state.memory.machine.state
+        )
         ended = worthless | step.truncated
         simulator.reset(np.flatnonzero(ended))
         return TrainingStep(

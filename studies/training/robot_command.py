@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import tyro
 
-from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped

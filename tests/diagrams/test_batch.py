@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
-from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.drake_physics import DrakePhysics
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
@@ -32,7 +32,7 @@ def make_simulator(
 ):
     return BatchSimulator(
         TaskConfig(gait, randomization, **task),
-        BatchPhysics(A1, *[StationConfig()] * n_groups),
+        DrakePhysics(A1, *[StationConfig()] * n_groups),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=estimator,
@@ -86,7 +86,7 @@ def test_reset_starts_the_given_robots_alone(trot, generator):
     for name, values in simulator.state.as_arrays().items():
         np.testing.assert_array_equal(values[[0, 2, 3, 5]], before[name][[0, 2, 3, 5]])
     assert simulator.state.steps.tolist() == [5, 0, 5, 5, 0, 5]
-    assert not simulator.state.action[[1, 4]].any()
+    assert not simulator.state.memory.action[[1, 4]].any()
 
 
 def test_episodes_are_truncated_at_their_length(trot):
@@ -98,7 +98,7 @@ def test_episodes_are_truncated_at_their_length(trot):
 def test_commands_are_drawn_anew_every_ten_seconds(trot):
     simulator = make_simulator(trot)
     ages = np.array([COMMAND_STEPS - 1, 1, 2, 3, 4, 5])
-    simulator.restore(replace(simulator.state, steps=ages))
+    simulator.restore(simulator.state._replace(steps=ages))
     before = simulator.state.command.velocity
     simulator.step(np.zeros((6, 12)))
     changed = np.any(simulator.state.command.velocity != before, axis=1)
@@ -109,7 +109,7 @@ def test_commands_are_drawn_anew_every_ten_seconds(trot):
     ("setting", "message"),
     [
         ({"episode_steps": 0}, "episode_steps is 0"),
-        ({"command": SliderCommand()}, "command is SliderCommand"),
+        ({"command": SliderCommand()}, "is SliderCommand"),
     ],
 )
 def test_tasks_that_cannot_be_played_are_refused(trot, setting, message):
@@ -120,7 +120,7 @@ def test_tasks_that_cannot_be_played_are_refused(trot, setting, message):
 def test_a_state_once_taken_stays_as_it_is(trot, generator):
     simulator = make_simulator(trot, randomization=Randomization(push_interval=0.02))
     ages = np.full(6, COMMAND_STEPS - 2)
-    simulator.restore(replace(simulator.state, steps=ages))
+    simulator.restore(simulator.state._replace(steps=ages))
     taken = []
     for _ in range(4):
         taken.append(simulator.state)
@@ -136,7 +136,7 @@ def test_a_state_once_taken_stays_as_it_is(trot, generator):
 
 def test_a_command_that_was_set_stays_and_is_what_the_machine_serves(trot):
     simulator = make_simulator(trot, randomization=Randomization(push_speed=0.0))
-    simulator.restore(replace(simulator.state, steps=np.full(6, COMMAND_STEPS - 2)))
+    simulator.restore(simulator.state._replace(steps=np.full(6, COMMAND_STEPS - 2)))
     message = Command(np.full((6, 2), 0.25), np.full(6, 11.0))
     simulator.set_command(message)
     for _ in range(4):
@@ -159,14 +159,14 @@ def test_a_scenario_is_played_as_it_says(trot):
         NOMINAL, friction=(0.3, 0.3), push_speed=0.7, push_interval=3.0, observation_noise=2.0
     )
     assert (task.weights, task.limits) == (scenario.weights, scenario.limits)
-    physics = BatchPhysics(A1, scenario.station)
+    physics = DrakePhysics(A1, scenario.station)
     simulator = BatchSimulator(
         task, physics, n_robots=3, generator=np.random.default_rng(0), estimator=None
     )
     for _ in range(2):
         np.testing.assert_array_equal(simulator.state.command.velocity, [[0.4, 0.2]] * 3)
         np.testing.assert_array_equal(simulator.state.command.dwell, [7.0] * 3)
-        simulator.restore(replace(simulator.state, steps=np.full(3, COMMAND_STEPS - 1)))
+        simulator.restore(simulator.state._replace(steps=np.full(3, COMMAND_STEPS - 1)))
         simulator.step(np.zeros((3, 12)))
     np.testing.assert_array_equal(simulator.friction_of_robots(), [0.3] * 3)
 
@@ -280,5 +280,5 @@ def test_a_stuck_sensor_stays_so(trot):
     for _ in range(20):
         stuck.step(np.zeros((6, 12)))
         touched |= stuck.state.touching[:, 0].any()
-        assert not stuck.state.sensed[:, 0].any()
-    assert touched and stuck.state.sensed[:, 1:].any()
+        assert not stuck.state.sensors().touching[:, 0].any()
+    assert touched and stuck.state.sensors().touching[:, 1:].any()

@@ -7,10 +7,9 @@ import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.plant_state import recenter, set_plant_state
-from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.physics import make_physics
+from glassgait.diagrams.rollout import make_simulator, recenter, record, set_plant_state
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig

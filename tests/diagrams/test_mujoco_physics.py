@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.mujoco_physics import make_model
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig

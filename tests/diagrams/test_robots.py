@@ -7,8 +7,8 @@ import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig

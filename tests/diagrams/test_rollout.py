@@ -10,11 +10,19 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus
 import glassgait.diagrams.rollout
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.rollout import make_simulator, record, stop_at_falls
+from glassgait.diagrams.rollout import (
+    find_locomotion,
+    make_simulator,
+    push,
+    record,
+    set_plant_state,
+    stop_at_falls,
+)
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.robots import quadruped
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
@@ -106,17 +114,10 @@ def test_without_an_end_it_ends_at_a_failure(falling):
 def test_a_robot_in_a_larger_diagram_does_the_same(trotting):
     alone = record(make_simulator(trotting, seed=4), 10)
     part = record(make_simulator(nested(trotting), seed=4), 10)
-    recorded = set(glassgait.diagrams.rollout.RECORDED_PORTS) - {"mode", "damped"}
+    recorded = set(glassgait.diagrams.rollout.RECORDED_PORTS)
     assert set(part.values) == set(alone.values) == recorded
     for port, values in alone.values.items():
         np.testing.assert_array_equal(part[port], values)
-
-
-def test_a_part_of_a_larger_diagram_is_not_simulated_alone(trotting):
-    whole = nested(trotting)
-    with pytest.raises(InputError, match="::_::robot"):
-        make_simulator(trotting)
-    make_simulator(whole)
 
 
 def test_the_error_controlled_integrator_refuses_a_larger_diagram(trot, make_policy):
@@ -138,14 +139,6 @@ def test_falls_stop_the_simulator_where_a_recording_would_end(falling, larger):
     assert simulator.get_context().get_time() == status.return_time() == end < 0.5
 
 
-def test_a_robot_that_does_not_fall_goes_on(trot):
-    diagram = MakeLocomotion(trot, CALM)
-    simulator = make_simulator(diagram)
-    diagram.GetInputPort("actions").FixValue(simulator.get_mutable_context(), np.zeros(12))
-    stop_at_falls(simulator)
-    assert simulator.AdvanceTo(1.0).return_time() == 1.0
-
-
 def test_a_monitor_between_two_control_instants_ends_the_recording(trotting):
     simulator = make_simulator(trotting)
 
@@ -164,3 +157,29 @@ def test_the_error_controlled_integrator_runs_the_continuous_plant(trot, make_po
     diagram = MakeLocomotion(trot, continuous, policy=make_policy(trot))
     rollout = record(make_simulator(diagram, accuracy=1e-3), 5, stop_on_failure=False)
     assert rollout["state"][-1][6] > 0.2
+
+
+def test_the_robot_is_placed_and_pushed_in_any_context_that_holds_it(trot, standing):
+    diagram = MakeLocomotion(trot, CALM)
+    whole = nested(nested(diagram))
+    assert find_locomotion(whole) is diagram
+    root = whole.CreateDefaultContext()
+    context = diagram.GetMyMutableContextFromRoot(root)
+    for i, (part, at) in enumerate([(whole, root), (diagram, root), (diagram, context)]):
+        standing[4] = i
+        set_plant_state(part, at, standing)
+        push(part, at, np.array([0.5, 0.0, i]))
+        state = diagram.GetOutputPort("state").Eval(context)
+        np.testing.assert_array_equal(state[: quadruped.LINEAR_VELOCITY.start], standing[:22])
+        np.testing.assert_array_equal(state[quadruped.LINEAR_VELOCITY], [0.5, 0.0, i])
+
+
+def test_contexts_and_diagrams_that_hold_no_robot_are_refused(trot):
+    diagram, other = (MakeLocomotion(trot, CALM) for _ in range(2))
+    with pytest.raises(InputError, match="Locomotion"):
+        set_plant_state(diagram, other.CreateDefaultContext())
+    builder = DiagramBuilder()
+    for name, robot in (("one", diagram), ("two", other)):
+        builder.AddNamedSystem(name, robot)
+    with pytest.raises(InputError, match="holds 2 of what MakeLocomotion builds"):
+        find_locomotion(builder.Build())

@@ -12,7 +12,7 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.robots.library import load_robot
-from glassgait.systems.meshcat_command import SPEED_SLIDER
+from glassgait.systems.commands import SPEED_SLIDER
 
 A1 = load_robot()
 

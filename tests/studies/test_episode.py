@@ -1,7 +1,6 @@
 """The one loop over control steps: what observers see, what events do, and that it stays alone."""
 
 import re
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -50,7 +49,7 @@ def far(step, robots):
     def throw(running, mask):
         plant = running.simulator.state.plant.copy()
         plant[mask, quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
-        running.simulator.restore(replace(running.simulator.state, plant=plant))
+        running.simulator.restore(running.simulator.state._replace(plant=plant))
 
     return Event(step, np.isin(np.arange(3), robots), throw)
 

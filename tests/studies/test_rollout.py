@@ -12,18 +12,15 @@ from queue import Empty, Queue
 import numpy as np
 import pytest
 import yaml
-from pydrake.systems.analysis import Simulator
 
 import glassgait.studies.view.command
 import glassgait.studies.view.live
 from glassgait.diagrams.commands import SliderCommand
-from glassgait.diagrams.gait_machine import gait_buttons
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.view.live import play_live
@@ -137,32 +134,6 @@ def test_live_robot_changes_its_gait_when_its_button_is_pressed(live, browser, t
     until_said(lines, r"stopped after ([\d.]+) s")
     assert process.wait(timeout=60) == 0
     assert (tmp_path / "expert_alone_changing.html").exists()
-
-
-def test_buttons_stay_where_they_are_when_pressed_and_the_requested_gait_is_marked(browser):
-    meshcat = open_meshcat()
-    meshcat.AddButton("stop and save", "Escape")
-    gaits = [load_gait(name) for name in ("trot", "bound", "pace")]
-    simulator = Simulator(gait_buttons([gait.name for gait in gaits], meshcat))
-    browser.set_window_size(480, 400)
-    browser.get(meshcat.web_url())
-
-    def labels():
-        simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
-        # At once: buttons are replaced meanwhile.
-        shown = browser.execute_script(
-            "return [...document.querySelectorAll('.dg .function .property-name')]"
-            ".map(label => label.textContent)"
-        )
-        return shown[shown.index("stop and save") :] if "stop and save" in shown else []
-
-    eventually(lambda: labels() == ["stop and save", "trot *", "bound", "pace"])
-    browser.find_element("xpath", "//*[text()='Open Controls']").click()
-    press(browser, "bound")
-    eventually(lambda: labels() == ["stop and save", "trot", "bound *", "pace"])
-    press(browser, "bound *")
-    press(browser, "trot")
-    eventually(lambda: labels() == ["stop and save", "trot *", "bound", "pace"])
 
 
 def running(browser):

@@ -210,7 +210,7 @@ def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tiny_training,
     environment = TrainingRun(tiny_training, unforgiving, tmp_path).environment
     simulator = environment.simulator
     simulator.reset()
-    simulator.state.machine.state[:3] = simulator.task.gait.states.index("missed")
+    simulator.state.memory.machine.state[:3] = simulator.task.gait.states.index("missed")
     step = environment.step(torch.zeros(tiny_training.n_robots, 12))
     assert step.dones.tolist() == [True] * 3 + [False] * 5
     assert not step.time_outs.any()

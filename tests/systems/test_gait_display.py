@@ -1,7 +1,5 @@
 """The display of machine state and contacts."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -76,20 +74,6 @@ def test_contacts_are_marked_where_the_feet_are(trot, meshcat, inputs, fix_input
     place = meshcat.places["gait/contact/RL"]
     np.testing.assert_allclose(place[:2], [-y, x], atol=1e-12)
     assert place[2] == pytest.approx(kinematics.foot_heights(A1, turned)[2] + A1.foot_radius)
-
-
-def test_clones_show_their_own_robot(trot, meshcat, inputs, fix_inputs):
-    system = GaitDisplay(A1, trot, meshcat)
-    context = fix_inputs(system, **inputs)
-    fix_inputs(system, context.Clone(), rm_state=[1.0, 0.0])
-    show(system, context)
-    assert meshcat.visible["gait/state/1"]
-
-
-def test_colours_start_again_for_machines_of_many_states(trot, meshcat):
-    states = tuple(f"q{i}" for i in range(40))
-    GaitDisplay(A1, replace(trot, states=states), meshcat)
-    assert len(meshcat.objects) == 44
 
 
 def test_publishes_every_32nd_of_a_second(trot, meshcat, inputs, fix_inputs):

@@ -1,33 +1,34 @@
-"""The reward as a system."""
+"""The reward and the fall monitor as systems."""
 
 import numpy as np
+import pytest
 
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.reward import RewardWeights, step_reward
-from glassgait.systems.reward import RewardSystem
+from glassgait.models.task.termination import FAILURES, TerminationLimits
+from glassgait.systems.reward import FallMonitor, RewardSystem
 
 A1 = load_robot()
+STILL = {"action": np.zeros(12), "previous_action": np.zeros(12)}
 
 
 def inputs(state, **changes):
-    values = {
+    return {
         "state": state,
         "command": np.array([0.3, 0.1]),
-        "action": np.zeros(12),
-        "previous_action": np.zeros(12),
+        **STILL,
         "foot_contact": np.ones(4),
         "foot_height": np.zeros(4),
         "reward_multiplier": 1.0,
-    }
-    return values | changes
+    } | changes
 
 
-def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
+def test_the_reward_remembers_joint_velocities_and_air_times(standing, fix_inputs, latch):
     system = RewardSystem(A1)
     standing[quadruped.JOINT_VELOCITY] = np.arange(12.0)
-    up = np.array([1.0, 1.0, 1.0, 0.0])
-    context = fix_inputs(system, **inputs(standing, foot_contact=up))
+    context = fix_inputs(system, **inputs(standing, foot_contact=np.array([1.0, 1, 1, 0])))
+    clone = context.Clone()
     latch(system, context)
     latch(system, context)
     moved = standing.copy()
@@ -37,8 +38,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
         A1,
         moved,
         previous_joint_velocity=np.arange(12.0),
-        action=np.zeros(12),
-        previous_action=np.zeros(12),
+        **STILL,
         command=np.array([0.3, 0.1]),
         foot_contact=np.ones(4, dtype=bool),
         foot_height=np.zeros(4),
@@ -47,41 +47,39 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
         tracked=np.zeros(2),
         weights=RewardWeights(),
     )
-    np.testing.assert_array_equal(
-        system.get_reward_terms_output_port().Eval(context), expected.terms
-    )
-    assert system.get_plain_reward_output_port().Eval(context)[0] == expected.plain
-    assert system.get_reward_output_port().Eval(context)[0] == 1000 * expected.plain
+    for port, value in (
+        ("reward_terms", expected.terms),
+        ("plain_reward", [expected.plain]),
+        ("reward", [1000 * expected.plain]),
+    ):
+        np.testing.assert_array_equal(system.GetOutputPort(port).Eval(context), value)
+    # A clone has its memory: its joints were at rest.
+    assert system.GetOutputPort("reward_terms").Eval(clone)[5] < 0
 
 
-def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
-    system = RewardSystem(A1)
-    standing[quadruped.JOINT_VELOCITY] = 5.0
-    context = fix_inputs(system, **inputs(standing))
-    clone = context.Clone()
-    latch(system, context)
-    acceleration = [system.get_reward_terms_output_port().Eval(c)[5] for c in (context, clone)]
-    assert acceleration[0] == 0
-    assert acceleration[1] < 0
-
-
-def test_its_weights_weigh_the_terms(standing, fix_inputs):
-    context, once = {}, {}
-    for factor in (1.0, 2.0):
-        system = RewardSystem(A1, RewardWeights(forward_tracking=factor))
-        context = fix_inputs(system, **inputs(standing))
-        once[factor] = system.get_reward_terms_output_port().Eval(context)
-    assert once[2.0][0] == 2 * once[1.0][0] > 0
-    np.testing.assert_array_equal(once[2.0][1:], once[1.0][1:])
-
-
-def test_averages_speeds_over_the_steps_before(standing, fix_inputs, latch):
-    weights = RewardWeights(tracking_time=0.1)
-    system = RewardSystem(A1, weights)
+def test_the_reward_averages_speeds_over_the_steps_before(standing, fix_inputs, latch):
+    system = RewardSystem(A1, RewardWeights(tracking_time=0.1))
     standing[quadruped.LINEAR_VELOCITY] = [0.4, 0.0, 0.0]
     context = fix_inputs(system, **inputs(standing))
     for _ in range(4):
         latch(system, context)
     reached = 0.4 * (1 - np.exp(-5 * 0.02 / 0.1))
-    terms = system.get_reward_terms_output_port().Eval(context)
+    terms = system.GetOutputPort("reward_terms").Eval(context)
     np.testing.assert_allclose(terms[0], np.exp(-np.square(0.3 - reached) / 0.25), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "limits", "shown"),
+    [
+        ({}, {}, set()),
+        ({"action": np.full(12, 3.0)}, {}, {"abrupt_action"}),
+        ({}, {"trunk_height": 0.4}, {"low_trunk"}),
+        ({"state": np.full(37, np.nan)}, {}, {"not_finite"}),
+        ({"action": np.full(12, np.nan)}, {}, {"not_finite"}),
+    ],
+)
+def test_the_monitor_flags_failures(standing, fix_inputs, values, limits, shown):
+    system = FallMonitor(A1, TerminationLimits(**limits))
+    context = fix_inputs(system, **{"state": standing, **STILL} | values)
+    flags = system.get_output_port().Eval(context)
+    assert {name for name, flag in zip(FAILURES, flags, strict=True) if flag} == shown

@@ -20,7 +20,7 @@ FEW_ROBOTS = 2
 """Robots for which Drake's batch takes longer to copy a context than they take in Python's loop."""
 
 
-class BatchPhysics(EnginePhysics):
+class DrakePhysics(EnginePhysics):
     """Steps the states of many stations in parallel; each group has a station of its own."""
 
     def __init__(

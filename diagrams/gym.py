@@ -1,0 +1,256 @@
+"""Gymnasium environments of the task: one robot, or many in batch.
+
+Importing this module registers `glassgait/Locomotion-v0`::
+
+    import gymnasium
+    import glassgait.diagrams.gym
+
+    gymnasium.register_envs(glassgait.diagrams.gym)  # does nothing, but linters see a use
+    env = gymnasium.make("glassgait/Locomotion-v0", gait="trot")
+    envs = gymnasium.make_vec("glassgait/Locomotion-v0", num_envs=16, gait="trot")
+
+`gymnasium.make("glassgait.diagrams.gym:glassgait/Locomotion-v0")` imports it by itself.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.drake_physics import DrakePhysics
+from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.arrays import Array
+from glassgait.models.control import BoolArray
+from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.policies.library import find_gait
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.termination import FAILURES
+
+ENVIRONMENT_ID: Final = "glassgait/Locomotion-v0"
+
+ACTION_BOUND: Final = 8.0
+"""Bound of the action space; eight is 2 rad from the default stance. Shipped experts ask for
+-4.9 to 5.2. An episode ends where the squared change of an action in one step is above 60."""
+
+SENSES: Final = {"true": (False, None), "odometry": (False, Odometry()), "imu": (True, Odometry())}
+"""Whether gravity and the angular velocity are observed, and the estimator of the body state."""
+
+METADATA: Final = {"render_modes": ["rgb_array"], "render_fps": round(1 / CONTROL_PERIOD)}
+
+
+def action_space() -> gymnasium.spaces.Box:
+    """Returns the space of actions (12,); see `Robot.joint_targets`."""
+    shape = (quadruped.N_JOINTS,)
+    return gymnasium.spaces.Box(-ACTION_BOUND, ACTION_BOUND, shape, np.float64)
+
+
+def observation_space(gait: Gait, *, imu: bool = False) -> gymnasium.spaces.Box:
+    """Returns the space of observations, (47 + n_states,) or, with an IMU, (53 + n_states,)."""
+    size = ObservationLayout(gait.n_states, imu=imu).size
+    return gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
+
+
+class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
+    """Many robots in the batch simulator.
+
+    Observations (n, 47 + n_states), 6 more where an IMU is observed, follow `ObservationLayout`.
+    Actions (n, 12) are scaled offsets of the joint targets, as the policies' are. Rewards and ends
+    are (n,). `info` has the `failures` by name, the `plain_reward` without the machine's factor,
+    and the `command` (2; m/s, rad/s) of each robot.
+
+    Each episode draws a state, commands and noise. A group of robots shares its friction, which a
+    reset draws anew. Pushes come between two control steps: the next observation shows them, the
+    reward does not. An episode is terminated by the task's failures; the step after its last begins
+    the next one, ignores the robot's action and pays nothing (`AutoresetMode.NEXT_STEP`).
+    """
+
+    metadata = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        gait: Gait | str | Path = "trot",
+        *,
+        robot: str | Path = DEFAULT_ROBOT,
+        stations: Sequence[StationConfig] | None = None,
+        randomization: Randomization | None = None,
+        senses: str = "true",
+        max_episode_steps: int = EPISODE_STEPS,
+        render_mode: str | None = None,
+    ) -> None:
+        """
+        Args:
+            num_envs: Number of robots.
+            gait: The gait, its name or its file.
+            robot: Name of a robot that ships, or path of a `robot.yaml`.
+            stations: Physics of each group of robots; by default all robots form one group.
+            randomization: What differs between robots and episodes.
+            senses: "true" to observe the true velocity and heights of the feet, "odometry" for
+                their estimates, "imu" for that, gravity's direction and the angular velocity.
+            max_episode_steps: Control steps after which an episode is truncated.
+            render_mode: "rgb_array" for a picture (360, 640, 3) of each robot; needs EGL.
+
+        Raises:
+            InputError: if there is no such gait, robot or senses.
+        """
+        if senses not in SENSES:
+            raise InputError(
+                f"environment: senses is {shown(senses)}; give one of {', '.join(SENSES)}"
+            )
+        observes_imu, estimator = SENSES[senses]
+        gait = gait if isinstance(gait, Gait) else find_gait(gait)
+        self.num_envs, self.render_mode, self._camera = num_envs, render_mode, None
+        self.single_action_space = action_space()
+        self.single_observation_space = observation_space(gait, imu=observes_imu)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._simulator = BatchSimulator(
+            TaskConfig(
+                gait,
+                randomization or Randomization(),
+                episode_steps=max_episode_steps,
+                robot=load_robot(robot),
+                observes_imu=observes_imu,
+            ),
+            DrakePhysics(load_robot(robot), *(stations or [StationConfig()])),
+            n_robots=num_envs,
+            generator=self.np_random,
+            estimator=estimator,
+        )
+        self._ended = np.zeros(num_envs, dtype=bool)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Starts an episode for every robot."""
+        super().reset(seed=seed)
+        self._simulator.generator = self.np_random
+        self._simulator.resample_friction()
+        self._simulator.reset()
+        self._ended = np.zeros(self.num_envs, dtype=bool)
+        failures = np.zeros((self.num_envs, len(FAILURES)), dtype=bool)
+        return self._simulator.observe(), self._info(failures, np.zeros(self.num_envs))
+
+    def step(
+        self, actions: Array
+    ) -> tuple[Array, Array, NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Holds actions (n, 12) for one control step."""
+        # The physics leaves a robot without a finite action as it is, and the task pays it nothing.
+        begun = self._ended
+        outcome = self._simulator.step(np.where(begun[:, None], np.nan, actions))
+        terminated, truncated = outcome.terminated & ~begun, outcome.truncated & ~begun
+        self._ended = terminated | truncated
+        self._simulator.reset(np.flatnonzero(begun))
+        plain_reward = np.where(begun, 0.0, outcome.plain_reward)
+        info = self._info(outcome.failures & ~begun[:, None], plain_reward)
+        return self._simulator.observe(), outcome.reward, terminated, truncated, info
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+        """Takes a picture (360, 640, 3) of each robot; None without a render mode.
+
+        Raises:
+            InputError: if EGL cannot render here.
+        """
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            # Imported here, and built when needed: VTK takes seconds.
+            from glassgait.diagrams.camera import Camera  # noqa: PLC0415
+
+            self._camera = Camera(self._simulator.task.robot)
+        return tuple(self._camera.take(state) for state in self._simulator.state.plant)
+
+    def _info(self, failures: BoolArray, plain_reward: Array) -> dict[str, Any]:
+        """Returns what is known of the robots, with gymnasium's masks."""
+        names = np.empty(self.num_envs, dtype=object)
+        names[:] = [tuple(np.array(FAILURES)[row].tolist()) for row in failures]
+        info = {
+            "failures": names,
+            "plain_reward": plain_reward,
+            "command": self._simulator.state.command.velocity.copy(),
+        }
+        return info | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in info}
+
+
+class LocomotionEnv(gymnasium.Env[Array, Array]):
+    """One robot, as `LocomotionVectorEnv` has them.
+
+    Its episode only ends by a failure; `gymnasium.make` adds a `TimeLimit` of 20 s.
+    """
+
+    metadata = {**METADATA}  # noqa: RUF012
+
+    def __init__(
+        self,
+        gait: Gait | str | Path = "trot",
+        *,
+        station: StationConfig | None = None,
+        render_mode: str | None = None,
+        **settings: Any,
+    ) -> None:
+        """
+        Args:
+            gait: The gait, its name or its file.
+            station: Physics; its friction is drawn anew for each episode.
+            render_mode: "rgb_array" for pictures (360, 640, 3); needs EGL.
+            settings: `robot`, `randomization` and `senses`, as `LocomotionVectorEnv` takes them.
+
+        Raises:
+            InputError: if there is no such gait, robot or senses.
+        """
+        self.render_mode = render_mode
+        self._envs = LocomotionVectorEnv(
+            1,
+            gait,
+            stations=[station or StationConfig()],
+            max_episode_steps=2**31,
+            render_mode=render_mode,
+            **settings,
+        )
+        self.action_space = self._envs.single_action_space
+        self.observation_space = self._envs.single_observation_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Starts an episode."""
+        super().reset(seed=seed)
+        observations, info = self._envs.reset(seed=seed)
+        return observations[0], _first(info)
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Holds an action (12,) for one control step."""
+        observations, rewards, terminated, _, info = self._envs.step(np.asarray(action)[None])
+        return observations[0], float(rewards[0]), bool(terminated[0]), False, _first(info)
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Takes a picture (360, 640, 3) of the robot; None without a render mode."""
+        pictures = self._envs.render()
+        return None if pictures is None else pictures[0]
+
+
+def _first(info: dict[str, Any]) -> dict[str, Any]:
+    """Returns the first robot's values."""
+    return {name: values[0] for name, values in info.items() if not name.startswith("_")}
+
+
+gymnasium.register(
+    ENVIRONMENT_ID,
+    entry_point=f"{__name__}:LocomotionEnv",
+    vector_entry_point=f"{__name__}:LocomotionVectorEnv",
+    max_episode_steps=EPISODE_STEPS,
+)

@@ -1,0 +1,261 @@
+"""One control step: what stands between a robot's sensors and its joints.
+
+    command ──────────────────────────────────┐
+    sensors ─► contacts ─► reward machine ─► observation ─► policy ─► limits ─► joint targets
+       └──────────┴──────► estimate ──────────┘
+
+The functions are pure and batch-first: robots stand along the first axes. The batch simulator calls
+them for many robots. The systems of the diagram are shells over the same parts, and the C of an
+exported controller has them as sections.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.estimation.contact import ContactTrust
+from glassgait.models.estimation.imu import ImuReading
+from glassgait.models.estimation.odometry import Odometry, OdometryState
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task.command import Command
+from glassgait.models.task.observation import N_ESTIMATED, proprioception
+from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
+
+BoolArray = NDArray[np.bool_]
+
+
+class Sensors(NamedTuple):
+    """Readings of a control instant.
+
+    Attributes:
+        joint_position: Joint positions (..., 12; rad).
+        joint_velocity: Joint velocities (..., 12; rad/s).
+        touching: Whether each contact sensor reads a contact (..., 4).
+        imu: The IMU's reading (..., 9); only read where something needs it.
+    """
+
+    joint_position: Array
+    joint_velocity: Array
+    touching: BoolArray
+    imu: Array
+
+
+class Memory(NamedTuple):
+    """What a controller remembers between two control steps.
+
+    Attributes:
+        trust: Which contact sensors are believed.
+        machine: The reward machine's state.
+        odometry: The state of odometry.
+        estimate: The estimated body state (..., 7; m/s, m); zeros without an estimator.
+        action: The action that the joints follow (..., 12).
+    """
+
+    trust: ContactTrust
+    machine: MachineState
+    odometry: OdometryState
+    estimate: Array
+    action: Array
+
+
+class Contacts(NamedTuple):
+    """Contacts as far as sensors are believed.
+
+    Attributes:
+        trust: Which sensors are believed.
+        contact: Which feet touch, or did at the step before (..., 4).
+        touching: Which feet touch now (..., 4).
+    """
+
+    trust: ContactTrust
+    contact: BoolArray
+    touching: BoolArray
+
+
+def believed_contacts(
+    before: ContactTrust, reading: BoolArray, expected_height: Callable[[], Array]
+) -> Contacts:
+    """Reads contact sensors, and takes the feet's heights where a sensor seems to be stuck.
+
+    Args:
+        before: What is known of the sensors from the step before.
+        reading: Whether each sensor reads a contact (..., 4).
+        expected_height: Returns how high the feet are (..., 4; m); called only if needed.
+    """
+    trust, lasting = before.after(reading), before.lasting(reading)
+    if not trust.doubted.any():
+        return Contacts(trust, lasting, reading)
+    height = expected_height()
+    return Contacts(trust, trust.believed(lasting, height), trust.believed(reading, height))
+
+
+@dataclass(frozen=True)
+class ControlStep:
+    """The control step of a robot in a gait, without the policy.
+
+    Attributes:
+        robot: The robot.
+        machine: The gait's reward machine.
+        law: How joints follow targets.
+        estimator: Odometry, or what maps proprioception to the body state (..., 7); None where the
+            true body state is observed.
+        observes_imu: Whether gravity's direction and the angular velocity are observed.
+    """
+
+    robot: Robot
+    machine: RewardMachine
+    law: JointLaw
+    estimator: Callable[[Array], Array] | Odometry | None
+    observes_imu: bool = False
+
+    @property
+    def needs_imu(self) -> bool:
+        """Whether the IMU is read."""
+        uses = isinstance(self.estimator, Odometry) or self.law.limits is not None
+        return self.observes_imu or uses
+
+    def step(
+        self,
+        before: Memory | None,
+        sensors: Sensors,
+        command: Command,
+        policy: Callable[[Array], Array],
+    ) -> tuple[Array, Memory]:
+        """Takes a whole control step.
+
+        Returns:
+            Joint targets (..., 12; rad), and what to remember until the next step.
+        """
+        memory, _ = self.sense(before, sensors, command)
+        asked = policy(self.observation(memory, sensors, command))
+        memory = memory._replace(action=self.limited(memory, sensors, asked))
+        return self.joint_targets(memory.action), memory
+
+    def sense(
+        self,
+        before: Memory | None,
+        sensors: Sensors,
+        command: Command,
+        *,
+        true_height: Array | None = None,
+        difficulty: float = 1.0,
+    ) -> tuple[Memory, MachineStep]:
+        """Reads the sensors: contacts, reward machine and estimate.
+
+        The machine reads the foot heights that were estimated a step before, since an estimator may
+        observe the machine's state.
+
+        Args:
+            before: What is remembered of the step before; None at the first step of an episode.
+            sensors: Readings of this instant.
+            command: The command.
+            true_height: True heights of the feet (..., 4; m), which the machine reads where there
+                is no estimator.
+            difficulty: Factor on what the machine's transitions ask for; see `RewardMachine`.
+        """
+        last = self.initial(sensors.joint_position) if before is None else before
+        contacts = believed_contacts(
+            last.trust,
+            sensors.touching,
+            lambda: self._expected_height(last, sensors) if true_height is None else true_height,
+        )
+        height = last.estimate[..., -quadruped.N_LEGS :] if true_height is None else true_height
+        machine = self.machine.step(
+            last.machine,
+            foot_contact=contacts.contact,
+            foot_height=height,
+            commanded_dwell=command.dwell,
+            difficulty=difficulty,
+        )
+        odometry = last.odometry
+        if isinstance(self.estimator, Odometry) and before is not None:
+            odometry = self.estimator.advance(
+                self.robot,
+                last.odometry,
+                joint_position=sensors.joint_position,
+                joint_velocity=sensors.joint_velocity,
+                imu=sensors.imu,
+                touching=contacts.touching,
+            )
+        memory = Memory(contacts.trust, machine.machine, odometry, last.estimate, last.action)
+        return self.estimated(memory, sensors, command), machine
+
+    def initial(self, joint_position: Array) -> Memory:
+        """Returns what is remembered before the first step of robots (..., 12; rad) at rest."""
+        shape = joint_position.shape[:-1]
+        return Memory(
+            trust=ContactTrust.begin(shape),
+            machine=self.machine.initial(shape),
+            odometry=Odometry().begin(self.robot, joint_position),
+            estimate=np.zeros((*shape, N_ESTIMATED)),
+            action=np.zeros((*shape, quadruped.N_JOINTS)),
+        )
+
+    def estimated(self, memory: Memory, sensors: Sensors, command: Command) -> Memory:
+        """Returns a memory with the estimate of this instant."""
+        match self.estimator:
+            case None:
+                return memory
+            case Odometry() as odometry:
+                position = sensors.joint_position
+                estimate = odometry.body_state(self.robot, memory.odometry, position)
+            case network:
+                estimate = network(self.proprioception(memory, sensors, command))
+        return memory._replace(estimate=estimate)
+
+    def proprioception(self, memory: Memory, sensors: Sensors, command: Command) -> Array:
+        """Observes the part that needs no estimator (..., 40 + n_states; with an IMU 6 more)."""
+        return proprioception(
+            self.robot,
+            command=command.velocity,
+            joint_position=sensors.joint_position,
+            joint_velocity=sensors.joint_velocity,
+            previous_action=memory.action,
+            rm_state=self.machine.one_hot(memory.machine.state),
+            rm_iterations=memory.machine.iterations,
+            commanded_dwell=command.dwell,
+            imu=sensors.imu if self.observes_imu else None,
+            limited=self.law.limited,
+        )
+
+    def observation(
+        self, memory: Memory, sensors: Sensors, command: Command, body: Array | None = None
+    ) -> Array:
+        """Observes everything (..., 47 + n_states; with an IMU 6 more).
+
+        Args:
+            memory: What `sense` returned.
+            sensors: Readings of this instant.
+            command: The command.
+            body: The true body state (..., 7), where there is no estimator.
+        """
+        body = memory.estimate if body is None else body
+        return np.concatenate([self.proprioception(memory, sensors, command), body], axis=-1)
+
+    def limited(self, memory: Memory, sensors: Sensors, asked: Array) -> Array:
+        """Returns what limits leave of the actions (..., 12) that a policy asks for."""
+        if self.law.limits is None:
+            return asked
+        return self.law.limits.applied(
+            self.robot,
+            asked,
+            before=memory.action,
+            position=sensors.joint_position,
+            gravity=ImuReading.of(sensors.imu).gravity,
+        )
+
+    def joint_targets(self, action: Array) -> Array:
+        """Returns the joint targets (..., 12; rad) of actions."""
+        return self.robot.joint_targets(action, limited=self.law.limited)
+
+    def _expected_height(self, before: Memory, sensors: Sensors) -> Array:
+        """Returns how high the feet are (..., 4; m) before it is known which of them touch."""
+        if not isinstance(self.estimator, Odometry):
+            return before.estimate[..., -quadruped.N_LEGS :]
+        return self.estimator.expected_heights(self.robot, before.odometry, sensors.joint_position)

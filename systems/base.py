@@ -1,0 +1,132 @@
+"""Bases of the leaf systems: named ports over a pure function, computed once for all outputs."""
+
+from abc import abstractmethod
+from collections.abc import Collection, Mapping
+from functools import partial
+
+from numpy.typing import ArrayLike
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DependencyTicket,
+    LeafSystem,
+    State,
+    ValueProducer,
+)
+
+from glassgait.models.arrays import Array
+from glassgait.models.task import CONTROL_PERIOD
+
+Outputs = Mapping[str, ArrayLike]
+"""Vectors by the names of their ports."""
+
+
+class FunctionSystem(LeafSystem):
+    """Maps its inputs to its outputs and remembers nothing."""
+
+    def __init__(
+        self, inputs: Mapping[str, int], outputs: Mapping[str, int], optional: Collection[str] = ()
+    ) -> None:
+        """
+        Args:
+            inputs: Sizes of the input ports by name.
+            outputs: Sizes of the output ports by name.
+            optional: Inputs that may stay unconnected; the function is then called without them.
+        """
+        super().__init__()
+        self._declare(inputs, outputs, optional, {self.all_input_ports_ticket()})
+
+    @abstractmethod
+    def evaluate(self, **inputs: Array) -> Outputs:
+        """Returns the outputs by name."""
+
+    def _calc(self, context: Context, value: AbstractValue) -> None:
+        value.set_value(self.evaluate(**self._inputs(context)))
+
+    def _outputs(self, context: Context) -> Outputs:
+        return self._entry.Eval(context)
+
+    def _declare(
+        self,
+        inputs: Mapping[str, int],
+        outputs: Mapping[str, int],
+        optional: Collection[str],
+        tickets: set[DependencyTicket],
+    ) -> None:
+        """Declares ports, and the cache entry that all outputs are parts of."""
+        self._optional = frozenset(optional)
+        self._ports = {
+            name: self.DeclareVectorInputPort(name, size) for name, size in inputs.items()
+        }
+        self._entry = self.DeclareCacheEntry(
+            description="outputs",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(object()), calc=self._calc
+            ),
+            prerequisites_of_calc=tickets,
+        )
+        for name, size in outputs.items():
+            self.DeclareVectorOutputPort(
+                name=name,
+                size=size,
+                calc=partial(self._put, name),
+                prerequisites_of_calc={self._entry.ticket()},
+            )
+
+    def _inputs(self, context: Context) -> dict[str, Array]:
+        return {
+            name: port.Eval(context)
+            for name, port in self._ports.items()
+            if name not in self._optional or port.HasValue(context)
+        }
+
+    def _put(self, name: str, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._outputs(context)[name])
+
+
+class MealySystem(FunctionSystem):
+    """Remembers a vector; its outputs show this instant's inputs already.
+
+    It latches every 20 ms in an unrestricted update, which comes before the plant's discrete update
+    of the same instant.
+    """
+
+    def __init__(
+        self,
+        inputs: Mapping[str, int],
+        outputs: Mapping[str, int],
+        memory: ArrayLike,
+        optional: Collection[str] = (),
+    ) -> None:
+        """
+        Args:
+            inputs: Sizes of the input ports by name.
+            outputs: Sizes of the output ports by name.
+            memory: What it remembers at first.
+            optional: Inputs that may stay unconnected; the function is then called without them.
+        """
+        LeafSystem.__init__(self)
+        self._memory = self.DeclareDiscreteState(memory)
+        self._declare(inputs, outputs, optional, {self.all_input_ports_ticket(), self.xd_ticket()})
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+        )
+
+    @abstractmethod
+    def step(self, memory: Array, **inputs: Array) -> tuple[Outputs, ArrayLike]:
+        """Returns the outputs by name, and what is remembered until the next control step."""
+
+    def memory(self, context: Context) -> Array:
+        """Returns what is remembered of the control step before."""
+        return context.get_discrete_state(self._memory).value()
+
+    def _calc(self, context: Context, value: AbstractValue) -> None:
+        value.set_value(self.step(self.memory(context), **self._inputs(context)))
+
+    def _outputs(self, context: Context) -> Outputs:
+        return self._entry.Eval(context)[0]
+
+    def _latch(self, context: Context, state: State) -> None:
+        after = self._entry.Eval(context)[1]
+        state.get_mutable_discrete_state(self._memory).SetFromVector(after)

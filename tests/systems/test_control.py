@@ -1,0 +1,212 @@
+"""The parts of the controller, and the joints that follow it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import InputPortIndex
+
+from glassgait.models.errors import InputError
+from glassgait.models.estimation.contact import UNCHANGED_STEPS
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.library import load_robot
+from glassgait.models.task.observation import ObservationLayout, proprioception
+from glassgait.systems.control import (
+    ActionHold,
+    AlternationSchedule,
+    ContactTrustSystem,
+    JointTargets,
+    PolicySystem,
+    Proprioception,
+    RewardMachineSystem,
+    TargetLimitsSystem,
+)
+
+A1 = load_robot()
+DIVERGED = np.where(np.arange(12) == 2, np.inf, 0.0)
+HEIGHT = [0.0, 0.05, 0.0, 0.05]
+FL_RR = {
+    "foot_contact": np.array([1.0, 0, 0, 1]),
+    "foot_height": np.array([0.0, 0.04, 0.04, 0]),
+}
+OBSERVED = {
+    "joints": np.linspace(-1.0, 1.0, 24),
+    "command": np.array([0.5, -0.2]),
+    "commanded_dwell": 9,
+    "previous_action": np.arange(12.0),
+    "rm_state": np.eye(4)[2],
+    "rm_iterations": 3,
+}
+
+
+def test_stuck_sensors_give_way_to_heights_until_they_change(fix_inputs, latch):
+    system = ContactTrustSystem()
+    contact, touching = (
+        system.GetOutputPort(name) for name in ("believed_contact", "believed_touching")
+    )
+    seen = {"touching": [1, 1, 0, 0], "foot_height": HEIGHT}
+    context = fix_inputs(system, **seen)
+    for _ in range(UNCHANGED_STEPS):
+        np.testing.assert_array_equal(contact.Eval(context), seen["touching"])
+        np.testing.assert_array_equal(touching.Eval(context), seen["touching"])
+        latch(system, context)
+    believed = [1, 0, 1, 0]
+    np.testing.assert_array_equal(contact.Eval(context), believed)
+    np.testing.assert_array_equal(touching.Eval(context), believed)
+    clone = context.Clone()
+    fix_inputs(system, context, touching=[1, 0, 1, 1])
+    np.testing.assert_array_equal(touching.Eval(context), [1, 0, 1, 1])
+    # A clone has its memory.
+    latch(system, context)
+    np.testing.assert_array_equal(touching.Eval(clone), believed)
+
+
+def test_a_contact_lasts_for_a_step(fix_inputs, latch):
+    system = ContactTrustSystem()
+    context = fix_inputs(system, touching=[1, 0, 0, 0], foot_height=HEIGHT)
+    for touching, lasting in (([0, 1, 0, 0], [1, 1, 0, 0]), ([0, 0, 0, 0], [0, 1, 0, 0])):
+        latch(system, context)
+        fix_inputs(system, context, touching=touching)
+        found = system.GetOutputPort("believed_contact").Eval(context)
+        np.testing.assert_array_equal(found, lasting)
+
+
+def test_the_reward_machine_shows_this_instants_propositions(trot, fix_inputs, latch):
+    system = RewardMachineSystem(trot)
+    names = ("rm_state", "rm_iterations", "reward_multiplier", "served_dwell")
+    ports = [system.GetOutputPort(name) for name in names]
+    context = fix_inputs(system, **FL_RR, commanded_dwell=1)
+    clone = context.Clone()
+    assert [port.Eval(context).tolist() for port in ports] == [[0, 1], [0], [1000], [1]]
+    fix_inputs(system, context, commanded_dwell=2)
+    assert [port.Eval(context).tolist() for port in ports] == [[1, 0], [1], [1], [0]]
+    latch(system, context)
+    assert [port.Eval(context).tolist() for port in ports] == [[0, 1], [0], [1000], [2]]
+    assert ports[0].Eval(clone).tolist() == [0, 1]
+    first, *others = trot.transitions
+    half = RewardMachineSystem(replace(trot, transitions=(replace(first, dwell=0.5), *others)))
+    context = fix_inputs(half, **FL_RR, commanded_dwell=2)
+    assert half.GetOutputPort("served_dwell").Eval(context) == [1.0]
+
+
+@pytest.mark.parametrize("imu", [None, np.arange(9.0)])
+def test_proprioception_is_the_models(imu, fix_inputs):
+    system = Proprioception(A1, ObservationLayout(4, imu=imu is not None))
+    reading = {} if imu is None else {"imu": imu}
+    found = system.get_output_port().Eval(fix_inputs(system, **OBSERVED, **reading))
+    expected = proprioception(
+        A1,
+        joint_position=OBSERVED["joints"][:12],
+        joint_velocity=OBSERVED["joints"][12:],
+        imu=imu,
+        **{name: np.array(value) for name, value in OBSERVED.items() if name != "joints"},
+    )
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_limited_targets_are_observed_as_joints_followed_them(fix_inputs):
+    layout = ObservationLayout(4)
+    system = Proprioception(A1, layout, limited=True)
+    asked = np.resize([1e30, -1e30, 0.5, np.nan], 12)
+    context = fix_inputs(system, **OBSERVED | {"previous_action": asked})
+    entries = [i for i, entry in enumerate(layout.entries) if entry.group == "previous action"]
+    followed = A1.joint_targets(system.get_output_port().Eval(context)[entries])
+    np.testing.assert_allclose(followed, A1.joint_targets(asked, limited=True), atol=1e-15)
+
+
+def test_a_policy_acts(trot, make_policy, fix_inputs, generator):
+    policy = make_policy(trot)
+    system = PolicySystem(policy)
+    for observation in (generator.normal(size=49), np.full(49, np.nan)):
+        found = system.get_output_port().Eval(fix_inputs(system, observation=observation))
+        np.testing.assert_array_equal(found, policy(observation))
+
+
+def test_an_action_that_is_not_finite_is_an_error(trot, make_policy, fix_inputs):
+    policy = make_policy(trot)
+    policy.__class__ = type("Diverging", (type(policy),), {"__call__": lambda *_: DIVERGED})
+    system = PolicySystem(policy)
+    with pytest.raises(InputError, match="action of FL_calf is not finite"):
+        system.get_output_port().Eval(fix_inputs(system, observation=np.zeros(49)))
+
+
+@pytest.mark.parametrize(("period", "acts"), [(1, "EEEEEE"), (3, "ESSESS"), (0, "SSSSSS")])
+def test_the_expert_acts_every_nth_control_step(period, acts):
+    expert, student = InputPortIndex(1), InputPortIndex(2)
+    system = AlternationSchedule(period, expert, student)
+    context, chosen = system.CreateDefaultContext(), ""
+    for step in range(6):
+        context.SetTime(step * 0.02)
+        chosen += {expert: "E", student: "S"}[system.get_output_port().Eval(context)]
+    assert chosen == acts
+
+
+def test_limits_come_last(fix_inputs):
+    limits = JointLaw((40.0, 1.0)).with_limits(A1).limits
+    system = TargetLimitsSystem(A1, limits)
+    joints = np.concatenate([A1.default_stance, np.full(12, 3.0)])
+    imu, half, before = np.array([0, 0, 0, 0, 0, 0, 0, 0, -1.0]), np.full(12, 0.5), np.zeros(12)
+    context = fix_inputs(system, action=half, previous_action=before, joints=joints, imu=imu)
+    port = system.get_output_port()
+    np.testing.assert_array_equal(port.Eval(context), half)
+    # A front thigh has room to go forward by more than the reach.
+    fix_inputs(system, context, action=np.full(12, 9.0))
+    assert port.Eval(context)[1] == pytest.approx(33.5 / 40.0 / A1.action_scale)
+    fix_inputs(system, context, action=np.full(12, np.nan))
+    np.testing.assert_array_equal(port.Eval(context), before)
+    fix_inputs(system, context, action=half, imu=np.zeros(9))
+    np.testing.assert_array_equal(port.Eval(context), np.zeros(12))
+
+
+def test_actions_are_held_from_the_control_instant_on(fix_inputs):
+    system = ActionHold()
+    context = fix_inputs(system, action=np.full(12, 1.0))
+    ports = [
+        system.GetOutputPort(name) for name in ("held_action", "previous_action", "delayed_action")
+    ]
+    simulator = Simulator(system, context)
+    simulator.Initialize()
+    assert [port.Eval(context)[0] for port in ports] == [0, 0, 0]
+    simulator.AdvanceTo(0.01)
+    assert [port.Eval(context)[0] for port in ports] == [1, 0, 1]
+    fix_inputs(system, context, action=np.full(12, 2.0))
+    simulator.AdvanceTo(0.02)
+    assert [port.Eval(context)[0] for port in ports] == [1, 0, 1]
+    simulator.AdvanceTo(0.03)
+    assert [port.Eval(context)[0] for port in ports] == [2, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("latency", "time_step"),
+    [
+        *((0.01, 0.01), (0.01, 0.0025), (0.0075, 0.0025), (0.013, 0.0)),
+        *((0.02, 0.01), (0.02, 0.0), (0.03, 0.01), (0.0325, 0.0025), (0.04, 0.01), (0.04, 0.0)),
+    ],
+)
+def test_actions_reach_the_joints_late_in_every_period(latency, time_step, fix_inputs):
+    system = ActionHold(latency, time_step)
+    context = fix_inputs(system, action=np.zeros(12))
+    port = system.GetOutputPort("delayed_action")
+    simulator = Simulator(system, context)
+    simulator.Initialize()
+    for period in range(60):
+        # The action of a period is latched as it begins.
+        fix_inputs(system, context, action=np.full(12, period + 1.0))
+        for share in (0.03, 0.2, 0.45, 0.7, 0.97):
+            time = 0.02 * (period + share)
+            simulator.AdvanceTo(time)
+            assert port.Eval(context)[0] == max(np.floor((time - latency) / 0.02) + 1, 0)
+
+
+def test_targets_follow_the_actuators_order_within_the_joints_ranges(fix_inputs):
+    names, action = list(quadruped.JOINTS[::-1]), np.arange(12.0)
+    system = JointTargets(A1, names)
+    desired = system.get_output_port().Eval(fix_inputs(system, action=action))
+    np.testing.assert_allclose(desired[:12], (A1.default_stance + 0.25 * action)[::-1])
+    np.testing.assert_array_equal(desired[12:], 0)
+    limited = JointTargets(A1, names, limited=True)
+    for value, ends in ((100.0, A1.upper_limits), (-100.0, A1.lower_limits)):
+        desired = limited.get_output_port().Eval(fix_inputs(limited, action=np.full(12, value)))
+        np.testing.assert_array_equal(desired[:12], ends[::-1])
