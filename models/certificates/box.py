@@ -31,17 +31,11 @@ from glassgait.models.task.termination import TerminationLimits
 
 BOX_DIRECTORY = Path(__file__).parent / "boxes"
 
-FASTEST_TURN = 20.0
-"""Greatest angular velocity that the gyroscope gives, about any axis (rad/s); stated."""
+FASTEST_TURN, FASTEST_JOINT, FASTEST_TRUNK, FOOT_HEIGHTS = 20.0, 50.0, 3.0, (-0.1, 0.4)
+"""Stated limits of the gyroscope and the encoders (rad/s), and of the estimator (m/s; m).
 
-FASTEST_JOINT = 50.0
-"""Greatest joint velocity that the encoders measure (rad/s); stated, the motors reach 21."""
-
-FASTEST_TRUNK = 3.0
-"""Greatest trunk velocity that the estimator gives, along any axis (m/s); stated."""
-
-FOOT_HEIGHTS = (-0.1, 0.4)
-"""Least and greatest foot height that the estimator gives (m); stated, a leg is 0.4 m long."""
+Motors reach 21 rad/s, and a leg is 0.4 m long.
+"""
 
 MARGIN = 0.1
 """Share of its width by which a measured range is widened on both sides."""
@@ -238,46 +232,32 @@ def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:
 
 
 def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[float, float]:
+    velocities = {
+        "commanded velocity": gait.max_speed if entry.symbol == "cmd.v" else gait.max_yaw_rate,
+        "gravity": 1.0 + float(IMU_NOISE[-1]),
+        "angular velocity": FASTEST_TURN,
+        "joint velocity": FASTEST_JOINT,
+        "base velocity": FASTEST_TRUNK,
+    }
     match entry.group:
-        case "commanded velocity":
-            most = gait.max_speed if entry.symbol == "cmd.v" else gait.max_yaw_rate
-            return -most, most
-        case "joint position":
+        case "joint position" | "previous action":
             reach = TerminationLimits().joint_overrun + JOINT_POSITION_NOISE
-            return _joint_range(entry, robot, reach)
-        case "previous action":
-            return _joint_range(entry, robot, 0.0)
-        case "gravity":
-            return -1.0 - float(IMU_NOISE[-1]), 1.0 + float(IMU_NOISE[-1])
-        case "angular velocity":
-            return -FASTEST_TURN, FASTEST_TURN
-        case "joint velocity":
-            return -FASTEST_JOINT, FASTEST_JOINT
+            reach = reach if entry.group == "joint position" else 0.0
+            joint = quadruped.joint_index(entry.symbol.partition(".")[2])
+            low, high = robot.lower_limits[joint] - reach, robot.upper_limits[joint] + reach
+            # Round outward; a number that is off the last decimal by rounding only stays on it.
+            low, high = np.round(np.array([low, high]) * 10.0**DECIMALS, 6)
+            return math.floor(low) / 10.0**DECIMALS, math.ceil(high) / 10.0**DECIMALS
         case "machine state":
             return 0.0, 1.0
         case "iterations":
             return 0.0, float(gait.dwell[1] + OVERDUE)
         case "commanded iterations":
             return float(gait.dwell[0]), float(gait.dwell[1])
-        case "base velocity":
-            return -FASTEST_TRUNK, FASTEST_TRUNK
         case "foot height":
             return FOOT_HEIGHTS
-
-
-def _joint_range(entry: ObservationEntry, robot: Robot, reach: float) -> tuple[float, float]:
-    joint, factor = quadruped.joint_index(entry.symbol.partition(".")[2]), 10.0**DECIMALS
-    low, high = float(robot.lower_limits[joint]) - reach, float(robot.upper_limits[joint]) + reach
-    # Rounded outward; a number that is off the last decimal by rounding only stays on it.
-    return (
-        math.floor(round(low * factor, 6)) / factor,
-        math.ceil(round(high * factor, 6)) / factor,
-    )
+    return -velocities[entry.group], velocities[entry.group]
 
 
 def _is_range(ends: Any) -> bool:
-    return (
-        isinstance(ends, list)
-        and len(ends) == 2
-        and all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends)
-    )
+    return isinstance(ends, list) and [type(end) in (int, float) for end in ends] == [True, True]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,9 +18,6 @@ SPLIT_AT_ONCE = 64
 STARTS = 16
 SWEEPS = 6
 """A witness is sought from the best starts, quantity by quantity, in so many sweeps."""
-
-MOST_GATES = 6
-"""Quantities whose ends are combined in all ways to start from."""
 
 INNER_POINTS = 9
 """Values of a curved quantity that are tried; of others the ends, where affine functions peak."""
@@ -152,8 +148,7 @@ class _Search:
     ) -> None:
         self._function, self._relaxation, self._region = function, relaxation, region
         self._generator = np.random.default_rng(0)
-        starts = np.concatenate([self._starts(region, STARTS), self._gate_starts()])
-        self.witness, self.reached = self._ascended(starts)
+        self.witness, self.reached = self._ascended(self._starts(region, STARTS))
         self.leaves: list[Tree] = [[]]
         self.n_cells = self._climbs_at = 1
 
@@ -228,17 +223,6 @@ class _Search:
         ends = self._generator.integers(0, 3, (count, len(cell.lower))) / 2.0
         points = cell.lower + ends * (cell.upper - cell.lower)
         points[0] = 0.5 * (cell.lower + cell.upper)
-        return self._whole(points)
-
-    def _gate_starts(self) -> Array:
-        """Returns points with the gates at their ends, in all ways; between them all is affine."""
-        gates, region = self._relaxation.gates[:MOST_GATES], self._region
-        ways = np.array(list(product((0.0, 1.0), repeat=len(gates)))).reshape(2 ** len(gates), -1)
-        points = self._whole(np.tile(0.5 * (region.lower + region.upper), (len(ways), 1)))
-        points[:, gates] = region.lower[gates] + ways * (region.upper - region.lower)[gates]
-        return points
-
-    def _whole(self, points: Array) -> Array:
         counted = list(self._region.counted)
         points[:, counted] = np.floor(points[:, counted])
         return points
@@ -248,11 +232,9 @@ class _Search:
         relaxation = self._relaxation
         points = np.clip(points, self._region.lower, self._region.upper)
         values = self._function(points)
-        rest = [index for index in relaxation.used if index not in relaxation.gates]
-        for sweep in range(SWEEPS):
+        for _ in range(SWEEPS):
             before = values.copy()
-            # With the gates where they start, the first sweep finds the best of all others.
-            for index in rest if sweep == 0 else relaxation.used:
+            for index in relaxation.used:
                 # Try several values of the quantity at each point, and keep the best.
                 tried = self._values_of(index)
                 moved = np.repeat(points[:, None], len(tried), axis=1)
@@ -263,7 +245,7 @@ class _Search:
                 better = found[best] > values
                 points = np.where(better[:, None], moved[best], points)
                 values = np.where(better, found[best], values)
-            if sweep and np.all(values <= before + 1e-12):
+            if np.all(values <= before + 1e-12):
                 break
             highest = np.argsort(-values, kind="stable")[:STARTS]
             points, values = points[highest], values[highest]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 from typing import Literal, NamedTuple
 
@@ -121,7 +122,7 @@ class Prover:
         self.proofs: dict[tuple[Query, Place], Maximum] = {}
         self.symbols = symbols_of(policy.observation_names)
         self._found: dict[tuple[Query, Place], Maximum] = {}
-        self._errors: dict[tuple[int, int, Place], float] = {}
+        self._error = cache(self._rounding)
         self._targets = FormulaTargets(policy)
         self._units = RobotUnits.of(policy.robot, policy.observation_names)
 
@@ -166,17 +167,13 @@ class Prover:
         found = self._targets.bound(query, box, gap=gap, threshold=threshold)
         return replace(found, bound=found.bound + error + SLACK)
 
-    def _error(self, state: int, joint: int, place: Place) -> float:
+    def _rounding(self, state: int, joint: int, place: Place) -> float:
         """Returns how far a target in double precision may be from the exact one (rad)."""
-        key = state, joint, place
-        if key not in self._errors:
-            try:
-                box = self._box(place, state)
-                self._errors[key] = self._targets.rounding(state, joint, box)
-            except InputError as error:
-                where = f"{quadruped.JOINTS[joint]} in {self.gait.states[state]}"
-                raise InputError(f"{where}: {error}") from error
-        return self._errors[key]
+        try:
+            return self._targets.rounding(state, joint, self._box(place, state))
+        except InputError as error:
+            where = f"{quadruped.JOINTS[joint]} in {self.gait.states[state]}"
+            raise InputError(f"{where}: {error}") from error
 
     def _bounded(self, claim: Claim) -> Verdict:
         """Decides a claim that bounds a quantity of every joint and state."""
@@ -187,8 +184,7 @@ class Prover:
             for query, limit in self._queries(claim, place, state, joint)
         ]
         if not found:
-            why = "no target depends on it"
-            return Verdict(claim, "proved", 0.0, claim.most or 0.0, why)
+            return Verdict(claim, "proved", 0.0, claim.most or 0.0, "no target depends on it")
         query, bound, limit = max(found, key=lambda one: one[1].reached - one[2])
         if bound.reached > limit + REFUTED:
             return self._verdict(claim, "refuted", bound.reached, limit, query, bound.witness)
@@ -227,17 +223,14 @@ class Prover:
         query: Query,
         witness: Array | None = None,
     ) -> Verdict:
-        where, n = (
-            f"{quadruped.JOINTS[query.joint]}, {self.gait.states[query.state]}",
-            len(self.symbols),
-        )
-        if query.observation >= 0:
-            where += f", {self.symbols[query.observation]}"
+        where, n = [quadruped.JOINTS[query.joint], self.gait.states[query.state]], len(self.symbols)
+        where += [self.symbols[query.observation]] if query.observation >= 0 else []
         witnesses = [] if witness is None else [self._observed(witness[:n])]
         if witness is not None and len(witness) > n:
-            witnesses.append({**witnesses[0], self.symbols[query.observation]: float(witness[n])})
+            # An effect has the other value of the observation behind all quantities.
+            witnesses.append({**witnesses[0], where[-1]: float(witness[n])})
         value, limit = query.sign * value, query.sign * limit + 0.0
-        return Verdict(claim, outcome, value, limit, where, tuple(witnesses))
+        return Verdict(claim, outcome, value, limit, ", ".join(where), tuple(witnesses))
 
     def _observed(self, quantities: Array) -> Observed:
         """Names the quantities of an observation (n), counts whole in spite of rounding."""
@@ -269,25 +262,19 @@ class Prover:
         """Decides a claim about the squared change of the action."""
         most, joints = claim.squared_change, claim.joint_indices()
         changes = np.array([claim.change_of(symbol) for symbol in self.symbols])
-        place, states = Place(claim.box), claim.state_indices(self.gait)
-        bounds = {
-            state: sum(self._squared_change(state, joint, changes, place) for joint in joints)
-            for state in states
-        }
-        worst = max(bounds, key=lambda state: bounds[state])
-        where = f"state {self.gait.states[worst]}"
-        if bounds[worst] <= most:
-            return Verdict(claim, "proved", bounds[worst], most, where)
-        reached = {
-            state: self._widest_change(joints, changes, self._box(place, state)) for state in states
-        }
-        state = max(reached, key=lambda state: reached[state][0])
-        value, *pair = reached[state]
-        if value > most:
-            witnesses = tuple(self._observed(one) for one in pair)
-            where = f"state {self.gait.states[state]}"
-            return Verdict(claim, "refuted", value, most, where, witnesses)
-        return Verdict(claim, "undecided", bounds[worst], most, where)
+        place, bounds, reached = Place(claim.box), {}, {}
+        for state in claim.state_indices(self.gait):
+            squares = (self._squared_change(state, joint, changes, place) for joint in joints)
+            bounds[sum(squares)] = f"state {self.gait.states[state]}"
+        if (bound := max(bounds)) <= most:
+            return Verdict(claim, "proved", bound, most, bounds[bound])
+        for state in claim.state_indices(self.gait):
+            value, *pair = self._widest_change(joints, changes, self._box(place, state))
+            reached[value] = f"state {self.gait.states[state]}", map(self._observed, pair)
+        if (value := max(reached)) > most:
+            where, witnesses = reached[value]
+            return Verdict(claim, "refuted", value, most, where, tuple(witnesses))
+        return Verdict(claim, "undecided", bound, most, bounds[bound])
 
     def _squared_change(self, state: int, joint: int, changes: Array, place: Place) -> float:
         """Bounds the squared change of an action by the sum of each observation's share.

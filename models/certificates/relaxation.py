@@ -27,12 +27,9 @@ Scope = tuple[Element, ...]
 
 
 class Step(NamedTuple):
-    """A step of an elimination: tables are added up, and the sum is maximised over one element.
+    """Adds up tables, by number, and maximises the sum over one element of its scope.
 
-    Attributes:
-        element: The element.
-        tables: Numbers of the tables; what a step leaves takes the next number.
-        scope: Elements of the sum.
+    The table that a step leaves takes the next number.
     """
 
     element: Element
@@ -44,18 +41,16 @@ class Relaxation:
     """Bounds a polynomial over boxes of quantities from above.
 
     Where powers of factors, its *elements*, are taken for independent of one another, the
-    polynomial is affine in each, so that it is greatest where each is at one of its two ends. Of n
-    elements there are 2^n such corners, but few elements meet in products: what a monomial adds is
-    a table over the ends of its own elements. Tables are added up, and maximised over one element
-    after the other (variable elimination, Bertelè and Brioschi, Nonserial Dynamic Programming,
-    1972). That finds the best corner, unless more than `MOST_TOGETHER` elements meet on the way:
-    then tables of one element are maximised apart (mini-buckets, Dechter and Rish 2003), which is
-    a bound still. What is lost else is that two elements may depend on the same quantity; boxes
-    that are narrow in these `shared` quantities lose little.
+    polynomial is affine in each, so that it is greatest where each is at one of its two ends. A
+    monomial adds a table over the ends of its elements. Tables are added up, and maximised over one
+    element after the other (variable elimination, Bertelè and Brioschi, Nonserial Dynamic
+    Programming, 1972). That finds the best corner. Where more than `MOST_TOGETHER` elements meet,
+    tables of one element are maximised apart (mini-buckets, Dechter and Rish 2003): a bound still.
+    Two elements may depend on the same quantity; boxes that are narrow in these `shared` quantities
+    lose little.
 
     Attributes:
         used: Quantities that the polynomial is of.
-        gates: Those of them that its monomials have in common.
         curved: Those of them that it may not be affine in.
         shared: Those that boxes are split by.
     """
@@ -72,10 +67,15 @@ class Relaxation:
             for monomial, coefficient in polynomial.items()
         }
         self._steps = eliminated(list(self._monomials), self._elements)
-        self.used = sorted(self._variables_of(self._elements))
-        self.gates = sorted(self._variables_of(_cover(list(polynomial), self._elements)))
-        self.curved = [index for index in self.used if self._is_curved(index)]
-        self.shared = [index for index in self.used if self._is_shared(index)]
+        of_elements = (ring.variables(number) for number, _ in self._elements)
+        self.used = sorted(frozenset[int]().union(*of_elements))
+        self.curved, self.shared = list[int](), list[int]()
+        for index in self.used:
+            of = [own for own in self._elements if index in ring.variables(own[0])]
+            if any(power > 1 or ring.factors[i].function != "variable" for i, power in of):
+                self.curved.append(index)
+            if len(of) > 1 or any(self._is_loose(number) for number, _ in of):
+                self.shared.append(index)
 
     def upper(self, lower: Array, upper: Array) -> Array:
         """Bounds the polynomial from above over boxes.
@@ -89,8 +89,10 @@ class Relaxation:
         """
         together = max((len(step.scope) for step in self._steps), default=0)
         size = max(1, BLOCK >> together)
-        blocks = [slice(start, start + size) for start in range(0, len(lower), size)]
-        return np.concatenate([self._upper(lower[own], upper[own]) for own in blocks])
+        starts = range(0, len(lower), size)
+        return np.concatenate(
+            [self._upper(lower[i : i + size], upper[i : i + size]) for i in starts]
+        )
 
     def _upper(self, lower: Array, upper: Array) -> Array:
         ranges = self._ranges(lower, upper)
@@ -144,22 +146,6 @@ class Relaxation:
         function = self._ring.factors[number].function
         return sorted(self._ring.variables(number)), function, power, element
 
-    def _variables_of(self, elements: Iterable[Element]) -> frozenset[int]:
-        return frozenset().union(*(self._ring.variables(number) for number, _ in elements))
-
-    def _is_shared(self, index: int) -> bool:
-        own = self._elements_of(index)
-        return len(own) > 1 or any(self._is_loose(number) for number, _ in own)
-
-    def _is_curved(self, index: int) -> bool:
-        return any(
-            power > 1 or self._ring.factors[number].function != "variable"
-            for number, power in self._elements_of(index)
-        )
-
-    def _elements_of(self, index: int) -> list[Element]:
-        return [own for own in self._elements if index in self._ring.variables(own[0])]
-
     def _is_loose(self, number: int) -> bool:
         """Returns whether a function's bounds may be wider than its values."""
         argument = self._ring.factors[number].argument
@@ -172,12 +158,7 @@ class Relaxation:
 
 
 def eliminated(scopes: Sequence[Scope], elements: Sequence[Element]) -> list[Step]:
-    """Plans in which order tables are added up and maximised: where fewest elements meet, first.
-
-    Args:
-        scopes: Of the tables to begin with.
-        elements: All elements of these, in order; of equals the first is taken.
-    """
+    """Plans the elimination of tables with these scopes: first where fewest elements meet."""
     tables, steps = list(scopes), []
     of = {
         element: {i for i, scope in enumerate(scopes) if element in scope} for element in elements
@@ -230,19 +211,6 @@ def _spread(table: Array, scope: Scope, wider: Scope) -> Array:
     """Gives a table an axis of length 1 for each element that it does not depend on."""
     at = tuple(slice(None) if element in scope else None for element in wider)
     return table[at]
-
-
-def _cover(monomials: Sequence[Monomial], elements: Sequence[Element]) -> list[Element]:
-    """Chooses elements such that every monomial has at most one that is not chosen."""
-    chosen: list[Element] = []
-    while len(chosen) < MOST_TOGETHER:
-        rest = [[e for e in monomial if e not in chosen] for monomial in monomials]
-        meeting = [own for own in rest if len(own) > 1]
-        if not meeting:
-            break
-        counts = {element: sum(element in own for own in meeting) for element in elements}
-        chosen.append(max(elements, key=lambda element: counts[element]))
-    return chosen
 
 
 def _around(value: float) -> tuple[float, float]:

@@ -131,16 +131,11 @@ class FormulaTargets:
 
     def _flat_beyond(self, found: Maximum, index: int, box: Region) -> Maximum:
         """Corrects a slope where a box goes beyond the range of a reading: there it is 0."""
-        low, high = (float(ends[index]) for ends in self._ends)
-        if not (box.lower[index] < low or box.upper[index] > high):
-            return found
-        misses = box.upper[index] < low or box.lower[index] > high
-        if not misses and found.reached >= 0.0:
-            return found
-        witness, is_below = found.witness.copy(), box.lower[index] < low
-        witness[index] = (box.lower if is_below else box.upper)[index]
-        bound = 0.0 if misses else max(0.0, found.bound)
-        return replace(found, bound=bound, reached=0.0, witness=witness)
+        low, high = (ends[index] for ends in self._ends)
+        if box.upper[index] < low or box.lower[index] > high:
+            return replace(found, bound=0.0, reached=0.0)
+        is_beyond = box.lower[index] < low or box.upper[index] > high
+        return replace(found, bound=max(0.0, found.bound)) if is_beyond else found
 
     def _image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
         """Returns a joint's target in the mirror of observations, multiplied out."""

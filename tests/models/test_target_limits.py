@@ -5,10 +5,11 @@ import re
 import hypothesis.extra.numpy as arrays
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert, load_student, shipped_students
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.target_limits import TargetLimits
@@ -51,6 +52,27 @@ def test_targets_stay_in_their_ranges_and_near_to_those_before(action, share, po
         assert np.all(np.abs(targets - last) <= robot.effort / limits.stiffness + ROUNDING)
         if not np.isfinite([action, position]).all():
             np.testing.assert_array_equal(left, before)
+
+
+@pytest.mark.parametrize("kind", ["expert", *shipped_students("trot")])
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.1, 1e6))
+def test_targets_of_policies_of_every_kind_stay_in_their_ranges(kind, seed, size):
+    policy = load_expert("trot") if kind == "expert" else load_student("trot", kind)
+    robot, limits = policy.robot, policy.joint_law.limits
+    assert limits is not None
+    generator = np.random.default_rng(seed)
+    observations = size * generator.normal(size=(20, len(policy.observation_names)))
+    before = within(robot, limits, generator.uniform(size=(20, 12)))
+    position, gravity = generator.normal(size=(20, 12)), generator.normal(size=(20, 3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        asked = policy(observations)
+        left = limits.applied(robot, asked, before=before, position=position, gravity=gravity)
+    targets = robot.joint_targets(left)
+    assert np.all(targets >= robot.lower_limits + limits.margin - ROUNDING)
+    assert np.all(targets <= robot.upper_limits - limits.margin + ROUNDING)
+    moved = np.abs(targets - robot.joint_targets(before))
+    assert np.all(moved <= robot.effort / limits.stiffness + ROUNDING)
 
 
 @given(actions=st.lists(ANYTHING, min_size=1, max_size=5), shares=st.lists(SHARES, min_size=5))
