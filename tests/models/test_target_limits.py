@@ -54,7 +54,14 @@ def test_targets_stay_in_their_ranges_and_near_to_those_before(action, share, po
             np.testing.assert_array_equal(left, before)
 
 
-@pytest.mark.parametrize("kind", ["expert", *shipped_students("trot")])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        # Long formulas are long to read.
+        pytest.param(kind, marks=pytest.mark.slow if kind == "statewise_symbolic" else ())
+        for kind in ("expert", *shipped_students("trot"))
+    ],
+)
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.1, 1e6))
 def test_targets_of_policies_of_every_kind_stay_in_their_ranges(kind, seed, size):
