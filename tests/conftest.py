@@ -1,9 +1,8 @@
 """What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
 
 import os
-import random
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import reduce
 from itertools import pairwise
@@ -13,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import settings
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
@@ -268,61 +266,6 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[[list[str]], str]:
         (message,) = (line for line in lines if not line.startswith("· "))
         assert message.startswith("glassgait: ")
         return message
-
-    return run
-
-
-@pytest.fixture
-def damaged() -> Callable[..., bytes]:
-    """Damages a YAML file in one way: its bytes, its lines, or its values and keys."""
-
-    def places(values: Any) -> Iterator[tuple[Any, Any]]:
-        for key, value in list(enumerate(values) if isinstance(values, list) else values.items()):
-            yield values, key
-            if isinstance(value, list | dict):
-                yield from places(value)
-
-    def of_bytes(data: bytes, generator: random.Random, snippets: Sequence[bytes]) -> bytes:
-        start, stop = sorted(generator.choices(range(len(data) + 1), k=2))
-        lines = data.splitlines(keepends=True) or [b"a: b\n"]
-        i = generator.randrange(len(lines))
-        snippet = generator.choice(snippets)
-        flipped = bytearray(data or b" ")
-        flipped[start - 1] = generator.randrange(256)
-        value = lines[i].split(b":")[0] + b": " + snippet + b"\n"
-        return generator.choice(
-            (
-                bytes(flipped),
-                data[:start] + data[stop:],
-                data[:start] + snippet + data[start:],
-                b"".join([*lines[:i], value, *lines[i + 1 :]]),
-                b"".join([*lines[:i], *[lines[i]] * generator.choice((2, 600)), *lines[i + 1 :]]),
-            )
-        )
-
-    def run(
-        data: bytes,
-        generator: random.Random,
-        snippets: Sequence[bytes],
-        values: Sequence[Any],
-        keys: Sequence[Any] = ("a", "", None, 1, "a" * 5000, "\n", "__class__"),
-    ) -> bytes:
-        if generator.random() < 0.5 or len(data) > 20_000 or b"*a" in data:
-            return of_bytes(data, generator, snippets)
-        try:
-            whole = yaml.safe_load(data)
-            holder, key = generator.choice(list(places(whole)))
-        except Exception:  # whatever it is, it cannot be changed any more by its values
-            return of_bytes(data, generator, snippets)
-        if isinstance(holder, dict) and generator.random() < 0.3:
-            holder[generator.choice(keys)] = holder.pop(key)
-        else:
-            holder[key] = generator.choice(values)
-        try:
-            text = yaml.safe_dump(whole, sort_keys=False, allow_unicode=True)
-        except ValueError:  # a number of thousands of digits, which Python reads but does not write
-            return b"{}"
-        return text.encode(errors="replace")
 
     return run
 

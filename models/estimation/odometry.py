@@ -89,7 +89,6 @@ class Odometry(Settings):
         or slips does not stand, though its sensor reads a contact.
 
         Args:
-            robot: What robots they are.
             before: The state one control step before.
             joint_position: Measured joint positions (..., 12; rad).
             joint_velocity: Measured joint velocities (..., 12; rad/s).
@@ -124,8 +123,6 @@ class Odometry(Settings):
         moved.
 
         Args:
-            robot: What robots they are.
-            before: That state.
             joint_position: Measured joint positions (..., 12; rad).
         """
         turned = cross(before.turning[..., None, :], before.footholds)
@@ -139,8 +136,6 @@ class Odometry(Settings):
         product of their diagonals.
 
         Args:
-            robot: What robots they are.
-            state: The state.
             joint_position: Measured joint positions (..., 12; rad).
 
         Returns:

@@ -49,8 +49,6 @@ class JointLaw(Settings):
         """Returns the joints' torques (..., 12; N·m) as an action (..., 12) is followed.
 
         Args:
-            robot: The robot.
-            action: The action.
             position: Joint positions (..., 12; rad).
             velocity: Joint velocities (..., 12; rad/s).
         """

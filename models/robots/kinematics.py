@@ -81,7 +81,6 @@ def leg_points(robot: Robot, joint_position: Array) -> LegPoints:
     """Locates thigh joint, knee and foot centre of each leg.
 
     Args:
-        robot: What robots they are.
         joint_position: Joint positions (..., 12; rad).
     """
     legs = _leg_angles(joint_position)
@@ -119,7 +118,6 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
     """Returns where the feet are in the trunk's frame, and how fast the joints move and turn them.
 
     Args:
-        robot: What robots they are.
         joint_position: Joint positions (..., 12; rad).
         joint_velocity: Joint velocities (..., 12; rad/s).
     """
@@ -145,7 +143,6 @@ def rolling_velocity(robot: Robot, turning: Array, down: Array) -> Array:
     """Returns how fast the feet's lowest points move by their centres (..., 4, 3; m/s).
 
     Args:
-        robot: What robots they are.
         turning: How fast the feet turn, by the trunk and the joints (..., 4, 3; rad/s).
         down: The world's downward axis (..., 1, 3).
     """
@@ -201,7 +198,6 @@ def foot_heights(robot: Robot, positions: Array) -> Array:
     """Measures how far each foot's lowest point is above the ground.
 
     Args:
-        robot: What robots they are.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
 
     Returns:
@@ -222,7 +218,6 @@ def world_points(positions: Array, points: Array) -> Array:
 
     Args:
         positions: The plant's positions q (..., 19), or its state x (..., 37).
-        points: The points.
     """
     to_world = rotation_matrix(positions[..., quadruped.QUATERNION])
     turned = np.einsum("...ij,...kj->...ki", to_world, points)
@@ -280,7 +275,6 @@ def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clea
     """Measures the lowest points of the collision boxes, which must never touch, and of the feet.
 
     Args:
-        robot: What robots they are.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         shank_share: Share of the calf's box, from the knee down, that is measured.
     """
@@ -337,7 +331,6 @@ def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     """Places level robots, facing along x, at rest with their lowest foot just on the ground.
 
     Args:
-        robot: What robots they are.
         joint_position: Joint positions (..., 12; rad); the default stance by default.
 
     Returns:

@@ -104,7 +104,6 @@ class TargetLimits(Settings):
         An action that no limit touches is returned to the last digit.
 
         Args:
-            robot: The robot.
             action: What a policy asks for (..., 12).
             before: The actions of the step before (..., 12), within the limits.
             position: Measured joint positions (..., 12; rad).

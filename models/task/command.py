@@ -42,8 +42,6 @@ def sample_commands(
 
     Args:
         gait: The gait, for its ranges.
-        count: Number of commands.
-        generator: Source of randomness.
         speed_range: Least and greatest forward speed (m/s); the gait's whole range by default.
         straight: Share of the commands that ask for no turn.
 
@@ -77,7 +75,6 @@ def check_command(gait: Gait, **given: float) -> None:
     """Checks that numbers of a command are within the gait's ranges.
 
     Args:
-        gait: The gait.
         given: `speed` (m/s), `yaw_rate` (rad/s), `dwell` (control steps), or some of them.
 
     Raises:

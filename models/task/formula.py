@@ -26,9 +26,6 @@ STANCES: Final[NDArray[np.bool_]] = (np.arange(N_STANCES)[:, None] >> np.arange(
 LONGEST_FORMULA = 1000
 """Greatest number of characters of a formula; every formula over four feet can be shorter."""
 
-DEEPEST_FORMULA = 50
-"""Greatest nesting of a formula's parentheses."""
-
 _FOREIGN = re.compile(r"[^A-Za-z_&|~()\s]")
 
 
@@ -64,7 +61,13 @@ def parse_formula(text: str) -> Formula:
     """
     # Line breaks would end the formula early, and break the drawings that hold it.
     text = " ".join(text.split())
-    _check_text(text)
+    if len(text) > LONGEST_FORMULA:
+        raise InputError(
+            f"formula {shown(text)} is longer than {LONGEST_FORMULA} characters; simplify it"
+        )
+    # Python's parser, which reads whole programs, should never see anything else.
+    if foreign := _FOREIGN.search(text):
+        raise _foreign(foreign[0])
     try:
         table = _evaluate(ast.parse(text, mode="eval").body)
     except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
@@ -74,23 +77,6 @@ def parse_formula(text: str) -> Formula:
     if not table.any():
         raise InputError(f"formula {shown(text)} can never hold; remove a contradiction from it")
     return Formula(text, tuple(bool(value) for value in table))
-
-
-def _check_text(text: str) -> None:
-    """Refuses texts that Python's parser, which reads whole programs, should never see."""
-    if len(text) > LONGEST_FORMULA:
-        raise InputError(
-            f"formula {shown(text)} is longer than {LONGEST_FORMULA} characters; simplify it"
-        )
-    if foreign := _FOREIGN.search(text):
-        raise _foreign(foreign[0])
-    depth = 0
-    for character in text:
-        depth += (character == "(") - (character == ")")
-        if depth > DEEPEST_FORMULA:
-            raise InputError(
-                f"formula {shown(text)} nests more than {DEEPEST_FORMULA} parentheses; simplify it"
-            )
 
 
 def _foreign(text: str) -> InputError:

@@ -86,7 +86,6 @@ class Ground:
         """Returns points (..., k, 4, 2; m) in all cells whose boxes are near points (..., k, 2; m).
 
         Args:
-            points: The points.
             reach: How near (m).
         """
         reaches = reach + self._own(self._overlap, points)[..., None, None]
@@ -262,7 +261,6 @@ def sense_feet(
     """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
 
     Args:
-        robot: What robots they are.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         previously_touching: `touching` of the previous control step (..., 4).
         touching: Whether each foot presses on the ground (..., 4); by default as its pose has it.

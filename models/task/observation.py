@@ -286,7 +286,6 @@ def proprioception(
     """Assembles the part of the observation that needs no estimator.
 
     Args:
-        robot: What robots they are.
         command: Forward speed and yaw rate (..., 2; m/s, rad/s).
         joint_position: Joint positions (..., 12; rad).
         joint_velocity: Joint velocities (..., 12; rad/s).
@@ -341,7 +340,6 @@ def body_state(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Arr
     """Returns the true values of what the estimator estimates.
 
     Args:
-        robot: What robots they are.
         state: The plant's state x (..., 37).
         ground: What they stand on.
 

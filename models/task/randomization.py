@@ -1,4 +1,4 @@
-"""What differs between robots and episodes: initial states, pushes, friction and noise."""
+"""Randomization of robots and episodes: initial states, pushes, friction and noise."""
 
 from dataclasses import field
 from typing import Annotated, ClassVar, Literal
@@ -86,11 +86,7 @@ class Randomization(Settings):
         generator: np.random.Generator,
         ground: Ground = LEVEL_GROUND,
     ) -> Array:
-        """Draws states x (count, 37) of robots that stand on their lowest foot.
-
-        Joints are kept inside their limits. All face along the world's x axis, but for a heading
-        that is drawn. Off the level, robots start where `ground` draws it.
-        """
+        """Draws states x (count, 37) of robots that stand on their lowest foot."""
         scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
         joints = np.clip(robot.default_stance * scale, robot.lower_limits, robot.upper_limits)
         state = kinematics.standing_state(robot, joints)
@@ -116,10 +112,7 @@ class Randomization(Settings):
         return noise * (self.observation_noise * IMU_NOISE)
 
     def biases(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws constant errors of episodes: of joint positions, then of the IMU (count, 21).
-
-        Where there are none nothing is drawn.
-        """
+        """Draws constant errors of joint positions, then of the IMU (count, 21), if any."""
         joints = np.full(quadruped.N_JOINTS, self.encoder_bias)
         greatest = np.concatenate([joints, self.imu.half_widths])
         if not greatest.any():
@@ -129,7 +122,7 @@ class Randomization(Settings):
     def latencies(self, count: int, generator: np.random.Generator) -> Array:
         """Draws the latencies of episodes (count,; s)."""
         least, greatest = self.latency
-        # Where all are the same nothing is drawn, and other draws stay as they are without it.
+        # Nothing is drawn where all are the same, so that other draws stay as they are.
         if least == greatest:
             return np.full(count, least)
         return generator.uniform(least, greatest, size=count)
@@ -142,10 +135,7 @@ class Randomization(Settings):
         return generator.random(feet) < self.contact_flips
 
     def stuck_contacts(self, count: int, generator: np.random.Generator) -> NDArray[np.int8]:
-        """Draws which contact sensors are stuck in episodes (count, 4).
-
-        Without a share of them nothing is drawn.
-        """
+        """Draws which contact sensors are stuck in episodes (count, 4), if a share of them is."""
         stuck = np.tile(stuck_sensors(self.stuck_open, self.stuck_closed), (count, 1))
         if self.stuck_share == 0.0:
             return stuck
@@ -155,10 +145,7 @@ class Randomization(Settings):
         return stuck
 
     def pushes(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws what this control step's pushes add to base velocities (count, 3; m/s).
-
-        Without pushes nothing is drawn.
-        """
+        """Draws what this control step's pushes add to base velocities (count, 3; m/s)."""
         if self.push_speed == 0:
             return np.zeros((count, 3))
         push = generator.uniform(-1.0, 1.0, size=(count, 3)) * self.push_speed
@@ -173,10 +160,10 @@ NOMINAL = Randomization(
     friction=(1.0, 1.0),
     push_speed=0.0,
 )
-"""What evaluations use by default: near the stance, noise on, no pushes."""
+"""The default of evaluations: near the stance, with noise, without pushes."""
 
 
 def seed_of(number: Array) -> int:
-    """Makes a seed of all 64 bits of a number (1,): NumPy seeds with whole numbers alone."""
+    """Makes a seed of all 64 bits of a number (1,)."""
     (seed,) = np.array(number).view(np.uint64).tolist()
     return seed

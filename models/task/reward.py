@@ -104,7 +104,7 @@ class Reward(NamedTuple):
 
 
 def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array:
-    """Averages the speeds that are compared with the command, as a low-pass of the first order.
+    """Averages forward speed and yaw rate by a low-pass of the first order.
 
     Args:
         state: The plant's state x (..., 37).
@@ -112,7 +112,7 @@ def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array
         weights: They hold the time of the average.
 
     Returns:
-        Forward speed and yaw rate (..., 2; m/s, rad/s).
+        Speeds that are compared with the command (..., 2; m/s, rad/s).
     """
     return _tracked(*kinematics.base_velocity(state), before, weights)
 
@@ -124,38 +124,19 @@ def fall_speeds(
     before: Array,
     weights: RewardWeights,
 ) -> Array:
-    """Measures how fast each foot came down when it last was in the air.
+    """Measures how fast each foot came down (..., 4; m/s) when it last was in the air.
 
     Args:
-        robot: What robots they are.
+        robot: The robot.
         state: The plant's state x (..., 37).
         foot_contact: Whether each foot touches, now or at the previous step (..., 4).
         before: What this returned a control step before (..., 4; m/s).
         weights: Where landings cost nothing, nothing is measured.
-
-    Returns:
-        Speeds downward (..., 4; m/s), 0 of feet that rose.
     """
     if weights.landing == 0.0:
         return before
     velocity = _foot_velocity(robot, state, *kinematics.base_velocity(state))
     return _fall_speeds(velocity, state, foot_contact, before)
-
-
-def _fall_speeds(
-    velocity: Array, state: Array, foot_contact: NDArray[np.bool_], before: Array
-) -> Array:
-    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
-    falling = _total(velocity * down[..., None, :])
-    return np.where(foot_contact, before, np.maximum(falling, 0.0))
-
-
-def _tracked(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
-    now = kinematics.stacked(linear[..., 0], angular[..., 2])
-    if weights.tracking_time == 0.0:
-        return now
-    kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)
-    return kept * before + (1.0 - kept) * now
 
 
 def step_reward(
@@ -177,7 +158,7 @@ def step_reward(
     """Rewards the step that led to `state`.
 
     Args:
-        robot: What robots they are.
+        robot: The robot.
         state: The plant's state x after the step (..., 37).
         previous_joint_velocity: Joint velocities before the step (..., 12; rad/s).
         action: Action held during the step (..., 12).
@@ -191,15 +172,18 @@ def step_reward(
         weights: Weights of the terms.
         joint_law: How the joints follow targets.
     """
+    # How well the command is followed.
     linear, angular = kinematics.base_velocity(state)
     tracked = _tracked(linear, angular, tracked, weights)
     exactness = np.exp(-np.square(command - tracked) / weights.tracking_width)
 
+    # Feet that land after a long swing.
     air_time = air_time + CONTROL_PERIOD
     landed = foot_contact & (air_time > CONTROL_PERIOD)
     moving = np.abs(command[..., 0]) > AIR_TIME_MIN_SPEED
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
 
+    # Terms that cost time to compute, where they are weighed.
     slip = landing = tilt = np.zeros_like(flight)
     if weights.slip or weights.landing:
         velocity = _foot_velocity(robot, state, linear, angular)
@@ -212,6 +196,7 @@ def step_reward(
         down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
 
+    # All terms, in the order of `REWARD_TERMS`.
     values = (
         exactness[..., 0],
         exactness[..., 1],
@@ -239,6 +224,22 @@ def step_reward(
     )
 
 
+def _tracked(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
+    now = kinematics.stacked(linear[..., 0], angular[..., 2])
+    if weights.tracking_time == 0.0:
+        return now
+    kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)
+    return kept * before + (1.0 - kept) * now
+
+
+def _fall_speeds(
+    velocity: Array, state: Array, foot_contact: NDArray[np.bool_], before: Array
+) -> Array:
+    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
+    falling = _total(velocity * down[..., None, :])
+    return np.where(foot_contact, before, np.maximum(falling, 0.0))
+
+
 def _joint_terms(
     robot: Robot,
     state: Array,
@@ -248,7 +249,7 @@ def _joint_terms(
     change: Array,
     joint_law: JointLaw,
 ) -> tuple[Array, Array, Array, Array]:
-    """Returns what torques, accelerations, changes of the action and stretched joints come to."""
+    """Returns squared torques, accelerations and changes of the action, and excess angles."""
     position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
     torque = joint_law.torque(robot, action=action, position=position, velocity=velocity)
     acceleration = (velocity - previous_joint_velocity) / CONTROL_PERIOD
@@ -262,12 +263,9 @@ def _joint_terms(
 
 
 def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) -> Array:
-    """Returns the velocities of the feet's lowest points, given the trunk's.
+    """Returns the velocities of the feet's lowest points (..., 4, 3; m/s, along the trunk's axes).
 
-    They do not move where a foot rolls without slip; its centre then does.
-
-    Returns:
-        Velocities (..., 4, 3; m/s, along the trunk's axes).
+    Where a foot rolls without slip, they do not move; its centre does.
     """
     position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
     motion = kinematics.foot_motion(robot, position, velocity)
@@ -278,5 +276,5 @@ def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) ->
 
 
 def _total(values: Array) -> Array:
-    """Returns sums over the last axis: `np.sum` takes some times longer for one robot."""
+    """Returns sums over the last axis; for one robot `np.sum` takes some times longer."""
     return np.add.reduce(values, axis=-1)

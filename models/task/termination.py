@@ -81,11 +81,9 @@ def failures(
     """Finds which failures robots show.
 
     Args:
-        robot: What robots they are.
         state: The plant's state x after the step (..., 37).
         action: Action held during the step (..., 12).
         previous_action: Action of the step before (..., 12).
-        limits: The bounds.
         ground: What they stand on; heights are as of `Ground.clearances`.
 
     Returns:

@@ -1,22 +1,21 @@
 """The ground: one definition from which physics, heights, contacts and pictures derive.
 
-Ground other than a plane is made of boxes, one a cell of a grid. A few cells repeat for ever, so
-that a tile of them, a period and what feet reach beyond it, serves a robot that is moved back into
-it by whole periods. Boxes reach into their neighbours' cells, where the higher one counts: a foot
-that has sunk in beside the border of two would be pressed by their sides, in turn, and be caught.
-The world's z axis is normal to the mean ground, and on a slope gravity leans.
+Ground other than a plane is made of boxes, one for each cell of a grid that repeats for ever. A
+tile of one period and its surroundings therefore serves a robot that is moved back by whole
+periods. Boxes reach into their neighbours' cells, where the higher one counts: otherwise a foot
+that has sunk in beside a border would be caught between two sides. The world's z axis is normal to
+the mean ground, and on a slope gravity leans.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from functools import cache
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
-from pydantic import model_validator
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -37,10 +36,7 @@ KINDS_OF_KEY: dict[str, tuple[Kind, ...]] = {
     "landing": ("steps",),
     "endless": ("steps",),
 }
-"""Kinds of ground that a key belongs to; the others belong to all. A plane has cells by patches."""
-
-NEEDED_BY = {"direction": "slope", "patch_friction": "patches"}
-"""Keys that have no effect while another is zero."""
+"""Kinds of ground that a key belongs to; the others belong to all."""
 
 REACH = 0.75
 """How far around a robot's trunk the ground is laid while it takes a control step (m)."""
@@ -179,64 +175,30 @@ class Terrain(Settings):
     patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4
     seed: Seed = 0
 
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_keys_without_effect(cls, values: Any) -> Any:
-        """Refuses keys of a file that do nothing, those of another kind by their default as well.
-
-        A file that names the kind may list every key, as records do.
-        """
-        if not isinstance(values, dict):
-            return values
-        for key, needed in NEEDED_BY.items():
-            if values.get(key, getattr(cls, key)) != getattr(cls, key) and not values.get(needed):
-                raise InputError(
-                    f"{cls.title}: {key} has no effect without {needed}; give {needed}, or leave "
-                    f"{key} out"
-                )
-        for key, kinds in KINDS_OF_KEY.items():
-            if key in values and "kind" not in values and "plane" not in kinds:
-                raise InputError(
-                    f"{cls.title}: {key} has no effect on a plane; give kind: {' or '.join(kinds)}"
-                )
-        return values
-
     def __post_init__(self) -> None:
-        for key in ("cell", "cells"):
-            if self.is_plane and getattr(self, key) != getattr(type(self), key):
+        for key in fields(self):
+            kinds = KINDS_OF_KEY.get(key.name, (self.kind,))
+            if self.kind not in kinds and getattr(self, key.name) != key.default:
                 raise InputError(
-                    f"{self.title}: {key} has no effect on a plane without patches; give patches, "
-                    "or another kind"
-                )
-        for own in fields(self):
-            kinds = KINDS_OF_KEY.get(own.name, (self.kind,))
-            if self.kind not in kinds and getattr(self, own.name) != own.default:
-                raise InputError(
-                    f"{self.title}: {own.name} is of kind {' and '.join(kinds)}, and kind is "
+                    f"{self.title}: {key.name} is of kind {' and '.join(kinds)}, and kind is "
                     f"{self.kind!r}; leave one of them out"
                 )
         if self.kind == "uneven":
             self._check_noise()
-        if self.kind == "steps" and self.height == 0:
+        if self.kind == "steps" and (self.height == 0 or (self.height < 0 and not self.endless)):
             raise InputError(
-                f"{self.title}: height is 0, which is no step; give one, or kind plane"
-            )
-        if self.kind == "steps" and self.height < 0 and not self.endless:
-            raise InputError(
-                f"{self.title}: height is {self.height:g}, but steps that lead up and down begin "
-                f"upward; give {-self.height:g}, or endless: true"
+                f"{self.title}: height is {self.height:g}, but steps begin upward; give a positive "
+                "height, or endless: true with a negative one"
             )
 
     def _check_noise(self) -> None:
         longest, shortest = self.cell * self.cells, 2 * self.cell
         if not shortest <= self.wavelength <= longest:
             raise InputError(
-                f"{self.title}: wavelength is {self.wavelength:g} m, and {self.cells} cells of "
-                f"{self.cell:g} m hold {shortest:g} to {longest:g} m; give one of those, or other "
-                "cells"
+                f"{self.title}: wavelength is {self.wavelength:g} m; give {shortest:g} to "
+                f"{longest:g} m, or other cells"
             )
-        steepest = float(np.abs(grid_of(self).tilt).max())
-        if steepest > STEEPEST:
+        if np.abs(grid_of(self).tilt).max() > STEEPEST:
             raise InputError(
                 f"{self.title}: amplitude is {self.amplitude:g} m, which makes waves of "
                 f"{self.wavelength:g} m steeper than 45°; give a lower one, or longer waves"
@@ -262,15 +224,11 @@ class Terrain(Settings):
             if self.kind in KINDS_OF_KEY[key]
         }
         return replace(
-            self, slope=difficulty * self.slope, **{key: float(own) for key, own in heights.items()}
+            self, slope=difficulty * self.slope, **{key: float(h) for key, h in heights.items()}
         )
 
     def check(self, robot: Robot) -> None:
-        """Checks that a robot could step onto it.
-
-        Raises:
-            InputError: if a step or a block is higher than its leg is long.
-        """
+        """Refuses steps and blocks that are higher than a robot's leg is long."""
         leg = robot.thigh_length + robot.calf_length
         key = {"steps": "height", "blocks": "amplitude", "uneven": "amplitude"}.get(self.kind)
         if key is not None and abs(getattr(self, key)) > leg:

@@ -42,7 +42,7 @@ def test_codes_number_the_stances():
         ("1if 1else 1", "does not belong"),
         ("FX" * 300, "unknown foot"),
         ("FL | " * 5000 + "FL", "longer than 1000 characters"),
-        ("(" * 51 + "FL" + ")" * 51, "nests more than 50 parentheses"),
+        ("(" * 400 + "FL" + ")" * 400, "cannot be read"),
         ("~" * 998 + "FX", "cannot be read"),
     ],
 )

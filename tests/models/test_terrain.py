@@ -188,23 +188,11 @@ def test_scaled_ground_keeps_its_shape(name):
     [
         ({"kind": "ice"}, "kind"),
         ({"kind": "blocks", "cell": 0.0}, "cell"),
-        ({"kind": "blocks", "cell": float("nan")}, "cell"),
-        ({"kind": "blocks", "amplitude": float("inf")}, "amplitude"),
-        ({"kind": "blocks", "amplitude": -0.1}, "amplitude"),
-        ({"kind": "blocks", "cells": 1}, "cells"),
         ({"kind": "blocks", "height": 0.1}, "height"),
         ({"amplitude": 0.1}, "amplitude"),
-        ({"cells": 4}, "cells"),
-        ({"kind": "steps", "height": 0.0}, "height"),
         ({"kind": "steps", "height": -0.05}, "height"),
-        ({"kind": "steps", "run": 0.0}, "run"),
-        ({"kind": "uneven", "wavelength": 0.3}, "wavelength"),
         ({"kind": "uneven", "wavelength": 5.0}, "wavelength"),
         ({"kind": "uneven", "amplitude": 0.9, "wavelength": 0.6}, "amplitude"),
-        ({"patches": 1.5}, "patches"),
-        ({"patch_friction": -1.0}, "patch_friction"),
-        ({"slope": 60.0}, "slope"),
-        ({"seed": -1}, "seed"),
     ],
 )
 def test_ground_that_cannot_be_is_refused_by_its_key(settings, key):
