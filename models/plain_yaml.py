@@ -31,23 +31,6 @@ def parse_yaml(text: str) -> Any:
         raise InputError("is nested too deep; mend it") from error
 
 
-def key_lines(text: str) -> dict[str, int]:
-    """Finds the lines, counted from 1, of a mapping's keys and of lists' entries: `states[0]`.
-
-    There are none where the text is no mapping that `parse_yaml` could read.
-    """
-    try:
-        root = yaml.compose(text, Loader=_Loader)
-    except (yaml.YAMLError, RecursionError):
-        return {}
-    lines = {}
-    for key, value in root.value if isinstance(root, yaml.MappingNode) else ():
-        lines[str(key.value)] = key.start_mark.line + 1
-        for i, entry in enumerate(value.value if isinstance(value, yaml.SequenceNode) else ()):
-            lines[f"{key.value}[{i}]"] = entry.start_mark.line + 1
-    return lines
-
-
 class _Loader(yaml.SafeLoader):
     """Safe YAML without aliases, tags, dates and keys that are given twice."""
 

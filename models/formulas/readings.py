@@ -6,7 +6,7 @@ moves a target no further than it did where robots were measured.
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -14,17 +14,13 @@ from typing import Self
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError, shown
-from glassgait.models.formulas.text import TextError, written_number
+from glassgait.models.errors import InputError
 from glassgait.models.task.observation import (
     Group,
     ObservationEntry,
     ObservationLayout,
     entries_of,
 )
-
-TITLE = "readings"
-"""The title of the section."""
 
 SENSED: tuple[Group, ...] = (
     "commanded velocity",
@@ -52,15 +48,6 @@ or a push has taken the robot fall more often.
 
 DIGITS = 2
 """Digits of an end, behind the first digit of its range's width."""
-
-_LEGEND = (
-    "Formulas read each within its range, and the nearer end where a sensor says more. Of right",
-    "hips, whose angles have the other sign, the range is that of left ones in the mirror.",
-)
-
-_LINE = re.compile(r"([a-z]+): *(.*)")
-_NUMBER = r"(-?[0-9.]+(?:[eE][+-]?[0-9]+)?)"
-_RANGE = re.compile(rf"(?:([a-z]+) +)?{_NUMBER} +to +{_NUMBER}")
 
 Range = tuple[float, float]
 
@@ -188,54 +175,3 @@ def _outward(low: float, high: float) -> Range:
     first, last = math.floor(low / step + 1e-6), math.ceil(high / step - 1e-6)
     # A factor of whole numbers has no digits of its own.
     return float(f"{first * step:.12g}"), float(f"{last * step:.12g}")
-
-
-def readings_lines(readings: Readings) -> Iterator[str]:
-    """Writes ranges, a line for what stands before the dot."""
-    yield from (f"# {line}" for line in _LEGEND)
-    lines: dict[str, list[str]] = {}
-    for kind, ends in readings.ranges:
-        head, _, member = kind.partition(".")
-        text = " to ".join(map(written_number, ends))
-        lines.setdefault(head, []).append(f"{member} {text}" if member else text)
-    for head, parts in lines.items():
-        yield f"{head}: {', '.join(parts)}"
-
-
-def read_line(text: str, line: int, names: Sequence[str]) -> dict[str, Range]:
-    """Reads a line of ranges.
-
-    Args:
-        text: The line, without comments.
-        line: Its number in the file.
-        names: Names of the observations.
-
-    Raises:
-        TextError: if it is none, or holds a range that `Readings` refuses.
-    """
-    found = _LINE.fullmatch(text)
-    if found is None:
-        raise TextError(
-            f"{shown(text)} is no line of readings; write such as 'g: x -0.4 to 0.4, y …'", line, 1
-        )
-    head, rest = found.groups()
-    ranges: dict[str, Range] = {}
-    for part in rest.split(","):
-        column = text.index(part.strip() or ":") + 1
-        own = _RANGE.fullmatch(part.strip())
-        try:
-            member, *ends = own.groups() if own else ("", "", "")
-            low, high = map(float, ends)
-        except ValueError as error:
-            raise TextError(
-                f"{shown(part.strip())} is no range; write such as 'hip -0.4 to 0.8'", line, column
-            ) from error
-        kind = f"{head}.{member}" if member else head
-        if kind in ranges:
-            raise TextError(f"{kind} has two ranges; leave one out", line, column)
-        try:
-            Readings(((kind, (low, high)),)).refuse_others(names)
-        except InputError as error:
-            raise TextError(str(error), line, column) from error
-        ranges[kind] = low, high
-    return ranges

@@ -227,7 +227,14 @@ def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
         formula: The formula.
         symbols: Names of the variables, in order.
     """
-    return "".join(_Writer(symbols, OWN_NOTATION).tokens(formula))
+    return "".join(formula_tokens(formula, symbols))
+
+
+def formula_tokens(
+    formula: Expression, symbols: Sequence[str], notation: Notation = OWN_NOTATION
+) -> list[str]:
+    """Writes a formula in canonical form as tokens, whose join is its text."""
+    return _Writer(symbols, notation).tokens(formula)
 
 
 def written_lines(
@@ -249,7 +256,7 @@ def written_lines(
         width: Greatest number of characters of a line, where names allow.
         indent: Spaces before the first line; the others have four more.
     """
-    tokens = _Writer(symbols, notation).tokens(formula)
+    tokens = formula_tokens(formula, symbols, notation)
     glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
     lines = textwrap.wrap(
         start.replace(" ", GLUE) + glued,

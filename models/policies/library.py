@@ -136,7 +136,7 @@ def find_gait(gait: str | Path, robot: str | None = None) -> Gait:
     if robot is not None:
         robot_of(path, file.robot, load_robot(robot))
     if file.machine is None:
-        raise InputError(f"{path}: has no section 'machine'; name a gait, or a gait file")
+        raise InputError(f"{path}: has no key 'machine'; name a gait, or a gait file")
     check_gait_name(file.gait, f"{path}: its header names the gait {shown(file.gait)}")
     return file.machine
 

@@ -1,6 +1,6 @@
 """Gaits as data: a reward machine and the commands it is meant for, read from a YAML file.
 
-A formula file may hold its gait as the same YAML in a section: `find_gait` of
+A formula file may hold its gait as the same YAML under a key of its header: `find_gait` of
 `glassgait.models.policies.library` reads both.
 """
 
@@ -26,9 +26,6 @@ from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
 from glassgait.models.task.formula import N_STANCES, Formula, parse_formula
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
-
-MACHINE = "machine"
-"""Title of the section of a formula file that holds a gait."""
 
 LONGEST_NAME = 80
 """Greatest number of bytes of a gait's name, which stands in the names of its files."""

@@ -83,17 +83,16 @@ def refuse_other_mirror(states: Sequence[int] | None, gait: Gait) -> None:
     """
     if states is None or len(states) != gait.n_states:
         return
-    images, said = mirrored_states(gait), " ".join(map(str, states))
+    images, said = mirrored_states(gait), [*states]
     if images is None:
         raise InputError(
             f"mirror: is {said}, and the machine of this {gait.name} favours a side, so that it "
             "has no mirror image; leave 'mirror' out, and give every formula"
         )
     if tuple(states) != images:
-        own = " ".join(map(str, images))
         raise InputError(
             f"mirror: is {said}, and by the machine of this {gait.name} its states in the mirror "
-            f"are {own}; write 'mirror: {own}'"
+            f"are {[*images]}; write 'mirror: {[*images]}'"
         )
 
 

@@ -30,7 +30,6 @@ def page_template(folder: Path, name: str) -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.filters["cell"] = format_cell
-    environment.filters["tex"] = escape_latex
     environment.filters["minus"] = with_minus
     environment.globals["chip"] = chip_style
     return environment.get_template(name)
@@ -40,14 +39,6 @@ def gait_title(gait: str, robot: Robot) -> str:
     """Returns what a page calls a gait: whose it is too, where that is not the default robot."""
     whose = "" if robot.name == DEFAULT_ROBOT else f" of the {robot.name.capitalize()}"
     return f"{gait.capitalize()}{whose}"
-
-
-def escape_latex(text: str) -> str:
-    """Writes plain text so that LaTeX takes it as such."""
-    return re.sub(r"[\\{}$&#^_%~]", lambda sign: _LATEX.get(sign[0], f"\\{sign[0]}"), text)
-
-
-_LATEX = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\textasciitilde{}"}
 
 
 def with_minus(text: str) -> str:

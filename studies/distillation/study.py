@@ -15,6 +15,7 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_atomically, write_record
+from glassgait.models.formulas.latex import to_latex
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import POLICY_CLASSES, policy_path, save_policy
 from glassgait.models.policies.neural import NeuralPolicy
@@ -28,7 +29,6 @@ from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_metrics, write_table
-from glassgait.studies.common.typeset import to_latex
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
 from glassgait.studies.distillation.students.baselines import untrained_student

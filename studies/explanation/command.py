@@ -14,6 +14,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.formulas.latex import programs_of, to_latex
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, checked
@@ -21,7 +22,6 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.play import Steps, play
 from glassgait.studies.common.run_folder import refuse_run, to_plain
-from glassgait.studies.common.typeset import to_latex
 from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.distillation.students.registry import student_title, sums_of_terms
 from glassgait.studies.explanation.page import explain_rollout, render_page
@@ -169,11 +169,15 @@ class ExplainFormulas(OnePolicy):
             return
         if self.joint is not None:
             quadruped.joint_index(self.joint)
-        lines = student.to_text().splitlines()
+        file, lines = student.to_file(), student.to_text().splitlines()
         for line in lines_of_joint(lines, self.joint) if self.joint else lines:
             console.print(_colored(line), soft_wrap=True)
-        written = len(student.to_file().written())
-        # A comment, so that what is printed is a file that can be taken and changed.
+        # Comments, so that what is printed is a file that can be taken and changed.
+        for title, program in {} if self.joint else programs_of(file).items():
+            console.print(f"\n# {title}", style="dim")
+            for line in program:
+                console.print(f"#   {line}", style="dim", soft_wrap=True)
+        written = len(file.written())
         console.print(
             f"\n# {student_title(name)}: {student.n_terms()} terms in {written} formulas, on "
             f"{len(lines)} lines",

@@ -30,7 +30,7 @@ def whole_box(gait: Gait) -> ObservationBox:
 def formulas(text: str) -> FormulaPolicy:
     """A policy whose first joint has a formula, and the others none to speak of."""
     others = "\n".join(f"{joint} = 0" for joint in quadruped.JOINTS[1:])
-    head = "format: 1\ngait: trot\nstates: 2\nsenses: imu\n\nevery state"
+    head = "format: 2\ngait: trot\nstates: 2\nsenses: imu\n\nevery state"
     return FormulaPolicy.from_file(read_formulas(f"{head}\nFL_hip = {text}\n{others}\n"))
 
 

@@ -38,6 +38,7 @@ from glassgait.models.export.contract import (
 )
 from glassgait.models.export.reference import PythonController
 from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy
@@ -141,12 +142,12 @@ def test_c_with_an_imu_does_what_python_does(mirrored, odometry, trot, small_exp
 
 
 @needs_compiler
-@pytest.mark.parametrize("ranges", ["q: hip -0.1 to 0.2", "cmd: v -0.2 to 0.2\nv: x -0.1 to 0.3"])
+@pytest.mark.parametrize(
+    "ranges", [{"q.hip": (-0.1, 0.2)}, {"cmd.v": (-0.2, 0.2), "v.x": (-0.1, 0.3)}]
+)
 def test_c_reads_within_ranges(trot, ranges, agree):
-    text = load_student("trot", "sparse_formula").to_text()
-    before, rest = text.split("readings\n")
-    _, after = rest.split("\n\n", maxsplit=1)
-    policy = FormulaPolicy.from_file(read_formulas(f"{before}readings\n{ranges}\n\n{after}"))
+    readings = Readings(tuple(ranges.items()))
+    policy = load_student("trot", "sparse_formula").with_readings(readings)
     found = agree(trot, policy, load_expert("trot"), n_steps=60)
     assert found.machine == 0
     assert found.target < 1e-12
@@ -188,7 +189,7 @@ def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
     assert found.target < 1e-12
 
 
-FORMULAS = """format: 1
+FORMULAS = """format: 2
 gait: trot
 states: 2
 
@@ -217,8 +218,8 @@ def test_definitions_may_have_names_that_c_has_other_uses_for(trot, agree, small
     assert found.machine == 0
 
 
-def mirrored_text(gait: str, states: str, *sections: str) -> str:
-    header = f"format: 1\ngait: {gait}\nstates: 2\nmirror: {states}\n\ndefinitions\n"
+def mirrored_text(gait: str, states: list[int], *sections: str) -> str:
+    header = f"format: 2\ngait: {gait}\nstates: 2\nmirror: {states}\n\ndefinitions\n"
     return header + "reach = v.y*t\n" + "".join(f"\n{section}" for section in sections)
 
 
@@ -237,10 +238,18 @@ ALL = some_formulas(quadruped.JOINTS)
 @pytest.mark.parametrize(
     ("text", "n_written"),
     [
-        (mirrored_text("trot", "1 0", f"state 0\n{ALL}"), 12),
-        (mirrored_text("bound", "0 1", *(f"state {n}\n{some_formulas(LEFT)}" for n in (0, 1))), 12),
-        (mirrored_text("trot", "1 0", f"every state\n{some_formulas(LEFT)}"), 6),
-        (mirrored_text("trot", "1 0", f"state 0\n{ALL}", "state 1\nRL_calf = -1.2 + reach\n"), 13),
+        (mirrored_text("trot", [1, 0], f"state 0\n{ALL}"), 12),
+        (
+            mirrored_text(
+                "bound", "[0, 1]", *(f"state {n}\n{some_formulas(LEFT)}" for n in (0, 1))
+            ),
+            12,
+        ),
+        (mirrored_text("trot", [1, 0], f"every state\n{some_formulas(LEFT)}"), 6),
+        (
+            mirrored_text("trot", [1, 0], f"state 0\n{ALL}", "state 1\nRL_calf = -1.2 + reach\n"),
+            13,
+        ),
     ],
     ids=["states exchanged", "states their own images", "every state", "one formula more"],
 )

@@ -13,10 +13,10 @@ from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.robots import quadruped
 
-SMALL = """format: 1
+SMALL = """format: 2
 gait: trot
 states: 2
-mirror: 1 0
+mirror: [1, 0]
 
 # Two halves of a stride.
 definitions
@@ -43,12 +43,8 @@ RR_calf = 2*(h.RL - 1)**3
 SHARED = re.sub(r"mirror.*\n", "", SMALL).replace("state 0", "every state")
 
 PAGE = load_student("trot", "sparse_formula").to_text()
-BEFORE = PAGE[PAGE.index("\ncontacts\n") : PAGE.index("\ndefinitions\n")]
-LIMITS = PAGE[PAGE.index("\nlimits\n") :]
-WHOLE = SMALL.replace("mirror", "senses: imu\nmirror").replace(
-    "# Two halves of a stride.\n", BEFORE
-)
-WHOLE = WHOLE.replace("lifted.FR = tanh(100*h.FR - 2)\n", "") + LIMITS
+WHOLE = PAGE[: PAGE.index("\n\n") + 1] + SMALL[SMALL.index("\ndefinitions") :]
+WHOLE = WHOLE.replace("lifted.FR = tanh(100*h.FR - 2)\n", "")
 """A whole controller, one definition of which is the image of another."""
 
 ALPHABET = [
@@ -57,27 +53,20 @@ ALPHABET = [
     *("\uff11", "\u0430", "\u2212"),
 ]
 FRAGMENTS = (
+    *("\nstate 1\n", "\nstate 0\n", "\nevery state\n", "\ndefinitions\n", "\n ", "\n    + t"),
     *(
-        "\nstate 1\n",
-        "\nstate 0\n",
-        "\nevery state\n",
-        "\ndefinitions\n",
-        "\nmachine\n",
-        "\ncontacts\n",
-        "\nlimits\n",
-        "\n ",
-        "\n    + t",
         "\n\n",
+        "\nFL_hip = 50*q.FL_hip + 9\n",
+        "\u2028state 1\u2028FL_hip = 9\u2028",
+        "\rFL_hip = 9\r",
     ),
-    *("\nFL_hip = 50*q.FL_hip + 9\n", "\u2028state 1\u2028FL_hip = 9\u2028", "\rFL_hip = 9\r"),
-    *("#", "**2", "**3", "** 2", "**(2)", "**2.0", "**-2", "//", "*-", "--", "+-+", "(", ")", "()"),
-    *(
+    *["#", "**2", "**3", "**(2)", "**2.0", "**-2", "//", "*-", "--", "+-+", "(", ")", "()"],
+    *[
         "0x10",
         "1_000",
         "007",
         "00",
         "1e400",
-        "1" * 40,
         "1e-400",
         "1.",
         ".5",
@@ -85,38 +74,15 @@ FRAGMENTS = (
         "2j",
         "2t",
         ".",
-    ),
-    *(
-        "(sin)(t)",
-        "sin (t)",
-        "sin\n (t)",
-        "(q).FL_hip",
-        "q. FL_hip",
-        "q .FL_hip",
-        "sin",
-        "sin(t, t)",
-    ),
-    *(
-        " if t else t",
-        " and t",
-        "not t",
-        "lambda: t",
-        "True",
-        "None",
-        "print",
-        "'t'",
         "t.real",
         "late.x",
-    ),
-    *("mirror: 0 1\n", "mirror: 1 0\n", "states: 3\n", "format: 1\n", "gait: trot\n", "x = t\n"),
-    *(
-        "lambda = t\n",
-        "q.FL_hip = t\n",
-        "FL_hip = t\n",
-        "late = t\n",
-        "FL_hip == t\n",
-        "FL_hip\n = t\n",
-    ),
+    ],
+    *("** 2", "1" * 40, "sin (t)", "sin\n (t)", "(q).FL_hip", "q. FL_hip", "q .FL_hip"),
+    *("(sin)(t)", "sin", "sin(t, t)", " if t else t", " and t", "not t", "lambda: t"),
+    *("True", "None", "print", "'t'", "lambda = t\n", "q.FL_hip = t\n", "FL_hip = t\n"),
+    *("late = t\n", "FL_hip == t\n", "mirror: [0, 1]\n", "mirror: [1, 0]\n", "states: 3\n"),
+    *("format: 2\n", "gait: trot\n", "x = t\n", ": ", "- ", "? ", "{", "[", "!!", "&a ", "*a"),
+    *("'", "yes", "2026-01-01", "<<", "~", ".nan", "1.0e+2"),
 )
 
 

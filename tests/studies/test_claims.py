@@ -44,11 +44,11 @@ COMMAND = ["explain", "interventions"]
 SMALL = ["--n-claims", "2", "--n-robots", "2", "--n-steps", "110"]
 
 HEADER = """\
-format: 1
+format: 2
 gait: trot
 states: 2
 senses: imu
-mirror: 1 0
+mirror: [1, 0]
 
 definitions
 late = tanh(0.5*t - 2)
@@ -117,7 +117,7 @@ def test_terms_are_a_weight_times_one_input_alone_or_in_gates():
 
 
 def test_a_formula_of_all_states_has_no_state_but_those_in_its_terms(generator):
-    header = HEADER.replace("state 0", "every state").replace("mirror: 1 0\n", "")
+    header = HEADER.replace("state 0", "every state").replace("mirror: [1, 0]\n", "")
     policy = policy_of({"FL_hip": "0.2*s1*v.y"}, header)
     (term,) = readable_terms(policy.to_file())
     assert (term.state, term.mirrored) == (None, False)
@@ -214,7 +214,7 @@ def test_an_edited_file_says_on_top_what_was_done_and_ends_its_formula_in_it():
     policy = policy_of()
     term = term_of(policy, "FL_hip", "0.5*v.z")
     text = written(with_input_raised(policy.to_file(), term, 0.2), "v.z greater")
-    assert text.startswith("# v.z greater\nformat: 1\n")
+    assert text.startswith("# v.z greater\nformat: 2\n")
     assert "0.3*v.y) + 0.1\n" in text
 
 

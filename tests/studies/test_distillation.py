@@ -165,7 +165,7 @@ def test_damaged_work_is_refused(name, finished, expert, tmp_path):
 def test_formulas_are_written_for_people(finished):
     folder, _ = finished
     text = (folder / "statewise_symbolic.formulas").read_text()
-    assert "\nmirror: 1 0 " in text
+    assert "\nmirror: [1, 0] " in text
     assert text.count("\nFL_hip = ") == 1
     assert max(map(len, text.splitlines())) <= 100
     assert load_policy(folder / "statewise_symbolic.formulas").to_text() == text

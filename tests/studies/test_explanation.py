@@ -234,7 +234,7 @@ def test_bad_input_is_refused(few_students, tmp_path, refused, arguments, messag
     assert not (tmp_path / "sparse_formula").exists()
 
 
-MIRRORED = "format: 1\ngait: trot\nstates: 2\nmirror: 1 0\n\nstate 0\n" + "".join(
+MIRRORED = "format: 2\ngait: trot\nstates: 2\nmirror: [1, 0]\n\nstate 0\n" + "".join(
     f"{joint} = 0.{place + 1}*q.{joint}\n" for place, joint in enumerate(quadruped.JOINTS)
 )
 

@@ -336,7 +336,7 @@ def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, tr
 def test_a_target_that_is_not_finite_is_held_and_reported(trot, tmp_path):
     lines = [f"{joint} = 0.1*q.{joint}" for joint in quadruped.JOINTS]
     lines[5] += " + 1/(cmd.v - 0.5)"
-    text = "format: 1\ngait: trot\nstates: 2\nsenses: imu\nevery state\n" + "\n".join(lines)
+    text = "format: 2\ngait: trot\nstates: 2\nsenses: imu\nevery state\n" + "\n".join(lines)
     policy = FormulaPolicy.from_file(read_formulas(text))
     names = {"name": "pole", "policy_name": "pole", "version": "0"}
     source = write_controller(trot, alone(policy, load_expert("trot")), **names)

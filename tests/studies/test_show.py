@@ -13,7 +13,7 @@ from glassgait.studies.cli import main
 
 def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    main(["explain", "terms", "--gait", "trot"])
+    main(["explain", "formulas", "--gait", "trot"])
     printed = capsys.readouterr().out
     text = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
     assert printed.startswith(text)
@@ -24,7 +24,7 @@ def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
 def test_a_joints_lines_are_printed_alone(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     own = ["--robot", "go2", "--gait", "bound", "--policy", "statewise_symbolic"]  # no mirror
-    main(["explain", "terms", *own, "--joint", "RL_calf"])
+    main(["explain", "formulas", *own, "--joint", "RL_calf"])
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if line.startswith("state")] == ["state 0", "state 1"]
     joints = [line.split(" ")[0] for line in lines if " = " in line and line[0] != " "]
@@ -35,11 +35,11 @@ def test_a_file_of_ones_own_is_printed_and_refused_by_its_lines(tmp_path, capsys
     text = (STUDENT_DIRECTORY / "trot" / "symbolic.formulas").read_text()
     own = tmp_path / "mine.formulas"
     own.write_text(text.replace("cmd.v", "cmd.v", 1))
-    main(["explain", "terms", "--gait", "trot", "--policy", str(own)])
+    main(["explain", "formulas", "--gait", "trot", "--policy", str(own)])
     assert capsys.readouterr().out.startswith(text)
     number = next(i for i, line in enumerate(text.splitlines(), 1) if line.startswith("RR_calf"))
     own.write_text(text.replace("\nRR_calf = ", "\nRR_calf = 2*q.RR_knee + "))
-    printed = refused(["explain", "terms", "--gait", "trot", "--policy", str(own)])
+    printed = refused(["explain", "formulas", "--gait", "trot", "--policy", str(own)])
     assert f"{own}: line {number}, column 13: nothing is called 'q.RR_knee'" in printed
 
 
@@ -54,7 +54,7 @@ def test_a_file_of_ones_own_is_printed_and_refused_by_its_lines(tmp_path, capsys
 )
 def test_bad_input_is_refused(arguments, message, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    assert message in refused(["explain", "terms", "--gait", "trot", *arguments])
+    assert message in refused(["explain", "formulas", "--gait", "trot", *arguments])
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def hop(tmp_path, monkeypatch):
 
 
 def test_what_was_trained_and_distilled_here_is_found_where_nothing_ships(hop, capsys):
-    main(["explain", "terms", "--gait", "hop.yaml"])
+    main(["explain", "formulas", "--gait", "hop.yaml"])
     printed = capsys.readouterr()
     # What was chosen stands beside the file, not in it.
     assert printed.out.startswith(hop.read_text())
@@ -97,5 +97,5 @@ def test_one_robot_walks_by_what_was_trained_here(hop, capsys):
 
 def test_what_ships_is_taken_and_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    main(["explain", "terms", "--gait", "trot", "--joint", "FL_hip"])
+    main(["explain", "formulas", "--gait", "trot", "--joint", "FL_hip"])
     assert capsys.readouterr().err == "· trot: policies are those that ship\n"

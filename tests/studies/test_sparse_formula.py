@@ -113,9 +113,9 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     page.check(gait="trot", observation_names=load_expert("trot").observation_names)
     assert page.n_terms() <= 60
     capsys.readouterr()
-    main(["explain", "terms", "--gait", "trot", "--policy", "sparse_formula"])
+    main(["explain", "formulas", "--gait", "trot", "--policy", "sparse_formula"])
     message = capsys.readouterr().out
-    assert "format: 1\ngait: trot\nstates: 2\nsenses: imu\nmirror: 1 0    # " in message
+    assert "format: 2\ngait: trot\nstates: 2\nsenses: imu\nmirror: [1, 0]    # " in message
 
 
 def test_numbers_of_terms_that_no_page_has_are_refused(generator):

@@ -140,7 +140,7 @@ class Formulas:
         Raises:
             RefusedError: if that is too far, or the formula may have no value in the box.
         """
-        box = self.readings.of(box)
+        box = self.readings.applied(box)
         return Rounding(self.robot, box).target(self.written[state, joint], joint)
 
     def slope(self, formula: fmpq_mpoly, name: str) -> fmpq_mpoly:
@@ -183,7 +183,7 @@ class Formulas:
             if not inside:
                 return arb(0)
         sensed, beyond = box, 0.0
-        box = self.readings.of(box)
+        box = self.readings.applied(box)
         if asked.name is not None:
             box = {**box, "other": box[asked.name]}
             counted |= {"other"} if asked.name in COUNTED else set()

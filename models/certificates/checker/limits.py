@@ -11,17 +11,7 @@ at most. Beyond the lean what is clipped is the measured angle itself.
 import math
 from typing import Any, NamedTuple
 
-from .program import read_program
 from .robot import JOINTS, Robot, is_number, refuse_unless
-
-PROGRAM = (
-    "reach = torque/STIFFNESS",
-    "wanted = asked if g.z < -cos(LEAN) else q",
-    "weak = clip(wanted, q - reach, q + reach)",
-    "slow = clip(weak, before - reach, before + reach)",
-    "target = clip(slow, lowest + MARGIN, highest - MARGIN)",
-)
-"""What the section of limits says, but for its numbers."""
 
 FALL = 60.0
 """Lean of the trunk that is a fall (degrees)."""
@@ -34,25 +24,20 @@ class Limits(NamedTuple):
     """Stiffness (N·m/rad), margin (rad) and lean (degrees)."""
 
     stiffness: float
-    margin: float
-    lean: float
+    margin: float = 0.02
+    lean: float = 60.0
 
     @classmethod
     def of(cls, said: Any) -> "Limits":
-        """Takes the numbers of the section of limits."""
-        sound = isinstance(said, dict) and {*said} == {*cls._fields}
+        """Takes what a header says."""
+        sound = isinstance(said, dict) and {"stiffness"} <= {*said} <= {*cls._fields}
         refuse_unless(sound and all(map(is_number, said.values())), "the policy's limits are none")
-        own = cls(**said)
+        own = cls(**{key: float(value) for key, value in said.items()})
         refuse_unless(
             0.01 <= own.stiffness <= 1000.0 and 0.0 <= own.margin <= 0.2 and 0.0 < own.lean <= 90.0,
             "the policy's limits are out of range",
         )
         return own
-
-    @classmethod
-    def read(cls, statements: list[str]) -> "Limits":
-        """Takes the statements of a formula file's section."""
-        return cls.of(read_program("limits", statements, PROGRAM))
 
     def check(self, robot: Robot) -> None:
         """Refuses limits that the first target, the default stance, is beyond."""

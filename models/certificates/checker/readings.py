@@ -6,12 +6,9 @@ formula, the box of what is read of its ends: what is proved over that one holds
 
 import math
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from .robot import TURNED, Box, refuse_unless
-
-NUMBER = r"-?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-RANGE = re.compile(rf" *(?:([a-z]+) +)?({NUMBER}) +to +({NUMBER}) *")
+from .robot import TURNED, Box, is_number, refuse_unless
 
 
 class Readings(NamedTuple):
@@ -20,29 +17,19 @@ class Readings(NamedTuple):
     ends: dict[str, tuple[float, float]]
 
     @classmethod
-    def read(cls, lines: list[str], names: list[str]) -> "Readings":
-        """Takes the lines of a formula file's section, of a policy of these quantities."""
-        said: dict[str, tuple[float, float]] = {}
-        for line in lines:
-            found = re.fullmatch(r"([a-z]+): *(.*)", line)
-            refuse_unless(found, "the policy's readings are none")
-            head, rest = found.groups() if found else ("", "")
-            for part in rest.split(","):
-                own = RANGE.fullmatch(part)
-                refuse_unless(own, "the policy's readings hold what is no range")
-                member, low, high = own.groups() if own else ("", "", "")
-                kind = f"{head}.{member}" if member else head
-                refuse_unless(kind not in said, f"{kind} is read in two ranges")
-                said[kind] = float(low), float(high)
-                low, high = said[kind]
-                refuse_unless(-math.inf < low < high < math.inf, f"the range of {kind} is empty")
+    def of(cls, said: Any, names: list[str]) -> "Readings":
+        """Takes what the header of a policy of these quantities says."""
+        refuse_unless(isinstance(said, dict), "the policy's readings are none")
+        for kind, ends in said.items():
+            sound = isinstance(ends, list) and len(ends) == 2 and all(map(is_number, ends))
+            refuse_unless(sound and ends[0] < ends[1], f"the range of {kind} is none")
         ends, used = dict[str, tuple[float, float]](), set[str]()
         for name in names:
             kind = kind_of(name)
             if kind is None or kind not in said:
                 continue
             used.add(kind)
-            low, high = said[kind]
+            low, high = map(float, said[kind])
             refuse_unless(
                 name not in TURNED or low == -high, f"the range of {kind} has another in the mirror"
             )
@@ -51,7 +38,7 @@ class Readings(NamedTuple):
         refuse_unless(used == {*said}, "the policy's readings are of what is not observed")
         return cls(ends)
 
-    def of(self, box: Box) -> Box:
+    def applied(self, box: Box) -> Box:
         """Returns what formulas read of a box."""
         read = dict(box)
         for name in self.ends.keys() & box.keys():

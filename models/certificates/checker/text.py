@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from keyword import iskeyword
+from typing import Any
 
 from .gait import MOST_STATES, Gait, is_involution
 from .limits import Limits
-from .program import read_program
 from .readings import Readings
 from .robot import (
     DEFAULT_ROBOT,
@@ -20,47 +20,22 @@ from .robot import (
     MIRRORED,
     RefusedError,
     image_of,
+    is_number,
+    parse_yaml,
     refuse_unless,
     stiffness_of,
     symbols,
 )
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
-HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets", "gains")
-CONTACTS = (
-    "unchanged = min(unchanged + 1, 50) if sensed == sensed.before else 0",
-    "stuck = unchanged == 50",
-    "low = expected < 0.0075",
-    "touching = low if stuck else sensed",
-    "contact = low if stuck else sensed or sensed.before",
-)
-"""What the section of contacts says: a proof needs no more of it than that it is this."""
-ODOMETRY = (
-    "predicted = v - 0.02*cross(w, v) + dv + 0.02*9.81*g",
-    "sole = dp + cross(w, p) + radius*cross(w + dr, g)",
-    "stood = touching and touching.before",
-    "near = stood and norm(predicted + sole) < 1",
-    "standing = near if any(near) else stood",
-    "measured = mean(-sole, standing)",
-    "v = predicted + GAIN*(measured - predicted) if any(standing) else predicted",
-    "foothold = p if touching else foothold - 0.02*(v + cross(w, foothold))",
-    "normal = unit(cross(foothold.FR - foothold.RL, foothold.FL - foothold.RR))",
-    "h = dot(normal, p - mean(foothold))",
-)
-"""What the section of odometry says, but for its gain: of what is estimated a proof knows no more
-than that it lies in a box."""
-ORDER = (
-    "contacts",
-    "odometry",
-    "machine",
-    "readings",
-    "definitions",
-    "every state",
-    "limits",
-)
-"""Titles of sections in their order; those of one state each stand as that of every state does."""
-PLAIN = ("contacts", "odometry", "machine", "readings", "limits")
-"""Those that hold no formulas."""
+KEYS = ("format", "gait", "states")
+"""Keys that a header must have."""
+OPTIONAL = ("senses", "mirror", "gains", "limits", "odometry", "machine", "readings")
+"""Keys that it may have, or leave empty."""
+FURTHER = ("robot", "limited")
+"""Keys that it may have."""
+TITLE = re.compile(r"definitions|every state|state [0-9]{1,3}")
+"""Titles of sections; the header ends where the first one stands."""
 MOST_CHARACTERS, MOST_DEFINITIONS = 1_000_000, 200
 DEEPEST, MOST_NODES, LARGEST = 100, 5000, 1e30
 
@@ -217,13 +192,13 @@ def statements(text: str) -> Iterator[list[str]]:
     """Joins each line with those that go on with it; comments and empty lines are left out."""
     whole: list[str] = []
     for line in text.split("\n"):
-        bare = line.partition("#")[0].rstrip(" ")
-        if bare.startswith(" "):
+        said = bare(line)
+        if said.startswith(" "):
             refuse_unless(whole, "a line goes on with none")
-            whole.append(bare)
-        elif bare:
+            whole.append(said)
+        elif said:
             yield from [whole] if whole else []
-            whole = [bare]
+            whole = [said]
     yield from [whole] if whole else []
 
 
@@ -232,31 +207,27 @@ class FormulaText:
     """What a formula file says.
 
     Attributes:
-        text: The file.
         header: Keys and values before the first section.
         targets: The formula of each state and joint, mirror images included, of quantities alone.
         given: Targets that the file itself holds.
         definitions: Formulas that have names.
         section: The section that is read.
         kinds: Whether formulas serve every state; empty before the first.
-        sections: The lines of sections that hold no formulas, by their titles.
         machine: The gait, where the file holds it.
         limits: Limits, where the file has them.
         readings: In which ranges formulas read what is sensed, where the file says so.
         stiffness: Stiffness of the joints that the policy moves, where the file says it.
     """
 
-    text: str
-    header: dict[str, str] = field(default_factory=dict)
+    header: dict[str, Any]
     targets: dict[tuple[int, str], Node] = field(default_factory=dict)
     given: set[tuple[int, str]] = field(default_factory=set)
     definitions: dict[str, Node] = field(default_factory=dict)
-    sections: dict[str, list[str]] = field(default_factory=dict)
+    section: str = ""
+    kinds: set[bool] = field(default_factory=set)
     machine: Gait | None = None
     limits: Limits | None = None
     readings: Readings | None = None
-    section: str = ""
-    kinds: set[bool] = field(default_factory=set)
     stiffness: float | None = None
 
     @classmethod
@@ -266,15 +237,69 @@ class FormulaText:
             not re.search(r"[^\n -~]", text),
             "the policy's file holds other characters than printable ASCII ones and line feeds",
         )
-        own = cls(text)
-        for first, *more in statements(text):
-            own.take(first, more)
+        lines = text.split("\n")
+        titles = (i for i, line in enumerate(lines) if TITLE.fullmatch(bare(line)))
+        first = next(titles, len(lines))
+        source = "the policy's header"
+        own = cls(parse_yaml("\n".join(lines[:first]).encode("ascii"), source))
+        own.check_header()
+        for statement, *more in statements("\n".join(lines[first:])):
+            own.take(statement, more)
         own.finish()
         return own
 
+    def check_header(self) -> None:
+        """Checks the header's keys, and takes what they say."""
+        said = self.header
+        refuse_unless(isinstance(said, dict), "the policy's file has no header")
+        refuse_unless(
+            {*KEYS} <= {*said} <= {*KEYS, *OPTIONAL, *FURTHER}, "the policy's header has other keys"
+        )
+        for key in OPTIONAL:
+            if said.get(key, 0) is None:
+                del said[key]
+        refuse_unless(said["format"] == 2 and is_number(said["format"]), "it is another format")
+        for key in ("gait", "robot"):
+            name = said.get(key, DEFAULT_ROBOT)
+            refuse_unless(isinstance(name, str) and name, f"the policy's {key} is no name")
+        refuse_unless(isinstance(said.get("limited", False), bool), "limited is no truth value")
+        refuse_unless(said.get("senses", "imu") == "imu", "the policy's senses are not known")
+        states = said["states"]
+        counted = type(states) is int and 1 <= states <= MOST_STATES
+        refuse_unless(counted, "the policy's states are no number")
+        if "mirror" in said:
+            image = said["mirror"]
+            whole = isinstance(image, list) and all(type(own) is int for own in image)
+            sound = whole and is_involution(image, states)
+            refuse_unless(sound, "the policy's mirror does not name each state's image")
+        if "gains" in said:
+            gains = said["gains"]
+            refuse_unless(
+                isinstance(gains, list) and all(map(is_number, gains)),
+                "the policy's gains are no numbers",
+            )
+            self.stiffness = stiffness_of(gains)
+        if "limits" in said:
+            self.limits = Limits.of(said["limits"])
+        if "odometry" in said:
+            odometry = said["odometry"]
+            refuse_unless(
+                isinstance(odometry, dict) and {*odometry} <= {"gain"}, "the odometry is unknown"
+            )
+            gain = odometry.get("gain", 0.15)
+            refuse_unless(is_number(gain) and 0.0 < gain <= 1.0, "the odometry's gain is none")
+        if "machine" in said:
+            self.machine = Gait(said["machine"], "the policy's machine")
+            same = len(self.machine.states) == states
+            refuse_unless(same, "the policy's machine has other states")
+            own = self.image is None or self.machine.mirrors(self.image)
+            refuse_unless(own, "the policy's mirror is not that of its machine")
+        if "readings" in said:
+            self.readings = Readings.of(said["readings"], self.names)
+
     @property
     def n_states(self) -> int:
-        return int(self.header["states"])
+        return self.header["states"]
 
     @property
     def imu(self) -> bool:
@@ -288,69 +313,32 @@ class FormulaText:
     @property
     def image(self) -> list[int] | None:
         """State that each state is in the mirror, where the file says so."""
-        said = self.header.get("mirror")
-        return None if said is None else [int(state) for state in said.split(" ") if state]
+        return self.header.get("mirror")
 
     def take(self, first: str, more: list[str]) -> None:
-        key, colon, value = first.partition(":")
         assigned = re.fullmatch(r"([A-Za-z_][A-Za-z0-9_.]*) *=(?!=)(.*)", first)
-        title = first in ORDER or re.fullmatch(r"state [0-9]{1,3}", first)
-        if title or (colon and key in HEADER and not self.section):
+        if TITLE.fullmatch(first):
             refuse_unless(not more, f"{first[:40]!r} goes on in the next line")
-        if colon and key in HEADER and not self.section:
-            refuse_unless(key not in self.header, f"the policy says {key!r} twice")
-            self.header[key] = value.strip(" ")
-        elif title:
             self.begin(first)
-        elif self.section in self.sections:
-            self.sections[self.section].append(" ".join([first, *more]))
-        elif assigned and self.section:
+        elif assigned:
             self.assign(assigned[1], " ".join([assigned[2], *more]))
         else:
             raise RefusedError(f"{first[:40]!r} is no line of a formula file")
 
     def begin(self, title: str) -> None:
-        if not self.section:
-            self.check_header()
-        else:
-            mine, theirs = place_of(self.section), place_of(title)
-            again = mine == theirs == place_of("every state")
-            refuse_unless(mine < theirs or again, f"{title[:40]!r} stands too late, or twice")
-        self.end()
-        if title in PLAIN:
-            self.sections[title] = []
+        late = title == "definitions" and self.section
+        refuse_unless(not late, "definitions stand too late, or twice")
+        self.complete_definitions()
         if title.startswith("state "):
             refuse_unless(int(title[6:]) < self.n_states, f"there is no {title}")
-        if place_of(title) == place_of("every state"):
+        if title != "definitions":
             shared = {title == "every state"}
             refuse_unless(self.kinds <= shared, "formulas serve every state or one each, not both")
         self.section = title
 
-    def end(self) -> None:
-        """Ends a section."""
-        lines = self.sections.get(self.section, [])
-        match self.section:
-            case "contacts":
-                read_program("contacts", lines, CONTACTS)
-            case "odometry":
-                said = read_program("odometry", lines, ODOMETRY)
-                refuse_unless(0.0 < said["gain"] <= 1.0, "the odometry's gain is none")
-            case "machine":
-                self.machine = Gait.read(machine_text(self.text), "the policy's machine")
-                states = len(self.machine.states)
-                refuse_unless(states == self.n_states, "the policy's machine has other states")
-                own = self.image is None or self.machine.mirrors(self.image)
-                refuse_unless(own, "the policy's mirror is not that of its machine")
-            case "readings":
-                self.readings = Readings.read(lines, self.names)
-            case "definitions":
-                self.complete_definitions()
-            case "limits":
-                self.limits = Limits.read(lines)
-
     def complete_definitions(self) -> None:
         """Adds images of definitions of a leg, of which the file has none."""
-        if (image := self.image) is None:
+        if (image := self.image) is None or self.section != "definitions":
             return
         for name, formula in [*self.definitions.items()]:
             kind, _, place = name.partition(".")
@@ -359,30 +347,6 @@ class FormulaText:
                 seen = f"{kind}.{MIRRORED[leg]}{under}{rest}"
                 self.definitions.setdefault(seen, in_mirror(formula, image, self.names))
         refuse_unless(len(self.definitions) <= MOST_DEFINITIONS, "too much is defined")
-
-    def check_header(self) -> None:
-        said = self.header
-        refuse_unless(said.get("format") == "1", "the policy is of another format")
-        refuse_unless(said.get("gait"), "the policy's file names no gait")
-        refuse_unless(said.get("robot", DEFAULT_ROBOT), "the policy's file names no robot")
-        counted = re.fullmatch(r"[0-9]{1,3}", said.get("states", ""))
-        refuse_unless(
-            counted and 1 <= self.n_states <= MOST_STATES, "the policy's states are no number"
-        )
-        refuse_unless(said.get("senses", "imu") == "imu", "the policy's senses are not known")
-        limited = said.get("targets", "limited") == "limited"
-        refuse_unless(limited, "the policy's targets are neither limited nor free")
-        if "gains" in said:
-            gains = [own for own in said["gains"].split(" ") if own]
-            refuse_unless(all(map(is_amount, gains)), "the policy's gains are no numbers")
-            self.stiffness = stiffness_of([*map(float, gains)])
-        if "mirror" in said:
-            numbers = [own for own in said["mirror"].split(" ") if own]
-            refuse_unless(
-                all(re.fullmatch(r"[0-9]{1,3}", own) for own in numbers)
-                and is_involution(self.image, self.n_states),
-                "the policy's mirror does not name each state's image",
-            )
 
     def assign(self, name: str, text: str) -> None:
         observed = set(self.names)
@@ -408,11 +372,7 @@ class FormulaText:
     def finish(self) -> None:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
         refuse_unless(self.section, "the policy's file holds no formulas")
-        self.end()
-        refuse_unless(
-            ("contacts" in self.sections) == ("odometry" in self.sections),
-            "the policy's file has one of contacts and odometry without the other",
-        )
+        self.complete_definitions()
         if (image := self.image) is not None:
             for state, joint in sorted(self.given):
                 place = image[state], image_of(joint, image)[0]
@@ -423,24 +383,9 @@ class FormulaText:
         refuse_unless(places == set(self.targets), "the policy's file lacks a formula of a joint")
 
 
-def machine_text(text: str) -> str:
-    """Returns the lines of the machine without comments, empty ones included, which count there."""
-    lines = [line.partition("#")[0].rstrip(" ") for line in text.split("\n")]
-    inside = lines[lines.index("machine") + 1 :]
-    ends = (
-        i for i, line in enumerate(inside) if line in ORDER or re.match(r"state \d{1,3}$", line)
-    )
-    return "\n".join(inside[: next(ends, len(inside))])
-
-
-def place_of(title: str) -> int:
-    """Returns where a section stands in the order of sections."""
-    return ORDER.index(title if title in ORDER else "every state")
-
-
-def is_amount(text: str) -> bool:
-    """Returns whether a text is a number of 0 or more."""
-    return bool(re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text))
+def bare(line: str) -> str:
+    """Returns a line without its comment."""
+    return line.partition("#")[0].rstrip(" ")
 
 
 def mirrored(formula: Node, joint: str, image: list[int], names: list[str]) -> Node:

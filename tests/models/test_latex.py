@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from glassgait.models.formulas.latex import to_latex
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots.library import load_robot
-from glassgait.studies.common.typeset import to_latex
 
 PAGES = sorted(STUDENT_DIRECTORY.rglob("sparse_formula.formulas"))
 PER_STATE = STUDENT_DIRECTORY / "half_bound" / "statewise_symbolic.formulas"

@@ -1,0 +1,274 @@
+"""Whole controllers for people: a formula file as LaTeX, and the programs that its header names."""
+
+import re
+from collections.abc import Iterator, Sequence
+
+from glassgait.models.estimation.contact import LOW, UNCHANGED_STEPS
+from glassgait.models.estimation.imu import GRAVITY
+from glassgait.models.estimation.odometry import SLIP, Odometry
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.formulas.text import SIGNS, Notation, formula_tokens, written_number
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.target_limits import TargetLimits
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import entries_of
+
+TERMS_OF_A_LINE = 4
+"""Terms of a formula in a line of LaTeX."""
+
+
+def programs_of(file: FormulaFile) -> dict[str, list[str]]:
+    """Returns the lines of the programs that a header names, by title, in the order they run."""
+    programs, limits = {}, file.joint_law.limits
+    if file.odometry is not None:
+        programs |= {"contacts": contacts_program(), "odometry": odometry_program(file.odometry)}
+    if limits is not None:
+        programs["limits"] = limits_program(limits)
+    return programs
+
+
+def contacts_program() -> list[str]:
+    """Writes which contact sensors are believed; see `glassgait.models.estimation.contact`."""
+    seconds = written_number(UNCHANGED_STEPS * CONTROL_PERIOD)
+    return [
+        "# Of each foot: sensed, whether its sensor feels the ground; expected, its height (m)",
+        "# over odometry's ground of the step before.",
+        f"unchanged = min(unchanged + 1, {UNCHANGED_STEPS}) if sensed == sensed.before else 0",
+        f"stuck = unchanged == {UNCHANGED_STEPS}    # for {seconds} s, longer than any stance",
+        f"low = expected < {written_number(LOW)}",
+        "touching = low if stuck else sensed    # for odometry",
+        "contact = low if stuck else sensed or sensed.before    # for the machine",
+    ]
+
+
+def odometry_program(odometry: Odometry) -> list[str]:
+    """Writes how velocity and heights are estimated; see `glassgait.models.estimation.odometry`."""
+    period, gain = written_number(CONTROL_PERIOD), written_number(odometry.gain)
+    gravity, slip = written_number(GRAVITY), written_number(SLIP)
+    return [
+        "# In the trunk's frame: w, angular velocity (rad/s); dv, what the accelerometer measures,",
+        "# summed over a step (m/s); g, direction of gravity; p, position of a foot (m); dp, how",
+        "# fast its joints move it (m/s); dr, how fast they turn its shank (rad/s); radius of a",
+        "# foot (m).",
+        f"predicted = v - {period}*cross(w, v) + dv + {period}*{gravity}*g    # m/s, by the IMU",
+        "sole = dp + cross(w, p) + radius*cross(w + dr, g)    # m/s, of a foot's lowest point",
+        "stood = touching and touching.before    # a foot that has just come down still moves",
+        f"near = stood and norm(predicted + sole) < {slip}    # it neither swings nor slips",
+        "standing = near if any(near) else stood",
+        "measured = mean(-sole, standing)    # m/s, by the feet that stand and roll",
+        f"v = predicted + {gain}*(measured - predicted) if any(standing) else predicted",
+        f"foothold = p if touching else foothold - {period}*(v + cross(w, foothold))    # m",
+        "normal = unit(cross(foothold.FR - foothold.RL, foothold.FL - foothold.RR))",
+        "h = dot(normal, p - mean(foothold))    # m, each foot's height over that plane",
+    ]
+
+
+def limits_program(limits: TargetLimits) -> list[str]:
+    """Writes how targets are limited; see `glassgait.models.robots.target_limits`."""
+    stiffness, margin = written_number(limits.stiffness), written_number(limits.margin)
+    return [
+        "# asked: what a formula asks for; before: target of the step before; q: angle of the",
+        "# joint, rad. torque: greatest of its motor, N m; lowest, highest: ends of its range,",
+        "# rad. If not all that is asked is finite, every joint keeps its target.",
+        f"reach = torque/{stiffness}    # rad, at which a motor at rest gives all that it has",
+        f"wanted = asked if g.z < -cos({written_number(limits.lean)}) else q    # degrees of lean",
+        "weak = clip(wanted, q - reach, q + reach)",
+        "slow = clip(weak, before - reach, before + reach)    # by reach a step at most",
+        f"target = clip(slow, lowest + {margin}, highest - {margin})",
+    ]
+
+
+def formula_latex(formula: Expression, vocabulary: Vocabulary) -> str:
+    """Writes a formula as LaTeX, in one piece."""
+    return "".join(_pieces(formula, symbols_of(vocabulary)))
+
+
+def symbols_of(vocabulary: Vocabulary) -> tuple[str, ...]:
+    """Returns the LaTeX symbols of the variables of formulas."""
+    observed = (entry.latex for entry in entries_of(vocabulary.names))
+    defined = (_defined(own.symbol) for own in vocabulary.definitions)
+    # A symbol with an exponent stands in braces, so that it can be squared.
+    return tuple(f"{{{own}}}" if "^" in own else own for own in (*observed, *defined))
+
+
+def to_latex(file: FormulaFile, robot: Robot) -> str:
+    """Writes a controller as a LaTeX document that needs amsmath."""
+    programs = programs_of(file)
+    limits = programs.pop("limits", None)
+    lines = [
+        f"% {file.gait}: the whole controller; joint targets in rad. Made from its formula file.",
+        r"\documentclass{article}",
+        r"\usepackage[margin=2cm]{geometry}",
+        r"\usepackage{amsmath}",
+        r"\allowdisplaybreaks",
+        r"\begin{document}",
+    ]
+    for title, program in programs.items():
+        lines += _verbatim(title, program)
+    if file.machine is not None:
+        lines += _machine(file.machine)
+    lines += [*_quantities(file), *_definitions(file), *_targets(file)]
+    if limits is not None:
+        lines += _verbatim("limits", limits)
+    return "\n".join([*lines, *_joints(file, robot), r"\end{document}", ""])
+
+
+def _verbatim(title: str, program: Sequence[str]) -> list[str]:
+    size = r"\small"
+    return [_section(title), size, r"\begin{verbatim}", *program, r"\end{verbatim}", r"\normalsize"]
+
+
+def _machine(machine: Gait) -> Iterator[str]:
+    shortest, longest = machine.dwell
+    yield _section("gait")
+    yield (
+        f"{_escaped(machine.description)} A state lasts for the commanded $n^*$, of {shortest} to "
+        f"{longest} control steps, and ends once feet are as stated; those in the air are "
+        f"{machine.clearance} m high or more. It begins in {_escaped(machine.initial)}."
+    )
+    yield r"\begin{itemize}"
+    for edge in machine.transitions:
+        when = edge.when.text.replace("&", r"\wedge").replace("|", r"\vee").replace("~", r"\neg ")
+        when = re.sub("[FR][LR]", lambda foot: rf"\mathrm{{{foot[0]}}}", when)
+        yield rf"\item {_escaped(edge.source)} to {_escaped(edge.target)} when ${when}$"
+    yield r"\end{itemize}"
+
+
+def _quantities(file: FormulaFile) -> Iterator[str]:
+    """Lists the symbols of what is observed and used, one of each kind, and the ranges."""
+    symbols, kinds = symbols_of(file.vocabulary), dict[str, str]()
+    formulas = [*(own.formula for own in file.vocabulary.definitions), *file.formulas.values()]
+    used = frozenset().union(*(formula.variables for formula in formulas))
+    for index, entry in enumerate(entries_of(file.vocabulary.names)):
+        kind = entry.symbol if entry.leg is None else entry.symbol.split(".")[0]
+        if index in used and kind not in kinds:
+            unit = f", {entry.unit}" if entry.unit else ""
+            name = _escaped(entry.symbol)
+            kinds[kind] = rf"${symbols[index]}$, in the file \texttt{{{name}}}: {entry.group}{unit}"
+    yield _section("symbols")
+    yield "A greater angle of a hip turns the leg to the left, of a thigh swings it back, of a calf"
+    yield "stretches the knee."
+    yield r"\begin{itemize}"
+    yield from (rf"\item {line}" for line in kinds.values())
+    for kind, ends in () if file.readings is None else file.readings.ranges:
+        low, high = map(written_number, ends)
+        yield rf"\item \texttt{{{_escaped(kind)}}} is read from ${low}$ to ${high}$"
+    yield r"\end{itemize}"
+
+
+def _definitions(file: FormulaFile) -> Iterator[str]:
+    symbols, n = symbols_of(file.vocabulary), len(file.vocabulary.names)
+    if file.vocabulary.definitions:
+        yield _section("definitions")
+    for symbol, own in zip(symbols[n:], file.vocabulary.definitions, strict=True):
+        if own.note:
+            yield f"{_escaped(own.note)}:"
+        yield from _aligned(symbol, own.formula, symbols)
+
+
+def _targets(file: FormulaFile) -> Iterator[str]:
+    symbols, held, state = symbols_of(file.vocabulary), file.written(), None
+    mirror = None if file.mirror is None else FormulaMirror.of(file.vocabulary, file.mirror)
+    yield _section("targets")
+    for place in sorted(file.formulas):
+        joint = _joint(quadruped.JOINTS[place[-1]])
+        if len(place) > 1 and place[0] != state:
+            state = place[0]
+            name = str(state) if file.machine is None else file.machine.states[state]
+            yield rf"\subsection*{{State {_escaped(name)}}}"
+        if mirror is not None and place not in held:
+            yield f"The mirror image of {_place(mirror.place(place))}:"
+        yield from _aligned(rf"q^{{*}}_{{\mathrm{{{joint}}}}}", file.formulas[place], symbols)
+
+
+def _joints(file: FormulaFile, robot: Robot) -> Iterator[str]:
+    stiffness, damping = map(written_number, file.joint_law.gains_of(robot))
+    yield _section("joints")
+    yield rf"The torque of a joint is ${stiffness} \, (q^* - q) - {damping} \, \dot q$, N m."
+    yield r"\begin{itemize}"
+    for index, joint in enumerate(quadruped.JOINTS):
+        if joint[1] == "L":
+            low, high = robot.lower_limits[index], robot.upper_limits[index]
+            stance, effort = robot.default_stance[index], robot.effort[index]
+            yield (
+                rf"\item {_escaped(joint)}: from ${low:.4g}$ to ${high:.4g}$ rad, default stance "
+                f"${stance:.4g}$ rad, torque up to {effort:.4g} N m"
+            )
+    yield (
+        rf"\item thigh {robot.thigh_length} m, calf {robot.calf_length} m, radius of a foot "
+        f"{robot.foot_radius} m"
+    )
+    yield r"\end{itemize}"
+
+
+def _aligned(left: str, formula: Expression, symbols: Sequence[str]) -> Iterator[str]:
+    pieces = _pieces(formula, symbols)
+    starts = range(0, len(pieces), TERMS_OF_A_LINE)
+    lines = ["".join(pieces[start : start + TERMS_OF_A_LINE]) for start in starts]
+    yield r"\begin{align*}"
+    yield rf"  {left} ={{}}&" + " \\\\\n  &".join(lines)
+    yield r"\end{align*}"
+
+
+def _pieces(formula: Expression, symbols: Sequence[str]) -> list[str]:
+    """Writes a formula in pieces that begin with their sign."""
+    tokens, pieces = formula_tokens(formula, symbols, _NOTATION), [""]
+    for token, following in zip(tokens, [*tokens[1:], ""], strict=True):
+        if token in SIGNS:
+            pieces.append("")
+        between = r" \cdot " if following[:1].isdigit() else r" \, "
+        pieces[-1] += between if token == "*" else token.replace("**", "^")
+    return pieces
+
+
+def _number(value: float) -> str:
+    mantissa, _, exponent = written_number(value).partition("e")
+    return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa
+
+
+def _function(name: str) -> str:
+    return rf"\operatorname{{{name}}}"
+
+
+_NOTATION = Notation(number=_number, function=_function)
+
+
+def _defined(symbol: str) -> str:
+    """Returns the LaTeX symbol of a definition."""
+    kind, _, of = symbol.partition(".")
+    if of in quadruped.LEGS and kind in _OF_LEGS:
+        return rf"{_OF_LEGS[kind]}_{{\mathrm{{{of}}}}}"
+    if of in quadruped.JOINTS and kind == "sent":
+        return rf"\sigma_{{\mathrm{{{_joint(of)}}}}}"
+    return _DEFINED.get(symbol) or rf"\mathrm{{{_escaped(symbol)}}}"
+
+
+_DEFINED = {"late": r"\ell", "phase": r"\varphi", "e.v": "e_v"}
+_OF_LEGS = {"lifted": "u", "x": "x", "z": "z"}
+
+
+def _place(place: Place) -> str:
+    *state, joint = place
+    where = f" in state {state[0]}" if state else ""
+    return f"{_escaped(quadruped.JOINTS[joint])}{where}"
+
+
+def _section(title: str) -> str:
+    return rf"\section*{{{title.capitalize()}}}"
+
+
+def _joint(name: str) -> str:
+    return name.replace("_", r"\,")
+
+
+def _escaped(text: str) -> str:
+    """Writes plain text so that LaTeX takes it as such."""
+    return re.sub(r"[\\{}$&#^_%~]", lambda sign: _ESCAPES.get(sign[0], f"\\{sign[0]}"), text)
+
+
+_ESCAPES = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\textasciitilde{}"}
