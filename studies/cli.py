@@ -29,7 +29,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Distil an expert into glass-box students by DAgger with alternation.",
         ),
         "refine": (
-            "distillation.refinement.command:Refine",
+            "distillation.refinement:Refine",
             "Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.",
         ),
         "gait": (

@@ -14,7 +14,7 @@ import pytest
 
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students import default_student
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "systems", "diagrams", "studies")

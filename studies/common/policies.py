@@ -48,8 +48,6 @@ SHIPPED = "shipped"
 """What records call the place of policies that ship."""
 
 ORDER = (
-    "open_loop",
-    "oscillator",
     "linear",
     "statewise_linear",
     "gbm",

@@ -28,7 +28,7 @@ from glassgait.studies.common.episode import (
     World,
     episode,
 )
-from glassgait.studies.distillation.students.dataset import Dataset
+from glassgait.studies.distillation.dataset import Dataset
 
 
 def collect(

@@ -10,7 +10,7 @@ import tyro
 
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.console import console, say
+from glassgait.studies.common.console import console
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import find_expert
 from glassgait.studies.common.run_folder import default_folder
@@ -57,10 +57,6 @@ class Distill(Settings):
     output: Path | None = None
     resume: bool = False
 
-    def __post_init__(self) -> None:
-        # Settings that are complete for a gait hold a number: what was given is known here alone.
-        self.config.refuse_idle()
-
     def run(self) -> None:
         """Runs the study."""
         # Refused before any job is begun.
@@ -98,6 +94,6 @@ def _distill_job(
     """Distils one expert, and returns its R² table."""
     gait = load_gait(job.gait)
     config = replace(config, gait=job.gait, seed=job.seed)
-    own = find_expert(gait, source, robot)
-    r2 = distill(config, gait, own, job.folder, say, resume=resume)
+    expert = find_expert(gait, source, robot)
+    r2 = distill(config, gait, expert, job.folder, resume=resume)
     return write_r2_table(r2, gait.name, job.folder)

@@ -1,4 +1,4 @@
-"""The settings of a distillation, and the rounds that they ask for."""
+"""The settings of a distillation, and the rounds that follow from them."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -12,16 +12,32 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import Jobs
-from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY
-from glassgait.studies.distillation.students.registry import STUDENTS
-from glassgait.studies.distillation.students.settings import StudentKind, StudentsSettings
-from glassgait.studies.distillation.students.student import ITSELF
+from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.dataset import HELD_OUT_EVERY
+from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings
+from glassgait.studies.distillation.students import ITSELF, STUDENTS, StudentKind, StudentSettings
+from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
 
 Steps = Annotated[Count, Ge(2)]
 """Control steps of an episode: R² needs two samples of one that is held out."""
 
 
-Curriculum = Literal["alternation", "student_only", "expert_only", "half"]
+@checked
+class StudentsSettings(Settings):
+    """Settings of every student that has any, by its name."""
+
+    title: ClassVar[str] = "distillation"
+
+    gbm: GbmSettings = field(default_factory=GbmSettings)
+    histogram_gbm: HistogramGbmSettings = field(default_factory=HistogramGbmSettings)
+    ebm: EbmSettings = field(default_factory=EbmSettings)
+    symbolic: SymbolicSettings = field(default_factory=SymbolicSettings)
+    statewise_symbolic: StatewiseSymbolicSettings = field(default_factory=StatewiseSymbolicSettings)
+    sparse_formula: SparseFormulaSettings = field(default_factory=SparseFormulaSettings)
+
+    def of(self, name: str) -> StudentSettings:
+        """Returns the settings of a student, by its name."""
+        return getattr(self, name, StudentSettings())
 
 
 @checked
@@ -31,34 +47,30 @@ class DistillationConfig(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file; commands name it themselves.
         students: Kinds of students.
-        collector: Student that collects the samples of all, which then learn from its mistakes, not
-            from their own; by default each collects its own, but exact trees take those of
-            histogram trees. `itself`, the paper's way, has each collect its own.
+        collector: Student that collects the samples of all, which then learn from its mistakes and
+            not from their own; by default each collects its own, but exact trees take those of
+            histogram trees. With `itself`, the paper's way, each collects its own.
         seed: Seed of all randomness.
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.
         episodes_per_fit: Episodes that share a student, a divisor of those that share a ratio; by
             default as many. The paper's is 1: it fits after every episode.
-        alone_rounds: Rounds after those of the curriculum in which the student acts alone; the
+        alone_rounds: Rounds after those of the curriculum in which only the student acts; the
             paper has none.
         alone_episodes: Episodes of such a round; by default 16, and 48 for machines of more than
-            two states. Formulas have their own.
+            two states. Formulas have a setting of their own.
         alone_steps: Control steps of such an episode, but for formulas.
         episode_steps: Control steps of the other episodes.
-        curriculum: What acts while samples are collected: `alternation`, the paper's, where round
-            k has the expert act at every k-th step; or, after a first round of the expert's, the
-            `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
-            of the steps.
-        overdue_weight: How often a sample counts of a robot that waits: its machine's state has
-            lasted two control steps longer than commanded; by default 1, the paper's, and 4 for
+        overdue_weight: How often a sample of a robot that waits is counted: its machine's state has
+            lasted two control steps longer than commanded. By default 1, the paper's, and 4 for
             machines of more than two states.
         speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's;
             by default each is drawn over the gait's range, and another after 10 s. The paper's are
             0, 0.25, 0.5 and 0.75.
         worlds: The randomised scenarios in which samples are collected: those that experts
             learn in.
-        scenario: Name of a scenario that ships, or path of a scenario file: the one in which
-            they are collected instead, but for its commands.
+        scenario: Name of a scenario that ships, or path of a scenario file. Samples are collected
+            in it instead, except for its commands.
         settings: Settings of the students' fits.
         n_workers: Students that are made at once; of one, joints that are fitted at once. Commands
             name it themselves.
@@ -77,7 +89,6 @@ class DistillationConfig(Settings):
     alone_episodes: Count | None = None
     alone_steps: Steps = 250
     episode_steps: Steps = 1000
-    curriculum: Curriculum = "alternation"
     overdue_weight: Count | None = None
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] | None = None
     worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = field(
@@ -97,15 +108,16 @@ class DistillationConfig(Settings):
                 f"{self.episodes_per_round}"
             )
         for kind in self.students:
-            if self._least_episodes(kind) < HELD_OUT_EVERY:
+            alone = self.settings.of(self.collector_of(kind)).alone_episodes or self.alone_episodes
+            n_episodes = self.episodes + self.alone_rounds * (alone or HELD_OUT_EVERY)
+            if n_episodes < HELD_OUT_EVERY:
                 raise InputError(
                     f"distillation: of fewer than {HELD_OUT_EVERY} episodes none is held out to "
                     f"score {kind} with; raise episodes or alone_rounds"
                 )
 
     def for_gait(self, gait: Gait) -> "DistillationConfig":
-        """Returns the settings with a gait's episodes alone, and the weight of samples of robots
-        that wait, unless they are set.
+        """Returns the settings with the gait's defaults in the place of those that are not set.
 
         Raises:
             InputError: if a speed is further backward than the gait walks, or a student cannot be
@@ -118,11 +130,12 @@ class DistillationConfig(Settings):
                 f"distillation: speeds is {self.speeds}; name speeds of the {gait.name} from "
                 f"{-gait.max_speed} to {gait.max_speed} m/s"
             )
-        usual = 16 if gait.n_states <= 2 else 48
+        # Machines of more than two states wait for one foot at a time, and robots more often.
+        episodes, weight = (16, 1) if gait.n_states <= 2 else (48, 4)
         return replace(
             self,
-            alone_episodes=self.alone_episodes or usual,
-            overdue_weight=self.overdue_weight or usual_overdue_weight(gait),
+            alone_episodes=self.alone_episodes or episodes,
+            overdue_weight=self.overdue_weight or weight,
         )
 
     def collector_of(self, kind: str) -> str:
@@ -130,33 +143,6 @@ class DistillationConfig(Settings):
         if self.collector == ITSELF:
             return kind
         return self.collector or STUDENTS[kind].collector or kind
-
-    def refuse_idle(self) -> None:
-        """Refuses a number of episodes alone where every student's samples have one of their own.
-
-        Raises:
-            InputError: if it counts for nothing.
-        """
-        collectors = dict.fromkeys(map(self.collector_of, self.students))
-        own = [kind for kind in collectors if self.settings.of(kind).alone_episodes is not None]
-        if self.alone_episodes is not None and len(own) == len(collectors):
-            options = (f"--{kind.replace('_', '-')}.alone-episodes" for kind in own)
-            raise InputError(
-                f"--alone-episodes: counts for nothing, since samples are collected by "
-                f"{', '.join(own)}, with a number of their own; give {', '.join(options)} instead"
-            )
-
-    def _least_episodes(self, kind: str) -> int:
-        alone = self.settings.of(self.collector_of(kind)).alone_episodes or self.alone_episodes
-        return self.episodes + self.alone_rounds * (alone or HELD_OUT_EVERY)
-
-
-def usual_overdue_weight(gait: Gait) -> int:
-    """Returns how often a sample of a robot that waits counts, unless it is set.
-
-    Machines of more than two states wait for one foot at a time, and robots more often.
-    """
-    return 1 if gait.n_states <= 2 else 4
 
 
 @dataclass(frozen=True)
@@ -179,6 +165,9 @@ class Round:
 def rounds(config: DistillationConfig, kind: str) -> list[Round]:
     """Lists the rounds in which a student collects its samples.
 
+    In the first rounds the expert acts at every k-th step, with k growing from 1; in the others
+    only the student acts.
+
     Args:
         config: Settings for a gait (see `DistillationConfig.for_gait`).
         kind: Kind of student.
@@ -187,20 +176,14 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
     planned = []
     for first in range(1, config.episodes + 1, size):
         episodes = range(first, min(first + size, config.episodes + 1))
-        period = _period(config, math.ceil(first / config.episodes_per_round))
+        period = math.ceil(first / config.episodes_per_round)
         planned.append(Round(len(planned) + 1, period, episodes, config.episode_steps))
 
-    own = config.settings.of(kind).alone_episodes
-    # What has its own number of episodes alone has them of full length.
-    steps = config.alone_steps if own is None else config.episode_steps
-    size = own or config.alone_episodes
+    own_size = config.settings.of(kind).alone_episodes
+    # Students with their own number of episodes without the expert have them of full length.
+    steps = config.alone_steps if own_size is None else config.episode_steps
+    size = own_size or config.alone_episodes
     assert size is not None
     for first in range(config.episodes + 1, config.episodes + config.alone_rounds * size, size):
         planned.append(Round(len(planned) + 1, 0, range(first, first + size), steps))
     return planned
-
-
-def _period(config: DistillationConfig, stage: int) -> int:
-    if stage == 1:
-        return 1
-    return {"alternation": stage, "student_only": 0, "expert_only": 1, "half": 2}[config.curriculum]

@@ -1,9 +1,11 @@
 """The distillation study: Algorithm 1 of the paper for each student, one round at a time."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,25 +19,45 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_atomically, write_record
 from glassgait.models.formulas.latex import to_latex
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.policies.library import POLICY_CLASSES, policy_path, save_policy
+from glassgait.models.policies.library import policy_path, save_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.console import say
 from glassgait.studies.common.parallel.loop import run_parallel, runs_here
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_metrics, write_table
+from glassgait.studies.distillation.boosting import LIBRARY_MODELS, fit_ensemble
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
-from glassgait.studies.distillation.students.baselines import untrained_student
-from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
-from glassgait.studies.distillation.students.registry import STUDENTS, student_title
-from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
-from glassgait.studies.distillation.students.symbolic import readings_of
+from glassgait.studies.distillation.dataset import Dataset, TrainingSet, r2_scores
+from glassgait.studies.distillation.formulas import readings_of
+from glassgait.studies.distillation.linear import (
+    fit_linear,
+    fit_statewise_linear,
+    untrained_student,
+)
+from glassgait.studies.distillation.sparse_formula import fit_sparse_formula
+from glassgait.studies.distillation.students import STUDENTS, StudentSettings, student_title
+from glassgait.studies.distillation.symbolic import fit_statewise_symbolic, fit_symbolic
+
+FITS: dict[str, Callable[..., Policy]] = {
+    "linear": fit_linear,
+    "statewise_linear": fit_statewise_linear,
+    **{kind: partial(fit_ensemble, kind) for kind in LIBRARY_MODELS},
+    "symbolic": fit_symbolic,
+    "statewise_symbolic": fit_statewise_symbolic,
+    "sparse_formula": fit_sparse_formula,
+}
+"""Fits a student: `fit(samples, settings, seed=seed, n_jobs=n_jobs)`."""
+
+SHUFFLED_TEST_SHARE = 0.2
+"""Share of the steps that the paper's split holds out."""
 
 
 def r2_table(r2: pd.DataFrame, gait: str) -> pd.DataFrame:
@@ -62,24 +84,13 @@ def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
     return table
 
 
-SHUFFLED_TEST_SHARE = 0.2
-
-Report = Callable[[str], None]
-
-
-def _leave(_: pd.DataFrame) -> None:
-    """Does nothing with the table so far."""
-
-
 def distill(
     config: DistillationConfig,
     gait: Gait,
     expert: NeuralPolicy,
     folder: Path,
-    report: Report,
     *,
     resume: bool = False,
-    finished: Callable[[pd.DataFrame], None] = _leave,
 ) -> pd.DataFrame:
     """Distils the expert into every student of the configuration.
 
@@ -88,13 +99,13 @@ def distill(
 
     Args:
         config: Settings.
+        gait: The gait.
+        expert: The expert.
         folder: Where the run is kept.
-        report: Called with a line of progress.
         resume: Whether to continue the run that the folder holds.
-        finished: Called with the R² table so far, after each student.
 
     Returns:
-        The R² table: a row a student.
+        The R² table: a row for each student.
 
     Raises:
         InputError: if the folder cannot be claimed for this run (see `open_run`), or holds a file
@@ -114,21 +125,27 @@ def distill(
         resume=resume,
         free=("students", "n_workers"),  # Students are independent of one another.
     ) as run:
-        work = _Distillation(config, gait, expert, worlds, folder, run, report)
-        rows: dict[str, dict] = {}
-        for kind, row in work.rows():
-            if not rows:
-                # Students observe by its estimator, wherever the folder is moved.
-                expert.save(policy_path(folder, EXPERT))
-            rows[kind] = row
-            table = pd.DataFrame([rows[kind] for kind in config.students if kind in rows])
-            finished(table)
-        return table
+        work = _Distillation(config, gait, expert, worlds, folder, run)
+        # Students that share samples are made one after the other, different ones side by side.
+        # The last come first: what takes long had better not be begun last.
+        groups: dict[str, list[str]] = {}
+        for kind in reversed(config.students):
+            groups.setdefault(config.collector_of(kind), []).append(kind)
+        if len(groups) == 1 or not runs_here():
+            # Joints are fitted side by side instead. Nodes of a cluster need not see the folder.
+            rows = work.students(config.students)
+        else:
+            calls = (delayed(work.students)(kinds) for kinds in groups.values())
+            made = run_parallel(calls, config.n_workers, in_order=False, ahead=1)
+            rows = {kind: row for group in made for kind, row in group.items()}
+        # Students observe by its estimator, wherever the folder is moved.
+        expert.save(policy_path(folder, EXPERT))
+    return pd.DataFrame([rows[kind] for kind in config.students])
 
 
 @dataclass(frozen=True)
 class _Distillation:
-    """One run: what all of its students share."""
+    """The parts of a run that its students share."""
 
     config: DistillationConfig
     gait: Gait
@@ -136,37 +153,12 @@ class _Distillation:
     worlds: DomainRandomization | Scenario
     folder: Path
     run: str
-    report: Report
 
-    def rows(self) -> Iterator[tuple[str, dict]]:
-        """Makes the students and yields what is known of each.
+    def students(self, kinds: Sequence[str]) -> dict[str, dict[str, Any]]:
+        """Makes students, and returns their rows of the R² table."""
+        return {kind: self._student(kind) for kind in kinds}
 
-        Those that share samples are made in one process, one after the other. On this machine
-        different processes make the others at once; on a cluster, whose nodes need not see the
-        folder, the joints of one student after the other are fitted at once.
-        """
-        jobs = self._jobs()
-        if len(jobs) == 1 or not runs_here():
-            for kind in self.config.students:
-                yield kind, self.student(kind)
-            return
-        registries = dict(STUDENTS), dict(POLICY_CLASSES)
-        calls = (delayed(_make)(self, kinds, *registries) for kinds in jobs)
-        for rows in run_parallel(calls, self.config.n_workers, in_order=False, ahead=1):
-            yield from rows.items()
-
-    def _jobs(self) -> list[list[str]]:
-        """Groups the students by the one that collects their samples.
-
-        The last come first: in the registry they stand behind what is quick, and what takes long
-        had better not be begun last.
-        """
-        groups: dict[str, list[str]] = {}
-        for kind in reversed(self.config.students):
-            groups.setdefault(self.config.collector_of(kind), []).append(kind)
-        return list(groups.values())
-
-    def student(self, kind: str) -> dict:
+    def _student(self, kind: str) -> dict[str, Any]:
         """Collects, fits and records one student, or reads its record if that is done."""
         record_path = self.folder / kind / "record.json"
         if record_path.exists():
@@ -186,15 +178,14 @@ class _Distillation:
             row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
             row["digest"] = digest(policy_path(self.folder, kind))
             write_record(record_path, row, of=f"{self.run} {kind}")
-        self.report(f"{STUDENTS[kind].title}: R² {row['r2']:.4f} on held-out episodes")
+        say(f"{STUDENTS[kind].title}: R² {row['r2']:.4f} on held-out episodes")
         return {key: value for key, value in row.items() if key != "digest"}
 
     def _collect(self, kind: str) -> Dataset:
         """Collects the samples of every round, or reads those that are there."""
-        folder, planned = self.folder / kind, rounds(self.config, kind)
-        dataset = None
+        planned, dataset = rounds(self.config, kind), None
         for plan in planned:
-            path = folder / f"round_{plan.number:02d}.safetensors"
+            path = self.folder / kind / f"round_{plan.number:02d}.safetensors"
             of = f"{self.run} {kind} round {plan.number}"
             if path.exists():
                 samples = Dataset.load(path, of=of)
@@ -212,29 +203,29 @@ class _Distillation:
         student = untrained_student(self.expert)
         if before is not None and plan.period != 1:
             seen = before.subset(~before.held_out)
-            self.report(f"{title}: fitting to {len(seen.actions)} samples")
-            settings = config.settings.of(kind).for_rounds()
-            student = self._fit(kind, settings, self._samples(seen))
-        ratio, speeds = ratio_title(plan.period), config.speeds
-        self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
-        controller = AlternatingController(self.expert, student, plan.period)
+            say(f"{title}: fitting to {len(seen.actions)} samples")
+            student = self._fit(kind, config.settings.of(kind).for_rounds(), self._samples(seen))
+
+        say(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
         samples = collect(
             self.gait,
-            controller,
+            AlternatingController(self.expert, student, plan.period),
             episodes=plan.episodes,
             n_steps=plan.steps,
-            speeds=None if speeds is None else np.minimum(speeds, self.gait.max_speed),
+            speeds=None
+            if config.speeds is None
+            else np.minimum(config.speeds, self.gait.max_speed),
             worlds=self.worlds,
             generator=np.random.default_rng([config.seed, plan.number]),
         )
         return replace(samples, minutes=(time.monotonic() - started) / 60)
 
-    def _fit_final(self, kind: str, dataset: Dataset) -> dict:
+    def _fit_final(self, kind: str, dataset: Dataset) -> dict[str, Any]:
         """Fits the student the last time, saves it, and scores it by both splits."""
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
-        title = STUDENTS[kind].title
-        self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
+        say(f"{STUDENTS[kind].title}: fitting to {len(seen.actions)} samples, the last time")
         settings, student = self._choose(kind, self._samples(seen))
+
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact().with_estimator_of(self.expert)
         student = student.with_joint_law(self.expert.joint_law)
@@ -242,11 +233,9 @@ class _Distillation:
             names, observations = student.observation_names, seen.observations
             ranges = readings_of(self.gait, student.robot, names, observations)
             student = student.with_readings(ranges).with_machine(self.gait)
+            latex = to_latex(student.to_file(), student.robot)
+            write_atomically(self.folder / f"{kind}.tex", latex)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
-        if isinstance(student, FormulaPolicy):
-            write_atomically(
-                self.folder / f"{kind}.tex", to_latex(student.to_file(), student.robot)
-            )
         scores = r2_scores(student, held_out)
 
         # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are
@@ -258,19 +247,18 @@ class _Distillation:
         samples = self._samples(paper).subset(train)
         shuffled = self._fit(kind, settings.for_shuffled_split(), samples)
         tested = paper.subset(np.isin(index, test))
+        by_joint = zip(quadruped.JOINTS, scores, strict=True)
         return {
             "student": kind,
             "samples": len(seen.actions),
             "held_out_samples": len(held_out.actions),
             "r2": float(scores.mean()),
             "r2_shuffled_split": float(r2_scores(shuffled, tested).mean()),
-            **{
-                f"r2_{joint}": float(r2) for joint, r2 in zip(quadruped.JOINTS, scores, strict=True)
-            },
+            **{f"r2_{joint}": float(r2) for joint, r2 in by_joint},
         }
 
     def _choose(self, kind: str, samples: TrainingSet) -> tuple[StudentSettings, Policy]:
-        """Fits the student; where its settings leave a choice, all, and the robots choose."""
+        """Fits the student with all candidate settings, and lets the robots choose."""
         settings = self.config.settings.of(kind)
         candidates = {candidate.title: candidate for candidate in settings.candidates()}
         if len(candidates) <= 1:
@@ -279,11 +267,9 @@ class _Distillation:
             title: self._fit(kind, candidate.settings, samples)
             for title, candidate in candidates.items()
         }
-        title, config = STUDENTS[kind].title, self.config
-        self.report(f"{title}: letting {len(candidates)} candidates walk alone, to choose one")
-        ranked = rank_alone(
-            students, self.gait, self.expert, config.episode_steps, config.n_workers
-        )
+        say(f"{STUDENTS[kind].title}: letting {len(candidates)} candidates walk, to choose one")
+        n_steps, n_workers = self.config.episode_steps, self.config.n_workers
+        ranked = rank_alone(students, self.gait, self.expert, n_steps, n_workers)
         write_table(ranked, self.folder / f"{kind}_candidates")
         complexities = {title: candidate.complexity for title, candidate in candidates.items()}
         chosen = simplest_of_the_best(ranked, complexities)
@@ -296,16 +282,4 @@ class _Distillation:
         config = self.config
         assert config.overdue_weight is not None  # `for_gait` has set it.
         counted = samples.with_overdue(config.overdue_weight)
-        return STUDENTS[kind].fit(counted, settings, seed=config.seed, n_jobs=config.n_workers)
-
-
-def _make(
-    work: _Distillation,
-    kinds: Sequence[str],
-    students: Mapping[str, Student],
-    policies: Mapping[str, type[Policy]],
-) -> dict:
-    """Makes students in another process, whose registries have no entries made at run time."""
-    STUDENTS.update(students)
-    POLICY_CLASSES.update(policies)
-    return {kind: work.student(kind) for kind in kinds}
+        return FITS[kind](counted, settings, seed=config.seed, n_jobs=config.n_workers)

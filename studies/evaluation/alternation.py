@@ -16,7 +16,7 @@ from glassgait.studies.common.experiment import Report, RolloutExperiment
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import ALL, EXPERT
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
-from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
+from glassgait.studies.distillation.students import STUDENTS, policy_title
 from glassgait.studies.evaluation.scenarios import falls_of, with_interval
 
 RATIOS = tuple(map(ratio_title, PERIODS))
@@ -121,9 +121,9 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
     )
     periods = sorted(map(parse_ratio, means["ratio"].unique()), key=lambda own: (own == 0, own))
     ratios = list(map(ratio_title, periods))
-    students = [student for student in STUDENTS.values() if student.name in set(means["policy"])]
-    for i, student in enumerate(students):
-        mine = means[means["policy"] == student.name].set_index("ratio")
+    students = {kind: STUDENTS[kind] for kind in STUDENTS if kind in set(means["policy"])}
+    for i, (kind, student) in enumerate(students.items()):
+        mine = means[means["policy"] == kind].set_index("ratio")
         mine.loc["1"] = expert
         mine = mine.loc[ratios]
         at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)

@@ -18,7 +18,7 @@ from glassgait.diagrams.scenario import TRAINING
 from glassgait.models.task.drawing import ink_on
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.distillation.students import policy_title
 
 COLORS = mpl.colormaps["Reds"].copy()
 """Of one hue, darker for more falls: it is read without seeing colours."""

@@ -28,7 +28,7 @@ from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import styled
 from glassgait.studies.common.scores import wilson_interval
 from glassgait.studies.common.tables import json_records
-from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.evaluation.pushing import Basin, PushGrid, failure_counts, push_everywhere
 
 PushSpeed = Annotated[float, Gt(0.0), Le(20.0)]

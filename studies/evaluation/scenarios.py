@@ -17,7 +17,7 @@ from glassgait.studies.common.experiment import Report, RolloutExperiment, Scena
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.scores import PHYSICAL, SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
-from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.evaluation.fall_map import (
     fall_map,
     fall_overview,

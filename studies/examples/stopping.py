@@ -8,7 +8,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.episode import give
 from glassgait.studies.common.experiment import Experiment, Report, run_from_command_line
-from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.distillation.students import policy_title
 
 
 @checked

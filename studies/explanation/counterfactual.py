@@ -27,7 +27,7 @@ from glassgait.models.task.observation import entries_of
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.students.library import OnePolicy
+from glassgait.studies.distillation.students import OnePolicy
 
 N_VALUES, N_BISECTIONS = 401, 30
 """Values of an observation that are tried, evenly over its range, and halvings between two."""

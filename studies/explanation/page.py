@@ -17,7 +17,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.gait_figure import strip_data
 from glassgait.studies.common.pages import embedded, gait_title, inline_image, page_template
-from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 TEMPLATES = Path(__file__).parent / "templates"

@@ -23,7 +23,7 @@ from glassgait.studies.common.policies import OneGait
 from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students import default_student
 from glassgait.studies.export.agreement import agreement_table, closed_loop_table
 
 Written = tuple[list[Path], dict[str, pd.DataFrame]]

@@ -16,12 +16,8 @@ from glassgait.models.settings import Count, checked
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
 from glassgait.studies.common.run_folder import digest_of_files
-from glassgait.studies.distillation.students.baselines import STATEWISE_LINEAR
-from glassgait.studies.distillation.students.boosting import EBM, GBM
-from glassgait.studies.distillation.students.dataset import Dataset, round_paths
-from glassgait.studies.distillation.students.library import samples_folder
-from glassgait.studies.distillation.students.registry import STUDENTS
-from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
+from glassgait.studies.distillation.dataset import Dataset, round_paths
+from glassgait.studies.distillation.students import STUDENTS, samples_folder
 from glassgait.studies.importance.figures import student_figures
 from glassgait.studies.importance.study import (
     held_out_samples,
@@ -30,7 +26,7 @@ from glassgait.studies.importance.study import (
     visited_samples,
 )
 
-MEASURED = (GBM.name, EBM.name, STATEWISE_LINEAR.name, SYMBOLIC.name, STATEWISE_SYMBOLIC.name)
+MEASURED = ("gbm", "ebm", "statewise_linear", "symbolic", "statewise_symbolic")
 """Kinds of students that are measured by default."""
 
 

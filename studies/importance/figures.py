@@ -20,7 +20,7 @@ from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, entry_of, symbols_of
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.distillation.students.registry import student_title
+from glassgait.studies.distillation.students import student_title
 
 HISTOGRAM_BINS = 20
 

@@ -10,7 +10,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, indices_of
-from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
+from glassgait.studies.distillation.dataset import Dataset, r2_scores
 
 
 def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:

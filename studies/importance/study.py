@@ -17,10 +17,8 @@ from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import to_latex
 from glassgait.studies.distillation.collection import collect_alone
-from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
-from glassgait.studies.distillation.students.library import samples_folder
-from glassgait.studies.distillation.students.registry import student_title
-from glassgait.studies.distillation.students.settings import StudentKind
+from glassgait.studies.distillation.dataset import Dataset, load_rounds
+from glassgait.studies.distillation.students import StudentKind, samples_folder, student_title
 from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.measures import (
     METHOD_TITLES,

@@ -28,7 +28,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.distillation.students.baselines import untrained_student
+from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.fall_map import fall_overview
 from glassgait.studies.training.figures import learning_curves
 from glassgait.studies.training.record import trainings

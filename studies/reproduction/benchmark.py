@@ -33,11 +33,11 @@ from glassgait.studies.common.run_folder import (
     refuse_run,
 )
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
+from glassgait.studies.distillation.boosting import LIBRARY_MODELS, fit_models
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.students.boosting import EBM
-from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.config import StudentsSettings
+from glassgait.studies.distillation.dataset import Dataset
+from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.export.command import controller_name
 from glassgait.studies.reproduction.page import TEMPLATES
 from glassgait.studies.reproduction.throughput import throughput
@@ -202,15 +202,13 @@ def library_times(samples: Dataset, found: Policies, settings: StudentsSettings)
     few rounds, which a prediction does not notice.
     """
     gait, expert = found.gait, found.expert
-    few = replace(settings.of(EBM.name), outer_bags=1, max_rounds=50)
-    settings = replace(settings, **{EBM.name: few})
+    few = replace(settings.of("ebm"), outer_bags=1, max_rounds=50)
+    settings = replace(settings, **{"ebm": few})
     training_set = samples.training_set(gait, expert)
     rows = []
-    for kind, student in STUDENTS.items():
-        if student.fit_models is None or student.compile is None:
-            continue
-        models = student.fit_models(training_set, settings.of(kind), seed=0, n_jobs=2)
-        compiled = student.compile(expert.gait, expert.observation_names, models)
+    for kind, (_, compile_models) in LIBRARY_MODELS.items():
+        models = fit_models(kind, training_set, settings.of(kind), seed=0, n_jobs=2)
+        compiled = compile_models(expert.gait, expert.observation_names, models)
 
         def library(observations: Array, models: Any = models) -> Array:
             return np.stack([model.predict(observations) for model in models], axis=1)

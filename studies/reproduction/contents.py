@@ -6,8 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from glassgait.models.robots.robot import Robot
-from glassgait.studies.distillation.students.boosting import EBM, GBM
-from glassgait.studies.distillation.students.registry import STUDENTS, paper_students, student_title
+from glassgait.studies.distillation.students import STUDENTS, paper_students, student_title
 from glassgait.studies.reproduction.gait import GaitResults
 from glassgait.studies.reproduction.page import Section
 
@@ -75,30 +74,30 @@ def deviations(robot: Robot, *, trains: bool) -> tuple[str, ...]:
 
 
 JOINT_FIGURES = (
-    ("Figure 6", "A weak learner of the GBM", f"{GBM.name}_FL_hip_tree", True),
+    ("Figure 6", "A weak learner of the GBM", "gbm_FL_hip_tree", True),
     (
         "Figure 7",
         "Partial dependence on the top 3 observations, GBM",
-        f"{GBM.name}_FL_hip_partial_dependence",
+        "gbm_FL_hip_partial_dependence",
         True,
     ),
     (
         "Figure 8, top",
         "Functions of one observation, explainable boosting",
-        f"{EBM.name}_FL_hip_shapes",
+        "ebm_FL_hip_shapes",
         True,
     ),
     (
         "Figure 8, bottom",
         "A function of two observations, explainable boosting",
-        f"{EBM.name}_FL_hip_pair_1",
+        "ebm_FL_hip_pair_1",
         False,
     ),
-    ("Figure 9", "Local explanation, explainable boosting", f"{EBM.name}_local", False),
+    ("Figure 9", "Local explanation, explainable boosting", "ebm_local", False),
     (
         "Figure 10",
         "Global importances of the terms, explainable boosting",
-        f"{EBM.name}_FL_hip_terms",
+        "ebm_FL_hip_terms",
         False,
     ),
 )
@@ -111,8 +110,8 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
     papers = dict(zip(("Figure 3", "Figure 4", "Figure 5"), paper_students(), strict=True))
     ours = {f"Ours {place}": kind for place, kind in enumerate(further, start=1)}
     importances = {
-        f"{GBM.name}_impurity": "impurity importance",
-        f"{GBM.name}_permutation": "permutation importance",
+        "gbm_impurity": "impurity importance",
+        "gbm_permutation": "permutation importance",
     }
     return [
         Section(

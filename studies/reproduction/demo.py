@@ -29,36 +29,29 @@ from glassgait.studies.common.policies import EXPERT, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.boosting import (
-    EBM,
-    GBM,
-    HISTOGRAM_GBM,
+from glassgait.studies.distillation.boosting import (
     EbmSettings,
     HistogramGbmSettings,
 )
-from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
-from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMULA
-from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
-from glassgait.studies.distillation.students.symbolic_regression import (
+from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
+from glassgait.studies.distillation.students import STUDENTS, load_students, policy_title
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.distillation.symbolic import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
-from glassgait.studies.distillation.study import distill
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
 
-SHOWN = SPARSE_FORMULA.name
+SHOWN = "sparse_formula"
 """The shipped policy whose robot, gait diagram and explanation come first."""
 
-FORMULAS = STATEWISE_SYMBOLIC.name
+FORMULAS = "statewise_symbolic"
 """The formulas that are distilled here."""
 
 QUICK = DistillationConfig(
-    students=(FORMULAS, HISTOGRAM_GBM.name, EBM.name),
+    students=(FORMULAS, "histogram_gbm", "ebm"),
     collector=FORMULAS,
     episodes=12,
     episode_steps=500,
@@ -67,9 +60,9 @@ QUICK = DistillationConfig(
     alone_steps=500,
     settings=StudentsSettings(
         **{
-            HISTOGRAM_GBM.name: HistogramGbmSettings(n_trees=100),
-            EBM.name: EbmSettings(outer_bags=1, interactions=30),
-            SYMBOLIC.name: SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
+            "histogram_gbm": HistogramGbmSettings(n_trees=100),
+            "ebm": EbmSettings(outer_bags=1, interactions=30),
+            "symbolic": SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
             FORMULAS: StatewiseSymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
         }
     ),
@@ -78,9 +71,9 @@ QUICK = DistillationConfig(
 
 FULL = replace(
     QUICK,
-    students=tuple(name for name in STUDENTS if name != GBM.name),
+    students=tuple(name for name in STUDENTS if name != "gbm"),
     # One formula a joint strays further than other students that walk: its samples serve all.
-    collector=SYMBOLIC.name,
+    collector="symbolic",
     alone_episodes=4,
 )
 """All kinds of students except exact trees, which are slow to fit."""
@@ -190,7 +183,7 @@ class _Road:
     def distill(self, config: DistillationConfig, *, resume: bool) -> dict[str, Policy]:
         """Distils the students of a configuration."""
         folder = self.folder / "distillation"
-        self.r2 = distill(config, self.gait, self.expert, folder, say, resume=resume)
+        self.r2 = distill(config, self.gait, self.expert, folder, resume=resume)
         return load_students(folder, self.expert)
 
     def compare(self, students: Mapping[str, Policy], n_robots: int) -> None:

@@ -27,9 +27,7 @@ from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.boosting import EBM, GBM
-from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.registry import paper_students, student_title
+from glassgait.studies.distillation.students import load_students, paper_students, student_title
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.importance.figures import contribution_figure, student_figures
@@ -107,7 +105,7 @@ def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Pa
     title = name.capitalize()
     distillation = replace(config.distillation, gait=name)
     source = folder / "distillation"
-    r2 = distill(distillation, gait, expert, source, say, resume=True)
+    r2 = distill(distillation, gait, expert, source, resume=True)
     write_r2_table(r2, name, source)
     students = load_students(source, expert)
 
@@ -119,7 +117,7 @@ def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Pa
 
     seed = config.rollouts.seed
     # Formulas are read; what the paper explains by figures are its ensembles.
-    explained = {kind: students[kind] for kind in (GBM.name, EBM.name)}
+    explained = {kind: students[kind] for kind in ("gbm", "ebm")}
     measured = []
     for kind, student in explained.items():
         samples = held_out_samples(source, kind, config.n_samples, seed)
@@ -131,7 +129,7 @@ def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Pa
     report.write(folder)
     tops = report.tables["top_observations"]
     _draw_sequences(gait, expert, students, folder)
-    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == GBM.name])
+    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == "gbm"])
 
 
 def _draw_sequences(
@@ -141,7 +139,7 @@ def _draw_sequences(
         rollout = _roll_out_alone(gait, expert, student)
         title = f"{gait.name.capitalize()}, {student_title(kind)}"
         save_figure(gait_figure(rollout, gait, f"{title} alone"), folder / f"{kind}_sequence")
-        if kind == EBM.name:
+        if kind == "ebm":
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)
             parts = student.explain(rollout["observations"][step], JOINT)
             local = contribution_figure(parts, f"{title}, FL hip, step {step}")

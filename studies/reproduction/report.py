@@ -23,9 +23,8 @@ from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, gaits_named, run_sweep
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.students.settings import StudentKind
-from glassgait.studies.distillation.students.symbolic import SYMBOLIC
-from glassgait.studies.distillation.students.symbolic_regression import Engine, pysr_starts
+from glassgait.studies.distillation.students import StudentKind
+from glassgait.studies.distillation.symbolic import Engine, pysr_starts
 from glassgait.studies.reproduction.contents import (
     WITHOUT_PYSR,
     contents,
@@ -150,8 +149,8 @@ class Report(ReportConfig):
         students = tuple(dict.fromkeys((*own.students, *self.policy)))
         settings = own.settings
         if self.engine is not None:
-            symbolic = replace(settings.of(SYMBOLIC.name), engine=self.engine)
-            settings = replace(settings, **{SYMBOLIC.name: symbolic})
+            symbolic = replace(settings.of("symbolic"), engine=self.engine)
+            settings = replace(settings, **{"symbolic": symbolic})
         distillation = replace(own, students=students, settings=settings)
         training = self.training
         if training is not None and self.robot is not None:
@@ -167,8 +166,8 @@ class Report(ReportConfig):
 
     def _searches_by(self) -> str | None:
         """Returns what searches the formulas; None where there are none."""
-        settings = self.distillation.settings.of(SYMBOLIC.name)
-        return vars(settings)["engine"] if SYMBOLIC.name in self.distillation.students else None
+        settings = self.distillation.settings.of("symbolic")
+        return vars(settings)["engine"] if "symbolic" in self.distillation.students else None
 
     def _inputs(self, names: Sequence[str]) -> dict[str, str]:
         if self.training is not None:

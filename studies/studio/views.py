@@ -12,7 +12,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import DEAD_ZONE
 from glassgait.models.task.drawing import state_colors
-from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.studio.background import ROLLOUTS, Work
 from glassgait.studies.studio.live_robot import KEPT, Moment
 from glassgait.studies.studio.session import EditSession

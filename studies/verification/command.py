@@ -30,7 +30,7 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import OnePolicy
+from glassgait.studies.distillation.students import OnePolicy
 from glassgait.studies.verification.measurement import measure_box
 
 BOX_NAME = "box.yaml"

@@ -23,7 +23,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
-from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
+from glassgait.studies.distillation.formula_network import FormulaNetwork
 from glassgait.systems.symbolic_policy import make_symbolic_policy
 
 A1 = load_robot()

@@ -26,6 +26,11 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.common.sweep import WorkersConfig
+from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
+from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings
+from glassgait.studies.distillation.study import distill, write_r2_table
+from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.run import TrainingRun
@@ -243,6 +248,48 @@ def trained(tiny_training: TrainingConfig, tmp_path_factory: pytest.TempPathFact
     """A folder of a tiny training that ended; not to be changed."""
     folder = tmp_path_factory.mktemp("trained")
     TrainingRun(tiny_training, load_gait("trot"), folder).run()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_distillation() -> DistillationConfig:
+    """Settings of a distillation of seconds, into every student."""
+    search: dict[str, Any] = {
+        "population": 20,
+        "generations": 2,
+        "max_samples": 100,
+        "alone_episodes": 4,
+    }
+    return DistillationConfig(
+        episodes=5,
+        alone_rounds=1,
+        episode_steps=24,
+        alone_episodes=4,
+        alone_steps=20,
+        speeds=(0.0, 0.25, 0.5, 0.75),
+        worlds=DomainRandomization(n_groups=2, mujoco_share=0.5),
+        settings=StudentsSettings(
+            gbm=GbmSettings(n_trees=5),
+            histogram_gbm=HistogramGbmSettings(n_trees=5),
+            ebm=EbmSettings(outer_bags=2, interactions=1, round_interactions=0, max_rounds=4),
+            symbolic=SymbolicSettings(shapes=((30, 30), (30, 60)), start_weights=(3,), **search),
+            statewise_symbolic=StatewiseSymbolicSettings(
+                shapes=((30, 30),), start_weights=(3,), **search
+            ),
+            sparse_formula=SparseFormulaSettings(terms=36, alone_episodes=4),
+        ),
+        n_workers=1,
+    )
+
+
+@pytest.fixture(scope="session")
+def distilled(
+    tiny_distillation: DistillationConfig, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A folder of a tiny distillation that ended; not to be changed."""
+    folder = tmp_path_factory.mktemp("distilled")
+    r2 = distill(tiny_distillation, load_gait("trot"), load_expert("trot"), folder)
+    write_r2_table(r2, "trot", folder)
     return folder
 
 

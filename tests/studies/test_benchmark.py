@@ -12,12 +12,12 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.distillation.students.boosting import (
+from glassgait.studies.distillation.boosting import (
     EbmSettings,
     GbmSettings,
     HistogramGbmSettings,
 )
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.config import StudentsSettings
 from glassgait.studies.reproduction import benchmark
 from glassgait.studies.reproduction.throughput import training_and_physics
 from glassgait.studies.training.config import PpoConfig, TrainingConfig

@@ -17,7 +17,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation import collection
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.students.baselines import untrained_student
+from glassgait.studies.distillation.linear import untrained_student
 
 
 def test_labels_are_the_experts_whoever_acts(expert):

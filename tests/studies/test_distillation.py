@@ -1,195 +1,188 @@
-"""Distillation: Algorithm 1, its students, what it resumes, and what goes wrong."""
+"""Distillation: Algorithm 1, its rounds and students, exact resume, and what goes wrong."""
 
 import shutil
 from dataclasses import replace
-from itertools import pairwise
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, overdue
 from glassgait.studies.common.selection import simplest_of_the_best
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.boosting import (
-    EbmSettings,
-    GbmSettings,
-    HistogramGbmSettings,
-)
-from glassgait.studies.distillation.students.dataset import Dataset, load_rounds, r2_scores
-from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.sparse_formula import SparseFormulaSettings
-from glassgait.studies.distillation.students.symbolic_regression import (
-    StatewiseSymbolicSettings,
-    SymbolicSettings,
-)
+from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings, rounds
+from glassgait.studies.distillation.dataset import Dataset, load_rounds, r2_scores
+from glassgait.studies.distillation.students import load_students, samples_folder
 from glassgait.studies.distillation.study import distill, write_r2_table
+from glassgait.studies.distillation.symbolic import SymbolicSettings
 
 GAIT = load_gait("trot")
 
-SMALL_FORMULAS = {
-    "population": 20,
-    "generations": 2,
-    "max_samples": 100,
-    "start_weights": (1, 3),
-    "alone_episodes": 4,
-}
 
-ONE_SHAPE = SMALL_FORMULAS | {"shapes": ((30, 30),), "start_weights": (3,)}
+@pytest.fixture
+def copied(distilled, tmp_path):
+    """A copy of the finished distillation."""
+    return shutil.copytree(distilled, tmp_path / "run")
 
 
-TINY = DistillationConfig(
-    episodes=5,
-    alone_rounds=1,
-    episode_steps=24,
-    alone_episodes=4,
-    alone_steps=20,
-    speeds=(0.0, 0.25, 0.5, 0.75),
-    worlds=DomainRandomization(n_groups=2, mujoco_share=0.5),
-    settings=StudentsSettings(
-        gbm=GbmSettings(n_trees=5),
-        histogram_gbm=HistogramGbmSettings(n_trees=5),
-        ebm=EbmSettings(outer_bags=2, interactions=1, round_interactions=0, max_rounds=4),
-        symbolic=SymbolicSettings(shapes=((30, 30), (30, 60)), **SMALL_FORMULAS),
-        statewise_symbolic=StatewiseSymbolicSettings(**ONE_SHAPE),
-        sparse_formula=SparseFormulaSettings(terms=36, alone_episodes=4),
-    ),
-    n_workers=1,
-)
+@pytest.fixture
+def resume(tiny_distillation, expert):
+    def again(folder, **settings):
+        return distill(replace(tiny_distillation, **settings), GAIT, expert, folder, resume=True)
+
+    return again
 
 
-@pytest.fixture(scope="module")
-def finished(expert, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("distillation")
-    r2 = distill(TINY, GAIT, expert, folder, lambda line: None)
-    write_r2_table(r2, "trot", folder)
-    return folder, r2
+# Rounds and samples.
 
 
-def test_every_student_is_made_scored_and_saved(finished, expert):
-    folder, r2 = finished
-    students = load_students(folder, expert)
-    assert list(students) == list(TINY.students) == r2["student"].tolist()
-    for name in ("metrics.json", "r2.csv", "r2.md", "config.yaml"):
-        assert (folder / name).exists()
+def test_whole_episodes_are_held_out():
+    episodes = np.repeat(np.arange(1, 31), 3)
+    dataset = Dataset(np.zeros((90, 2)), np.zeros((90, 12)), episodes)
+    held_out = set(episodes[dataset.held_out])
+    assert len(held_out) == 6
+    assert not held_out & set(episodes[~dataset.held_out])
+    assert {(episode - 1) % 4 for episode in held_out} == {0, 1, 2, 3}
 
 
-@pytest.mark.slow
-def test_students_that_are_made_side_by_side_are_the_same(finished, expert, tmp_path):
-    folder, whole = finished
-    reported = []
-    students = TINY.students
-    config = replace(TINY, n_workers=2)
-    r2 = distill(config, GAIT, expert, tmp_path, print, finished=reported.append)
-    assert r2["student"].tolist() == reported[-1]["student"].tolist() == list(students)
-    assert all(len(table) <= len(later) for table, later in pairwise(reported))
-    columns = [name for name in r2 if name != "minutes"]
-    same = whole.set_index("student").loc[list(students)].reset_index()
-    pd.testing.assert_frame_equal(r2[columns], same[columns], check_exact=True)
-    for kind in students:
-        made = policy_path(tmp_path, kind)
-        assert made.read_bytes() == policy_path(folder, kind).read_bytes()
+def test_starts_are_the_first_steps_of_every_episode():
+    episodes = np.repeat([3, 4, 6], [7, 3, 9])
+    starts = Dataset(np.zeros((19, 2)), np.zeros((19, 12)), episodes).starts
+    assert np.flatnonzero(starts).tolist() == [0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14]
 
 
-def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
-    folder, _ = finished
-    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
-    (tmp_path / "metrics.json").unlink()
-    for path in ("gbm/record.json", "gbm.safetensors", "histogram_gbm/round_02.safetensors"):
-        (tmp_path / path).unlink()
-    shutil.rmtree(tmp_path / "linear")
-    write_r2_table(
-        distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True), "trot", tmp_path
+def test_the_expert_acts_less_and_less_often_then_never():
+    planned = rounds(DistillationConfig().for_gait(GAIT), "linear")
+    assert [plan.period for plan in planned] == [*range(1, 9), *[0] * 8]
+
+
+def test_rounds_hold_every_episode_once():
+    config = DistillationConfig(
+        episodes=10, episodes_per_round=4, alone_rounds=2, alone_episodes=4, alone_steps=90
     )
-    assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
+    planned = rounds(config, "linear")
+    assert [plan.steps for plan in planned] == [1000, 1000, 1000, 90, 90]
+    episodes = [list(plan.episodes) for plan in planned]
+    assert episodes == [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10], [11, 12, 13, 14], [15, 16, 17, 18]]
+    settings = StudentsSettings(symbolic=SymbolicSettings(alone_episodes=6))
+    planned = rounds(replace(config, settings=settings), "symbolic")
+    assert {plan.steps for plan in planned} == {1000}
+    assert [plan.episodes for plan in planned[3:]] == [range(11, 17), range(17, 23)]
 
 
-def test_a_damaged_student_beside_a_good_record_is_refused(finished, expert, tmp_path):
-    folder, _ = finished
-    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
-    path = tmp_path / "linear.safetensors"
-    path.write_bytes(path.read_bytes()[:-9] + b"nonsense!")
-    with pytest.raises(InputError, match=r"linear\.safetensors"):
-        distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
-    (tmp_path / "linear" / "record.json").unlink()
-    distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
-    assert path.read_bytes() == (folder / "linear.safetensors").read_bytes()
+def test_episodes_of_one_ratio_may_have_a_student_each():
+    config = DistillationConfig(
+        episodes=7, episodes_per_round=4, episodes_per_fit=2, alone_rounds=1, alone_episodes=4
+    )
+    planned = rounds(config, "linear")
+    assert [plan.period for plan in planned] == [1, 1, 2, 2, 0]
+    assert [list(plan.episodes) for plan in planned[:4]] == [[1, 2], [3, 4], [5, 6], [7]]
 
 
-def test_another_expert_is_not_mixed_in(finished, other_expert):
-    folder, _ = finished
-    with pytest.raises(InputError, match="another expert"):
-        distill(TINY, GAIT, other_expert, folder, lambda line: None, resume=True)
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"episodes_per_round": 4, "episodes_per_fit": 3}, "episodes_per_fit"),
+        ({"students": ("linear",), "episodes": 2, "alone_rounds": 0}, "linear"),
+        ({"students": ("nonesuch",)}, "students"),
+        ({"alone_steps": 1}, "alone_steps"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings, message):
+    with pytest.raises(InputError, match=message):
+        DistillationConfig(**settings)
 
 
-def test_files_of_another_run_or_round_are_not_mixed_in(finished, expert, tmp_path):
-    folder, _ = finished
-    config = replace(TINY, students=("linear",))
-    other = tmp_path / "other"
-    distill(replace(config, seed=1), GAIT, expert, other, lambda line: None)
-
-    def resumed(source, target):
-        run = tmp_path / f"{source.parent.parent.name}_{target}".replace("/", "_")
-        shutil.copytree(folder, run)
-        (run / "linear" / "record.json").unlink()
-        shutil.copy(source, run / target)
-        distill(config, GAIT, expert, run, lambda line: None, resume=True)
-
-    for source, target in (
-        (other / "linear" / "record.json", "linear/record.json"),
-        (folder / "ebm" / "record.json", "linear/record.json"),
-        (other / "linear" / "round_01.safetensors", "linear/round_01.safetensors"),
-        (folder / "linear" / "round_01.safetensors", "linear/round_02.safetensors"),
-    ):
-        with pytest.raises(InputError, match="another run"):
-            resumed(source, target)
+@pytest.mark.parametrize(("gait", "terms"), [("trot", 493), ("walk", 23)])
+def test_settings_that_do_not_fit_a_gait_are_refused_before_anything_is_made(
+    gait, terms, tmp_path, refused
+):
+    options = ["--gait", gait, "--students", "sparse_formula", "--sparse-formula.terms", str(terms)]
+    message = refused(["distill", *options, "--output", str(tmp_path / "run")])
+    assert f"terms is {terms};" in message and gait in message
+    assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("name", ["linear/record.json", "linear/round_01.safetensors"])
-def test_damaged_work_is_refused(name, finished, expert, tmp_path):
-    folder, _ = finished
-    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
-    if "round" in name:
-        (tmp_path / "linear" / "record.json").unlink()
-    data = bytearray((tmp_path / name).read_bytes())
-    data[len(data) // 2] ^= 1
-    (tmp_path / name).write_bytes(data)
-    with pytest.raises(InputError, match="is damaged"):
-        distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
+def test_machines_of_more_states_ask_for_more_episodes_alone():
+    def alone(gait, config):
+        return len(rounds(config.for_gait(load_gait(gait)), "ebm")[-1].episodes)
+
+    assert [alone(gait, DistillationConfig()) for gait in ("trot", "walk")] == [16, 48]
+    assert alone("walk", DistillationConfig(alone_episodes=5)) == 5
 
 
-def test_formulas_are_written_for_people(finished):
-    folder, _ = finished
-    text = (folder / "statewise_symbolic.formulas").read_text()
-    assert "\nmirror: [1, 0] " in text
-    assert text.count("\nFL_hip = ") == 1
-    assert max(map(len, text.splitlines())) <= 100
-    assert load_policy(folder / "statewise_symbolic.formulas").to_text() == text
-    latex = (folder / "symbolic.tex").read_text()
-    assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") >= 12
-    assert r"q^{*}_{\mathrm{RR\,calf}} ={}&" in latex
+def test_a_student_may_learn_from_the_samples_of_another(expert, tmp_path):
+    assert DistillationConfig().collector_of("gbm") == "histogram_gbm"
+    assert DistillationConfig(collector="itself").collector_of("gbm") == "gbm"
+    assert samples_folder(tmp_path, "gbm") == tmp_path / "histogram_gbm"
+    config = DistillationConfig(
+        students=("linear", "statewise_linear"),
+        collector="linear",
+        episodes=5,
+        alone_rounds=0,
+        episode_steps=20,
+        n_workers=1,
+    )
+    table = distill(config, GAIT, expert, tmp_path)
+    assert {path.parent.name for path in tmp_path.rglob("round_*.safetensors")} == {"linear"}
+    assert table["samples"].tolist() == [80, 80]
+    assert samples_folder(tmp_path, "statewise_linear") == tmp_path / "linear"
 
 
-def test_a_finished_folder_is_not_overwritten(finished, expert):
-    folder, _ = finished
-    with pytest.raises(InputError, match="--resume"):
-        distill(TINY, GAIT, expert, folder, lambda line: None)
-    with pytest.raises(InputError, match="seed"):
-        distill(replace(TINY, seed=1), GAIT, expert, folder, lambda line: None, resume=True)
-
-
-def test_rounds_follow_the_paper(finished):
-    folder, _ = finished
-    first, second = (Dataset.load(folder / "linear" / f"round_{n:02d}.safetensors") for n in (1, 2))
+def test_rounds_follow_the_paper(distilled):
+    paths = (distilled / "linear" / f"round_{number:02d}.safetensors" for number in (1, 2))
+    first, second = map(Dataset.load, paths)
     assert sorted(set(first.episodes)) == [1, 2, 3, 4]
     assert set(second.episodes) == {5}
     speeds = [first.observations[first.episodes == episode, 0] for episode in (1, 2, 3, 4)]
     for speed, values in zip((0.0, 0.25, 0.5, 0.75), speeds, strict=True):
         assert set(values) == {speed}
+
+
+# Students.
+
+
+def test_every_student_is_made_scored_and_saved(distilled, tiny_distillation, expert):
+    students = load_students(distilled, expert)
+    assert list(students) == list(tiny_distillation.students)
+    for name in ("metrics.json", "r2.csv", "r2.md", "config.yaml"):
+        assert (distilled / name).exists()
+    for kind, student in students.items():
+        assert student.digest() == student.compact().digest(), kind
+
+
+def test_formulas_are_written_for_people(distilled):
+    text = (distilled / "statewise_symbolic.formulas").read_text()
+    assert "\nmirror: [1, 0] " in text
+    assert text.count("\nFL_hip = ") == 1
+    assert max(map(len, text.splitlines())) <= 100
+    assert load_policy(distilled / "statewise_symbolic.formulas").to_text() == text
+    latex = (distilled / "symbolic.tex").read_text()
+    assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") >= 12
+
+
+def test_models_are_small_while_samples_are_collected(distilled, tiny_distillation):
+    policy = load_policy(distilled / "ebm.safetensors")
+    # Bands between bags come with the last fit only.
+    assert policy.deviations.max() > 0
+    assert len(policy.pairs) == 12
+    ebm = tiny_distillation.settings.of("ebm")
+    assert ebm.for_rounds().outer_bags == ebm.for_shuffled_split().outer_bags == 1
+    assert ebm.for_rounds().interactions == 0
+    assert DistillationConfig().settings.of("histogram_gbm").for_rounds().n_trees == 150
+
+
+def test_the_simplest_good_one_is_taken_and_the_others_are_reported(distilled):
+    ranked = pd.read_csv(distilled / "symbolic_candidates.csv")
+    shapes = ["sum of 30, 30 in all, starts count 3", "sum of 30, 60 in all, starts count 3"]
+    complexity = {shape: shape for shape in shapes}
+    assert set(ranked["candidate"]) == set(complexity)
+    assert ranked["return"].is_monotonic_decreasing
+    longest = max(own.length for own in load_policy(distilled / "symbolic.formulas").expressions)
+    chosen = simplest_of_the_best(ranked, complexity)
+    assert (longest <= 30) == (complexity[chosen] == shapes[0])
 
 
 def starts(data):
@@ -200,63 +193,100 @@ def waits(data):
     return overdue(data.observations, ObservationLayout(GAIT.n_states, imu=True).names)
 
 
-@pytest.mark.parametrize(
-    ("counted", "start_weight", "overdue_weight"), [(starts, 50, 1), (waits, 1, 50)]
-)
+@pytest.mark.parametrize(("counted", "weights"), [(starts, (50, 1)), (waits, (1, 50))])
 def test_samples_that_count_more_are_imitated_better(
-    counted, start_weight, overdue_weight, expert, tmp_path
+    counted, weights, tiny_distillation, expert, tmp_path
 ):
     scores = []
-    for weights in ((1, 1), (start_weight, overdue_weight)):
-        symbolic = SymbolicSettings(
-            **SMALL_FORMULAS | {"shapes": ((30, 30),), "start_weights": weights[:1]}
+    for start_weight, overdue_weight in ((1, 1), weights):
+        symbolic = replace(
+            tiny_distillation.settings.symbolic,
+            shapes=((30, 30),),
+            start_weights=(start_weight,),
         )
         config = replace(
-            TINY,
+            tiny_distillation,
             students=("symbolic",),
-            # The expert acts alone, so that the samples are the same.
-            curriculum="expert_only",
+            # Only the expert acts, so that the samples are the same.
+            episodes_per_round=5,
             alone_rounds=0,
-            overdue_weight=weights[1],
+            overdue_weight=overdue_weight,
             settings=StudentsSettings(symbolic=symbolic),
         )
-        folder = tmp_path / "_".join(map(str, weights))
-        distill(config, GAIT, expert, folder, lambda line: None)
+        folder = tmp_path / f"{start_weight}_{overdue_weight}"
+        distill(config, GAIT, expert, folder)
         data = load_rounds(folder / "symbolic")
-        own = data.subset(counted(data) & ~data.held_out)
-        scores.append(r2_scores(load_policy(folder / "symbolic.formulas"), own).mean())
+        mine = data.subset(counted(data) & ~data.held_out)
+        scores.append(r2_scores(load_policy(folder / "symbolic.formulas"), mine).mean())
     assert scores[1] > scores[0]
 
 
-def test_bands_come_with_the_last_fit_alone(finished):
-    folder, _ = finished
-    policy = load_policy(folder / "ebm.safetensors")
-    assert policy.deviations.max() > 0
-    assert len(policy.pairs) == 12
-    ebm = TINY.settings.of("ebm")
-    assert ebm.for_rounds().outer_bags == ebm.for_shuffled_split().outer_bags == 1
-    assert ebm.for_rounds().interactions == 0
-    for config in (TINY, DistillationConfig()):
-        trees = config.settings.of("histogram_gbm")
-        assert trees.for_rounds().n_trees == min(trees.n_trees, 150)
+# Resuming.
 
 
-def test_the_simplest_good_one_is_taken_and_the_others_are_reported(finished):
-    folder, _ = finished
-    ranked = pd.read_csv(folder / "symbolic_candidates.csv")
-    shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all"]
-    complexity = {title: shape for shape in shapes for title in (shape, f"{shape}, starts count 3")}
-    assert set(ranked["candidate"]) == set(complexity)
-    assert ranked["return"].is_monotonic_decreasing
-    policy = load_policy(folder / "symbolic.formulas")
-    longest = max(formula.length for formula in policy.expressions)
-    chosen = simplest_of_the_best(ranked, complexity)
-    assert (longest <= 30) == (complexity[chosen] == shapes[0])
+@pytest.mark.slow
+def test_students_that_are_made_side_by_side_are_the_same(
+    distilled, tiny_distillation, expert, tmp_path
+):
+    config = replace(tiny_distillation, n_workers=2)
+    write_r2_table(distill(config, GAIT, expert, tmp_path), "trot", tmp_path)
+    assert (tmp_path / "metrics.json").read_text() == (distilled / "metrics.json").read_text()
+    for kind in config.students:
+        made = policy_path(tmp_path, kind)
+        assert made.read_bytes() == policy_path(distilled, kind).read_bytes()
 
 
-def test_students_are_saved_as_compact_ones(finished):
-    folder, r2 = finished
-    assert set(r2["student"]) >= {"gbm", "ebm", "histogram_gbm"}
-    for kind in r2["student"]:
-        policy = load_policy(policy_path(folder, kind))
-        assert policy.digest() == policy.compact().digest(), kind
+def test_a_run_cut_short_and_resumed_ends_the_same(distilled, copied, resume):
+    (copied / "metrics.json").unlink()
+    for path in ("gbm/record.json", "gbm.safetensors", "histogram_gbm/round_02.safetensors"):
+        (copied / path).unlink()
+    shutil.rmtree(copied / "linear")
+    write_r2_table(resume(copied), "trot", copied)
+    assert (copied / "metrics.json").read_text() == (distilled / "metrics.json").read_text()
+
+
+def test_a_damaged_student_beside_a_good_record_is_refused(distilled, copied, resume):
+    path = copied / "linear.safetensors"
+    path.write_bytes(path.read_bytes()[:-9] + b"nonsense!")
+    with pytest.raises(InputError, match=r"linear\.safetensors"):
+        resume(copied)
+    (copied / "linear" / "record.json").unlink()
+    resume(copied)
+    assert path.read_bytes() == (distilled / "linear.safetensors").read_bytes()
+
+
+def test_another_expert_is_not_mixed_in(distilled, tiny_distillation, other_expert):
+    with pytest.raises(InputError, match="expert"):
+        distill(tiny_distillation, GAIT, other_expert, distilled, resume=True)
+
+
+def test_a_finished_folder_is_not_overwritten(distilled, tiny_distillation, expert, resume):
+    with pytest.raises(InputError, match="--resume"):
+        distill(tiny_distillation, GAIT, expert, distilled)
+    with pytest.raises(InputError, match="seed"):
+        resume(distilled, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("source", "target"),
+    [
+        ("ebm/record.json", "linear/record.json"),
+        ("linear/round_01.safetensors", "linear/round_02.safetensors"),
+    ],
+)
+def test_files_of_another_round_or_student_are_not_mixed_in(source, target, copied, resume):
+    (copied / "linear" / "record.json").unlink()
+    shutil.copy(copied / source, copied / target)
+    with pytest.raises(InputError, match="another run"):
+        resume(copied, students=("linear",))
+
+
+@pytest.mark.parametrize("name", ["linear/record.json", "linear/round_01.safetensors"])
+def test_damaged_work_is_refused(name, copied, resume):
+    if "round" in name:
+        (copied / "linear" / "record.json").unlink()
+    data = bytearray((copied / name).read_bytes())
+    data[len(data) // 2] ^= 1
+    (copied / name).write_bytes(data)
+    with pytest.raises(InputError, match="is damaged"):
+        resume(copied)

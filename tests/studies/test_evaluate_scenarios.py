@@ -12,7 +12,7 @@ import glassgait.studies.common.cases
 from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
 from glassgait.studies.common.scores import SCORES, wilson_interval
-from glassgait.studies.distillation.students.baselines import untrained_student
+from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.fall_map import (
     COLORS,
     fall_map,

@@ -37,7 +37,7 @@ from glassgait.studies.common.scores import (
     score_rollouts,
     summarize,
 )
-from glassgait.studies.distillation.students.baselines import untrained_student
+from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.alternation import return_figure, standalone_table
 from glassgait.studies.evaluation.scenarios import falls_table, scorecard_table
 

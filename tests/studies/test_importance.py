@@ -4,22 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.text import parse_expression, variable_names
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.boosting import HistogramGbmSettings
-from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.study import distill
+from glassgait.studies.distillation.dataset import Dataset
 from glassgait.studies.importance import study
 from glassgait.studies.importance.measures import (
     PAPER_TOP,
@@ -163,34 +156,12 @@ def test_the_papers_names_are_observations():
                 assert set().union(*places) <= known
 
 
-@pytest.fixture(scope="module")
-def distilled(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("distilled")
-    config = DistillationConfig(
-        students=("statewise_linear", "histogram_gbm"),
-        episodes=5,
-        episode_steps=60,
-        alone_rounds=1,
-        alone_episodes=4,
-        alone_steps=60,
-        worlds=DomainRandomization(n_groups=1, mujoco_share=0.0),
-        settings=StudentsSettings(histogram_gbm=HistogramGbmSettings(n_trees=5)),
-        n_workers=1,
-    )
-    distill(config, load_gait("trot"), load_expert("trot"), folder, lambda line: None)
-    return folder
-
-
-@pytest.mark.slow
 def test_command_writes_maps_and_tables(distilled, tmp_path):
     small = ["--n-samples", "20", "--repeats", "2"]
     students = ["--policy", "statewise_linear", "histogram_gbm", "--source", str(distilled)]
     main(["importance", *small, *students, "--output", str(tmp_path)])
-    for stem in (
-        "importances",
-        "histogram_gbm_impurity",
-        "statewise_linear_derivatives",
-    ):
+    assert (tmp_path / "importances.csv").exists()
+    for stem in ("histogram_gbm_impurity", "statewise_linear_derivatives"):
         for kind in ("csv", "md", "png", "pdf"):
             assert (tmp_path / f"{stem}.{kind}").exists()
     assert r"\begin{tabular}" in (tmp_path / "top_observations.tex").read_text()

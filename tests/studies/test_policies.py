@@ -18,7 +18,7 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of
 from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students import STUDENTS
 from glassgait.studies.distillation.study import distill
 
 TROT = load_gait("trot")
@@ -73,7 +73,7 @@ def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other
         worlds=DomainRandomization(n_groups=1, mujoco_share=0.0),
         n_workers=1,
     )
-    distill(config, TROT, other_expert, tmp_path / "run", lambda line: None)
+    distill(config, TROT, other_expert, tmp_path / "run")
     (tmp_path / "run").rename(tmp_path / "moved")
     found = find_policies(TROT, tmp_path / "moved")
     assert list(found.files) == ["linear"]
@@ -154,7 +154,7 @@ def test_a_neural_file_acts_by_itself(tmp_path, other_expert):
     assert controllers["still"].student is None
 
 
-@pytest.mark.parametrize("name", ["nonesuch", "open_loop", "pages/page"])
+@pytest.mark.parametrize("name", ["nonesuch", "linear", "pages/page"])
 def test_a_policy_that_is_not_there_is_refused(name):
     with pytest.raises(InputError, match=r"--policy.*gbm"):
         find_policies(TROT).policy(name)

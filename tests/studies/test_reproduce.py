@@ -15,11 +15,10 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import DistillationConfig, rounds
-from glassgait.studies.distillation.students.boosting import additive_regressor, boosting_regressor
-from glassgait.studies.distillation.students.registry import paper_students
-from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
+from glassgait.studies.distillation.boosting import additive_regressor, boosting_regressor
+from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings, rounds
+from glassgait.studies.distillation.students import paper_students
+from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings
 from glassgait.studies.reproduction import demo, report
 from glassgait.studies.reproduction.contents import WITHOUT_PYSR, contents, r2_by_gait
 from glassgait.studies.reproduction.gait import GaitResults

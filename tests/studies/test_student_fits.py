@@ -1,108 +1,355 @@
-"""Single fits of students, each to a law that it must find, and their scores."""
+"""Single fits of students, each to a law that it must find."""
+
+import ast
+import importlib.util
+import shutil
+import sys
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 
-from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression import Expression, canonical
+from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.observation import ObservationLayout, indices_of
-from glassgait.studies.distillation.students.baselines import OSCILLATOR
-from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
-from glassgait.studies.distillation.students.registry import STUDENTS
-from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
+from glassgait.models.task.observation import ObservationLayout, machine_state_entries
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.studies.distillation.dataset import Dataset, TrainingSet, r2_scores
+from glassgait.studies.distillation.formulas import (
+    FormulaSamples,
+    FormulaVariables,
+    gates,
+    rounded,
+    samples_by_state,
+    settled,
+    written_places,
+)
+from glassgait.studies.distillation.gated_sum import fit_gated_sums
+from glassgait.studies.distillation.linear import fit_linear
+from glassgait.studies.distillation.sparse_formula import (
+    SparseFormulaSettings,
+    allot,
+    fit_sparse_formula,
+)
+from glassgait.studies.distillation.students import StudentSettings
+from glassgait.studies.distillation.symbolic import (
+    StatewiseSymbolicSettings,
+    SymbolicSettings,
+    fit_formulas,
+    fit_statewise_symbolic,
+    pysr_arguments,
+)
+
+A1 = load_robot()
+NAMES = ObservationLayout(2).names
+ONCE = {"seed": 0, "n_jobs": 1}
+MIRRORS = {"trot": (1, 0), "bound": (0, 1)}
 
 
-def fit(kind, names, data, settings=None):
-    """Fits a student of the trot, in this process."""
-    samples = TrainingSet("trot", names, data.observations, data.actions, data.starts)
-    student = STUDENTS[kind]
-    return student.fit(samples, settings or student.settings, seed=0, n_jobs=1)
+def samples_of(actions_at, generator, count=400, mirror=None, scale=1.0):
+    """Samples of a law that maps observations (m, n) and states (m,) to actions (m, 12)."""
+    observations = scale * generator.normal(size=(count, len(NAMES)))
+    state = generator.integers(2, size=count)
+    observations[:, machine_state_entries(NAMES)] = np.eye(2)[state]
+    starts = np.zeros(count, dtype=bool)
+    return TrainingSet("trot", NAMES, observations, actions_at(observations, state), starts, mirror)
 
 
-def test_open_loop_is_the_mean_of_each_moment(generator):
-    names = load_expert("trot").observation_names
-    observations = np.zeros((300, len(names)))
-    state, iteration = generator.integers(2, size=300), generator.integers(4, size=300)
-    observations[np.arange(300), names.index("RM State 0") + state] = 1.0
-    observations[:, names.index("RM Iters")] = 0.1 * iteration
-    actions = generator.normal(size=(300, 12))
-    dataset = Dataset(observations, actions, np.ones(300, dtype=np.int64))
-    policy = fit("open_loop", names, dataset)
-    expected = actions[(state == 1) & (iteration == 2)].mean(axis=0)
-    np.testing.assert_allclose(policy.table[1, 2], expected)
-    np.testing.assert_array_equal(policy.table[1, 3], policy.table[1, 15])
-
-
-def test_statewise_formulas_are_fitted_to_their_states(generator):
-    names = load_expert("trot").observation_names
-    observations = generator.normal(size=(400, len(names)))
-    state = generator.integers(2, size=400)
-    observations[:, names.index("RM State 0") : names.index("RM State 0") + 2] = np.eye(2)[state]
-    sign = np.where(state == 0, 1.0, -1.0)[:, None]
-    actions = sign * observations[:, 2:14] + np.roll(observations[:, 2:14], 1, axis=1)
-    dataset = Dataset(observations, actions, np.ones(400, dtype=np.int64))
-    settings = StatewiseSymbolicSettings(population=20, generations=2, shapes=((10, 20),))
-    policy = fit("statewise_symbolic", names, dataset, settings)
-    assert r2_scores(policy, dataset).min() > 0.99
+def sparse_law(observations, state):
+    """Three observations determine a joint, and a fourth moves another a little."""
+    actions = np.zeros((len(observations), quadruped.N_JOINTS))
+    actions[:, 2] = 2.0 * observations[:, 0] + observations[:, 5] - 0.5 * observations[:, 20]
+    actions[:, 7] = 0.01 * observations[:, 30]
+    return actions
 
 
 def test_r2_is_scikit_learns(generator):
-    names = load_expert("trot").observation_names
-    observations = generator.normal(size=(200, len(names)))
-    actions = observations[:, :12] + 0.3 * generator.normal(size=(200, 12))
-    dataset = Dataset(observations, actions, np.ones(200, dtype=np.int64))
-    policy = fit("linear", names, dataset)
-    expected = r2_score(actions, policy(observations), multioutput="raw_values")
-    np.testing.assert_allclose(r2_scores(policy, dataset), expected)
+    def law(x, _):
+        return x[:, :12] + 0.3 * generator.normal(size=(len(x), 12))
+
+    samples = samples_of(law, generator)
+    policy = fit_linear(samples, StudentSettings(), **ONCE)
+    data = Dataset(samples.observations, samples.actions, np.ones(400, dtype=np.int64))
+    predicted = policy(samples.observations)
+    expected = r2_score(samples.actions, predicted, multioutput="raw_values")
+    np.testing.assert_allclose(r2_scores(policy, data), expected)
 
 
-A1 = load_robot()
+# Gated sums.
+
+GATES = (Expression("variable", variable=4), Expression("variable", variable=5))
 
 
-def samples_of_a_clock(n_states, generator, count=600):
-    """Observations of all moments of a cycle, and actions that follow a sine of it."""
-    names = ObservationLayout(n_states).names
-    observations = generator.normal(size=(count, len(names)))
-    state = generator.integers(n_states, size=count)
-    observations[:, list(indices_of("machine state", names))] = np.eye(n_states)[state]
-    ((time,), (whole,)) = (
-        indices_of(group, names) for group in ("iterations", "commanded iterations")
+def sample_of_a_gated_law(generator, count=3000):
+    x = generator.normal(size=(count, 6))
+    x[:, 4] = generator.random(count) < 0.5
+    x[:, 5] = generator.random(count) < 0.3
+    return x, 1.0 + 2.0 * x[:, 0] + x[:, 4] * (3.0 * x[:, 1] - 1.0) + x[:, 5] * x[:, 2]
+
+
+def test_a_gated_sum_finds_a_gated_law_and_keeps_its_bound(generator):
+    x, y = sample_of_a_gated_law(generator)
+    [formula] = fit_gated_sums(x, y[:, None], gates=GATES, max_length=60)
+    error = Tape([formula], 6)(x)[:, 0] - y
+    assert error.var() < 1e-4 * y.var()
+    for bound in (1, 10, 20, 60):
+        assert fit_gated_sums(x, y[:, None], GATES, bound)[0].length <= bound
+
+
+def test_weights_of_what_moves_together_do_not_grow_against_one_another(generator):
+    x = generator.normal(size=(500, 2))
+    x[:, 1] = x[:, 0] + 1e-3 * x[:, 1]
+    y = x[:, 0] + 0.1 * generator.normal(size=500)
+    [formula] = fit_gated_sums(x, y[:, None], gates=(), max_length=10)
+    slopes = [formula.derivative(variable).value for variable in (0, 1)]
+    assert max(map(abs, slopes)) < 1.1
+
+
+def test_a_gate_of_the_vocabulary_is_found(generator):
+    variables = FormulaVariables(A1, NAMES)
+    observations = generator.normal(size=(2000, len(NAMES)))
+    observations[:, NAMES.index("RM Iters")] = generator.uniform(0.0, 1.0, size=2000)
+    values, late = variables(observations), variables.vocabulary.variable("late")
+    y = (1.0 + 2.0 * values[:, late.variable]) * values[:, 0]
+    found = fit_gated_sums(values, y[:, None], (late,), max_length=20, weighted=len(NAMES))
+    error = Tape(found, values.shape[1])(values)[:, 0] - y
+    assert error.var() < 1e-4 * y.var()
+    assert max(found[0].variables) == late.variable
+
+
+# Formulas.
+
+
+def test_fitted_formulas_have_three_digits_and_no_bias(generator):
+    weights = generator.normal(size=(len(NAMES), 12))
+    samples = samples_of(
+        lambda x, _: x @ weights + 0.1 * generator.normal(size=(len(x), 12)), generator, 1000
     )
-    scale = RobotUnits.of(A1, names).scale
-    lasted, asked = generator.integers(0, 8, size=count), generator.integers(6, 11, size=count)
-    observations[:, time] = lasted * scale[time]
-    observations[:, whole] = asked * scale[whole]
-    angle = 2.0 * np.pi * (state + lasted / asked) / n_states
-    own = np.arange(quadruped.N_JOINTS)
-    actions = own + np.outer(np.sin(angle), 0.1 * own) + np.outer(np.cos(angle), 0.5 - 0.1 * own)
-    starts = np.zeros(count, dtype=bool)
-    return TrainingSet("hop", names, observations, actions, starts)
+    variables, settings = FormulaVariables(A1, NAMES), SymbolicSettings(shapes=((40, 40),))
+    targets = A1.joint_targets(samples.actions)
+    part = FormulaSamples(tuple((j,) for j in range(12)), samples.observations, targets)
+    formulas = fit_formulas(part, variables, gates(variables.vocabulary), settings, 0)
+    for formula in formulas:
+        assert formula == canonical(formula) == rounded(formula)
+    values = variables(samples.observations)
+    residual = targets - Tape(formulas, values.shape[1])(values)
+    assert np.abs(residual.mean(axis=0)).max() < 5e-3
 
 
-@pytest.mark.parametrize("n_states", [2, 3, 4])
-def test_sines_of_the_clock_are_found(n_states, generator):
-    samples = samples_of_a_clock(n_states, generator)
-    policy = OSCILLATOR.fit(samples, OSCILLATOR.settings, seed=0, n_jobs=1)
-    assert isinstance(policy, FormulaPolicy)
-    assert policy.n_terms() <= 36
-    error = A1.action_scale * (policy(samples.observations) - samples.actions)
-    assert np.abs(error).max() < 0.02
-    text = policy.to_text()
-    assert FormulaPolicy.from_file(read_formulas(text)).to_text() == text
+def test_the_state_that_a_formula_serves_is_put_in():
+    symbols = Vocabulary(NAMES).symbols
+    formula = parse_formula("0.5*s0 + t*(s1 - 3) - cmd.v", symbols)
+    written = [write_formula(settled(formula, NAMES, state), symbols) for state in (0, 1)]
+    assert written == ["0.5 + t*(0 - 3) - cmd.v", "0 + t*(1 - 3) - cmd.v"]
 
 
-def test_no_sensor_counts_but_the_machine(generator):
-    samples = samples_of_a_clock(2, generator)
-    policy = OSCILLATOR.fit(samples, OSCILLATOR.settings, seed=0, n_jobs=1)
-    others = samples.observations.copy()
-    groups = ("machine state", "iterations", "commanded iterations")
-    kept = {index for group in groups for index in indices_of(group, samples.observation_names)}
-    changed = [index for index in range(others.shape[1]) if index not in kept]
-    others[:, changed] += generator.normal(size=(len(others), len(changed)))
-    np.testing.assert_array_equal(policy(others), policy(samples.observations))
+def test_statewise_formulas_are_fitted_to_their_states(generator):
+    def law(x, state):
+        return np.where(state == 0, 1.0, -1.0)[:, None] * x[:, 2:14] + np.roll(x[:, 2:14], 1, 1)
+
+    samples = samples_of(law, generator)
+    settings = StatewiseSymbolicSettings(population=20, generations=2, shapes=((10, 20),))
+    policy = fit_statewise_symbolic(samples, settings, **ONCE)
+    data = Dataset(samples.observations, samples.actions, np.ones(400, dtype=np.int64))
+    assert r2_scores(policy, data).min() > 0.99
+    assert len(policy.to_file().written()) == 24
+
+
+@pytest.mark.parametrize(("gait", "states"), [("trot", {0}), ("bound", {0, 1})])
+def test_half_of_the_formulas_are_written_and_mirrored_samples_count_twice(gait, states, generator):
+    vocabulary, samples = Vocabulary(NAMES), samples_of(sparse_law, generator)
+    places = written_places(vocabulary, MIRRORS[gait])
+    assert len(places) == 12
+    assert {state for state, _ in places} == states
+    parts = samples_by_state(samples, vocabulary, MIRRORS[gait])
+    assert sum(len(part.targets) for part in parts) == 400 * len(states)
+    reflect = reflect_observation(NAMES, MIRRORS[gait])
+    whole = {row.tobytes() for row in samples.observations}
+    whole |= {row.tobytes() for row in reflect(samples.observations)}
+    assert {row.tobytes() for part in parts for row in part.observations} <= whole
+
+
+def fit_short(samples):
+    return fit_sparse_formula(samples, SparseFormulaSettings(terms=20), **ONCE)
+
+
+def fit_long(samples):
+    return fit_statewise_symbolic(samples, StatewiseSymbolicSettings(shapes=((20, 20),)), **ONCE)
+
+
+@pytest.mark.parametrize("gait", MIRRORS)
+@pytest.mark.parametrize("fit", [fit_short, fit_long])
+def test_mirrored_formulas_act_alike_on_both_sides(gait, fit, generator):
+    samples = samples_of(sparse_law, generator, mirror=MIRRORS[gait], scale=0.3)
+    policy, reflect = fit(samples), reflect_observation(NAMES, MIRRORS[gait])
+    assert len(policy.to_file().written()) == 12
+    mirrored = policy(reflect(samples.observations))
+    np.testing.assert_allclose(mirrored, REFLECT_JOINTS(policy(samples.observations)), atol=1e-12)
+
+
+def test_a_term_goes_where_it_helps_most():
+    slow = np.array([1.0, 0.9, 0.8, 0.7])
+    fast = np.array([5.0, 1.0, 0.9, 0.9])
+    assert allot([slow, fast], 3) == [0, 1]
+    assert allot([slow, fast], 4) == [1, 1]
+    # Two terms may help together where the first alone does not.
+    assert allot([slow, np.array([5.0, 5.0, 0.0])], 4) == [0, 2]
+    # A term that does not help is not taken.
+    assert allot([np.array([1.0, 1.0, 1.0])], 3) == [0]
+
+
+def test_a_sparse_law_is_found_in_few_terms(generator):
+    # In few samples, products of the speed with a calf's last target look like the speed alone.
+    samples = samples_of(sparse_law, generator, count=2000, scale=0.3)
+    policy = fit_sparse_formula(samples, SparseFormulaSettings(terms=24 + 6), **ONCE)
+    assert policy.n_terms() == 30
+    lengths = [[len(formula.terms()) for formula in own] for own in policy.formulas_by_state]
+    assert [own[2] for own in lengths] == [4, 4]
+    np.testing.assert_allclose(policy(samples.observations), samples.actions, atol=0.05)
+
+
+# Search engines.
+
+
+class PlainVariables:
+    """Observations as the variables of formulas, as they are."""
+
+    def __call__(self, observations):
+        return observations
+
+
+def search(x, y, settings, opened=()):
+    """Searches the formula of one target (m,)."""
+    [formula] = fit_formulas(
+        FormulaSamples(((0,),), x, y[:, None]), PlainVariables(), opened, settings, 0
+    )
+    return formula, Tape([formula], x.shape[1])(x)[:, 0]
+
+
+def test_operon_finds_what_is_not_linear(generator):
+    x = generator.normal(size=(1500, 5))
+    x[:, 3] = 0.0
+    y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
+    settings = SymbolicSettings(population=100, generations=20, max_samples=500, shapes=((10, 60),))
+    formula, found = search(x, y, settings, (Expression("variable", variable=3),))
+    assert formula.length <= 60
+    linear = LinearRegression().fit(x, y).score(x, y)
+    assert 1 - (found - y).var() / y.var() > linear + 0.05
+
+
+def reachable_sizes(arguments):
+    """Lists the sizes that formulas can have within the limits that PySR documents.
+
+    A constant, a variable and an operator count one each. A constraint bounds the size of each
+    argument of an operator, and one of -1, the default, does not; `maxsize` bounds the whole.
+    """
+    limits = [(arguments["constraints"].get(name, -1),) for name in arguments["unary_operators"]]
+    limits += [
+        arguments["constraints"].get(name, (-1, -1)) for name in arguments["binary_operators"]
+    ]
+    sizes, before = {1}, set()
+    while sizes != before:
+        before = sizes
+        for own in limits:
+            fit = [[size for size in sizes if most == -1 or size <= most] for most in own]
+            sizes = sizes | {1 + sum(operands) for operands in product(*fit)}
+        sizes = {size for size in sizes if size <= arguments["maxsize"]}
+    return sizes
+
+
+def test_pysr_searches_formulas_of_the_papers_size():
+    arguments = pysr_arguments(0, SymbolicSettings(engine="pysr"))
+    assert reachable_sizes(arguments) == set(range(1, 91))
+    # If sums were bounded as products are, no formula would have the paper's 90 nodes.
+    everywhere = arguments["constraints"] | {"+": (4, 4), "-": (4, 4)}
+    assert max(reachable_sizes(arguments | {"constraints": everywhere})) == 9
+
+
+def test_pysr_is_asked_as_the_paper_did():
+    arguments = pysr_arguments(0, SymbolicSettings(engine="pysr"))
+    functions = ["sin", "tanh", "square", "cube"]
+    assert arguments["unary_operators"] == functions
+    assert arguments["binary_operators"] == ["+", "-", "*"]
+    assert (arguments["maxsize"], arguments["niterations"]) == (90, 20)
+    # Functions and products are bounded in PySR's terms, sums are free.
+    assert arguments["constraints"] == dict.fromkeys(functions, 4) | {"*": (4, 4)}
+    pysr = importlib.util.find_spec("pysr")
+    if pysr is None or pysr.origin is None:
+        pytest.skip("needs pysr (the dev extra)")
+    # Importing PySR would start Julia; its constructor is read from the installed text instead.
+    tree = ast.parse((Path(pysr.origin).parent / "sr.py").read_text())
+    (regressor,) = (own for own in tree.body if getattr(own, "name", "") == "PySRRegressor")
+    (init,) = (own for own in regressor.body if getattr(own, "name", "") == "__init__")
+    names = [own.arg for own in (*init.args.args, *init.args.kwonlyargs)]
+    assert set(arguments) <= set(names)
+    # It selects by its own default.
+    assert "model_selection" not in arguments
+    position = names.index("model_selection") - len(init.args.args)
+    assert ast.literal_eval(init.args.defaults[position]) == "best"
+
+
+@pytest.fixture
+def use_pysr_that_finds(monkeypatch):
+    """Puts a regressor in PySR's place that finds an equation, or raises an error."""
+
+    def use(found):
+        class Regressor:
+            def __init__(self, **arguments):
+                assert set(arguments) == set(pysr_arguments(0, SymbolicSettings()))
+
+            def fit(self, observations, target, variable_names):
+                assert variable_names == ["x0", "x1", "x2"]
+                if isinstance(found, Exception):
+                    raise found
+
+            def get_best(self):
+                return {"equation": found}
+
+        monkeypatch.setitem(sys.modules, "pysr", SimpleNamespace(PySRRegressor=Regressor))
+
+    return use
+
+
+PYSR = SymbolicSettings(engine="pysr")
+
+
+def test_what_pysr_finds_is_read(use_pysr_that_finds, generator):
+    use_pysr_that_finds("cube(x0) + (square(x1) - (sin(x2) * -0.25))")
+    x = generator.normal(size=(10, 3))
+    y = x[:, 0] ** 3 + x[:, 1] ** 2 + 0.25 * np.sin(x[:, 2])
+    np.testing.assert_allclose(search(x, y, PYSR)[1], y, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (RuntimeError("Julia: MethodError\n  in loop"), r"\(Julia: MethodError in loop\)"),
+        (MemoryError(), r"\(MemoryError\)"),
+        (None, "needs Julia"),
+    ],
+)
+def test_an_error_of_pysr_is_reported_in_one_sentence(
+    error, said, use_pysr_that_finds, monkeypatch, generator
+):
+    use_pysr_that_finds(error)
+    if error is None:
+        monkeypatch.setitem(sys.modules, "pysr", None)
+    with pytest.raises(InputError, match=said) as raised:
+        search(generator.normal(size=(10, 3)), np.zeros(10), PYSR)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.skipif(shutil.which("julia") is None, reason="Julia is not installed")
+@pytest.mark.slow
+def test_pysr_finds_a_law(generator):
+    x = generator.normal(size=(200, 3))
+    law = x[:, 0] * x[:, 1]
+    np.testing.assert_allclose(search(x, law, PYSR)[1], law, atol=1e-3)

@@ -2,10 +2,8 @@
 
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from glassgait.diagrams.scenario import Scenario
@@ -20,14 +18,11 @@ from glassgait.models.policies.library import (
     shipped_experts,
     shipped_students,
 )
-from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
-from glassgait.studies.distillation.students.library import default_student, load_students
-from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students import STUDENTS, default_student, load_students
 
 SHIPPED = [
     pytest.param(gait, kind, marks=() if gait == "trot" else pytest.mark.slow)
@@ -138,41 +133,3 @@ def test_where_no_student_is_named_the_named_folders_is_taken(tmp_path, monkeypa
         default_student(find_policies(load_gait("trot"), tmp_path))
     load_student("trot", "statewise_linear").save(tmp_path / "statewise_linear.safetensors")
     assert default_student(find_policies(load_gait("trot"), tmp_path)) == "statewise_linear"
-
-
-def test_rollout_ends_with_what_the_robot_did_and_saw(expert, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    names, still = expert.observation_names, tmp_path / "still.safetensors"
-    LinearPolicy("trot", names, np.zeros((12, len(names))), np.zeros(12)).save(still)
-    command = ["view", "--gait", "trot", "--n-steps", "100", "--policy"]
-    main([*command, "sparse_formula"])
-    main([*command, str(still), "--scenario", "true_body_state"])
-    found = re.findall(
-        r"mean speed (\S+) m/s \(0\.50 commanded\), (\S+) m forward, rhythm (\S+) of the commanded;"
-        r" observed: (\w+) velocity",
-        capsys.readouterr().out,
-    )
-    (walks, stands) = ([float(number) for number in row[:3]] for row in found)
-    assert [row[3] for row in found] == ["estimated", "true"]
-    assert walks[0] > 0.3
-    assert walks[1] == pytest.approx(2 * walks[0], abs=0.02)
-    assert walks[2] > 0.8
-    assert abs(stands[0]) < 0.1
-    assert stands[2] < 0.1
-
-
-def test_a_student_that_ships_with_some_gaits_is_scored_there(tmp_path, monkeypatch, refused):
-    monkeypatch.chdir(tmp_path)
-    small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
-    main(["evaluate", "scenarios", "--gait", "all", "--policy", "symbolic", *small])
-    table = pd.read_csv(tmp_path / "runs/evaluate/worlds/trot_symbolic/scorecard.csv")
-    gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
-    assert table["gait"].tolist() == gaits
-    message = refused(["evaluate", "scenarios", "--gait", "all", "--policy", "open_loop", *small])
-    assert "--policy open_loop" in message
-
-
-@pytest.mark.parametrize("name", ["..", "a/b", "", "expert", "students", "of", "-x"])
-def test_names_that_no_file_or_option_can_have_are_refused(name):
-    with pytest.raises(ValueError, match="name"):
-        replace(STUDENTS["linear"], name=name)

@@ -18,8 +18,7 @@ from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, 
 from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import OnePolicy
-from glassgait.studies.distillation.students.registry import student_title
+from glassgait.studies.distillation.students import OnePolicy, student_title
 from glassgait.studies.explanation.interventions.claims import derive_claims, refuse_too_few
 from glassgait.studies.explanation.interventions.study import Examiner, readable_table
 from glassgait.studies.explanation.interventions.terms import readable_terms

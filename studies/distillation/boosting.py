@@ -1,18 +1,24 @@
 """Students of a library's models, one a joint: boosted trees and explainable boosting."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Self
 
 from annotated_types import Ge, Le
 from interpret.glassbox import ExplainableBoostingRegressor
+from joblib import delayed
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count, Natural, Share, checked
-from glassgait.studies.distillation.students.student import StudentSettings, compiled_student
+from glassgait.studies.common.parallel.loop import run_parallel
+from glassgait.studies.distillation.dataset import TrainingSet
+from glassgait.studies.distillation.students import StudentSettings
 
 Depth = Annotated[Count, Le(16)]
 """Depth of a tree: compiled trees are complete, and of this depth have 65,536 leaves."""
@@ -98,30 +104,6 @@ def _fit_histogram_gbm_joint(
     ).fit(observations, target)
 
 
-HISTOGRAM_GBM = compiled_student(
-    "histogram_gbm",
-    "GBM, histograms",
-    _fit_histogram_gbm_joint,
-    BoostedTreesPolicy.compile,
-    color="#2F8FC4",
-    marker="h",
-    settings=HistogramGbmSettings(),
-)
-
-GBM = compiled_student(
-    "gbm",
-    "GBM",
-    _fit_gbm_joint,
-    BoostedTreesPolicy.compile,
-    color="#0072B2",
-    marker="o",
-    settings=GbmSettings(),
-    # The two differ little in where they go, and histograms are fitted five times as fast.
-    collector=HISTOGRAM_GBM.name,
-    paper_r2={"walk": 0.9705, "trot": 0.9863, "pace": 0.9752, "bound": 0.9537},
-)
-
-
 Bins = Annotated[Count, Ge(3)]
 """Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
 
@@ -202,14 +184,33 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmS
     return additive_regressor(settings, observations.shape[1], seed).fit(observations, target)
 
 
-EBM = compiled_student(
-    "ebm",
-    "EBM",
-    _fit_ebm_joint,
-    AdditivePolicy.compile,
-    color="#D55E00",
-    marker="s",
-    settings=EbmSettings(),
-    brevity=5,
-    paper_r2={"walk": 0.9787, "trot": 0.9906, "pace": 0.9819, "bound": 0.9637},
-)
+FitJoint = Callable[[Array, Array, int, Any], Any]
+"""Fits the model of a joint: `fit_joint(observations, target, seed, settings)`."""
+
+LIBRARY_MODELS: dict[str, tuple[FitJoint, Callable[..., Policy]]] = {
+    "gbm": (_fit_gbm_joint, BoostedTreesPolicy.compile),
+    "histogram_gbm": (_fit_histogram_gbm_joint, BoostedTreesPolicy.compile),
+    "ebm": (_fit_ebm_joint, AdditivePolicy.compile),
+}
+"""How a student's model of a joint is fitted, and how its models become a policy."""
+
+
+def fit_models(
+    kind: str, samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
+) -> list[Any]:
+    """Fits a library's models of all joints, some at once."""
+    fit_joint, _ = LIBRARY_MODELS[kind]
+    jobs = (
+        delayed(fit_joint)(samples.observations, samples.actions[:, joint], seed + joint, settings)
+        for joint in range(quadruped.N_JOINTS)
+    )
+    return list(run_parallel(jobs, n_jobs))
+
+
+def fit_ensemble(
+    kind: str, samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
+) -> Policy:
+    """Fits a library's models of all joints, and compiles them to a policy."""
+    models = fit_models(kind, samples, settings, seed=seed, n_jobs=n_jobs)
+    _, compile_models = LIBRARY_MODELS[kind]
+    return compile_models(samples.gait, samples.observation_names, models, samples.robot)

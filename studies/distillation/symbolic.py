@@ -1,4 +1,4 @@
-"""Symbolic regression: its settings, and its engines, Operon and PySR."""
+"""Symbolic students: their settings, and the engines that search formulas, Operon and PySR."""
 
 import subprocess
 import sys
@@ -15,12 +15,26 @@ from pyoperon.sklearn import SymbolicRegressor
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, brief
 from glassgait.models.formulas.expression import Expression, scaled
+from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_expression, variable_names
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, checked
 from glassgait.studies.common.parallel.loop import run_parallel
-from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
-from glassgait.studies.distillation.students.student import Candidate, StudentSettings
+from glassgait.studies.distillation.dataset import TrainingSet
+from glassgait.studies.distillation.formulas import (
+    FormulaSamples,
+    FormulaVariables,
+    formula_policy,
+    gates,
+    readable,
+    samples_by_state,
+    samples_of_joints,
+    settled,
+    shared_gates,
+)
+from glassgait.studies.distillation.gated_sum import fit_gated_sums
+from glassgait.studies.distillation.students import Candidate, StudentSettings
 
 Engine = Literal["operon", "pysr"]
 """What searches formulas."""
@@ -129,52 +143,82 @@ PYSR_UNARY_OPERATORS = ("sin", "tanh", "square", "cube")
 PYSR_BINARY_OPERATORS = ("+", "-", "*")
 
 
+def fit_symbolic(
+    samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
+) -> FormulaPolicy:
+    """Fits a formula for each joint."""
+    variables = FormulaVariables(samples.robot, samples.observation_names)
+    part = samples_of_joints(_weighted(samples, settings))
+    opened = shared_gates(variables.vocabulary)
+    found = fit_formulas(part, variables, opened, settings, seed, n_jobs)
+    return formula_policy(samples, variables.vocabulary, dict(zip(part.places, found, strict=True)))
+
+
+def fit_statewise_symbolic(
+    samples: TrainingSet, settings: StatewiseSymbolicSettings, *, seed: int, n_jobs: int
+) -> FormulaPolicy:
+    """Fits a formula for each joint and state of the machine, or for half of them and a mirror."""
+    names, mirror = samples.observation_names, samples.mirror if settings.mirrored else None
+    variables = FormulaVariables(samples.robot, names)
+    opened = gates(variables.vocabulary)
+    formulas: dict[Place, Expression] = {}
+    for part in samples_by_state(_weighted(samples, settings), variables.vocabulary, mirror):
+        found = fit_formulas(part, variables, opened, settings, seed, n_jobs)
+        for place, formula in zip(part.places, found, strict=True):
+            formulas[place] = settled(formula, names, place[0])
+    return formula_policy(samples, variables.vocabulary, formulas, mirror)
+
+
+def _weighted(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:
+    """Repeats the samples of an episode's start as often as settings say."""
+    counts = np.where(samples.starts, settings.start_weights[0], 1)
+    return samples.subset(np.repeat(np.arange(len(counts)), counts))
+
+
 def fit_formulas(
-    values: Array,
-    targets: Array,
-    seed: int,
+    part: FormulaSamples,
+    variables: FormulaVariables,
+    opened: Sequence[Expression],
     settings: SymbolicSettings,
-    gates: Sequence[Expression],
-    n_observed: int,
+    seed: int,
     n_jobs: int = 1,
 ) -> list[Expression]:
-    """Searches a formula for each target.
+    """Searches the formula of each place, with the digits that are shown.
 
     Args:
-        values: Samples of all variables (m, n).
-        targets: What the expert does (m, k).
+        part: Samples, and the values that the formulas should have there.
+        variables: The variables that formulas may hold.
+        opened: The gates; see `fit_gated_sums`.
+        settings: Engine and budget; the first of several shapes counts.
         seed: Seed of the search.
-        settings: Engine and budget; of several shapes the first counts.
-        gates: What encodes where in the gait the robot is; see `fit_gated_sums`.
-        n_observed: How many variables are observed; sums, and what the engine finds, are of these.
         n_jobs: Formulas that are searched at once.
-
-    Returns:
-        The k formulas.
 
     Raises:
         InputError: if the engine is PySR and Julia cannot start, or its search fails.
     """
+    values, targets = variables(part.observations), part.targets
+    n_observed = part.observations.shape[1]
     seeds, observed = range(seed, seed + targets.shape[1]), values[:, :n_observed]
     if settings.engine == "pysr":
         searches = (
-            delayed(_fit_pysr)(observed, target, own_seed, settings)
-            for target, own_seed in zip(targets.T, seeds, strict=True)
+            delayed(_fit_pysr)(observed, target, each, settings)
+            for target, each in zip(targets.T, seeds, strict=True)
         )
-        return list(run_parallel(searches, n_jobs))
+        return readable(list(run_parallel(searches, n_jobs)), values, targets)
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
     sum_length, length = settings.shapes[0]
-    sums = fit_gated_sums(values, targets, gates, sum_length, n_observed)
+    sums = fit_gated_sums(values, targets, opened, sum_length, n_observed)
     if sum_length == length:
-        return sums
+        return readable(sums, values, targets)
     residuals = targets - Tape(sums, values.shape[1])(values)
     searches = (
-        delayed(_evolve)(observed, residual, length - found.length - 1, own_seed, settings)
-        for found, residual, own_seed in zip(sums, residuals.T, seeds, strict=True)
+        delayed(_evolve)(observed, residual, length - found.length - 1, each, settings)
+        for found, residual, each in zip(sums, residuals.T, seeds, strict=True)
     )
     corrections = run_parallel(searches, n_jobs)
-    return [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
+    found = [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
+    return readable(found, values, targets)
 
 
 def _evolve(

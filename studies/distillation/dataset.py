@@ -1,7 +1,8 @@
 """Samples of an expert's actions, by episode, and their files."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,19 +10,63 @@ from sklearn.metrics import r2_score
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.files import load_arrays, refuse_another, save_arrays
+from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import machine_state_entries, overdue
 from glassgait.models.task.symmetry import mirrored_states
-from glassgait.studies.common.run_folder import CONFIG_NAME, read_inputs
-from glassgait.studies.distillation.students.student import TrainingSet
 
 START_STEPS = 5
 """Control steps that an episode's start takes: the robot stands and has hardly acted before."""
 
 HELD_OUT_EVERY = 5
-"""Every fifth episode is held out: of four speeds in turn, the paper's, each is held out alike."""
+"""Every fifth episode is held out, so that each of the paper's four speeds is held out alike."""
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """The samples that a student is fitted to.
+
+    Attributes:
+        observations: Samples (m, n).
+        actions: The expert's actions there (m, 12).
+        starts: Whether each sample is of an episode's start (m,).
+        mirror: State that each state of the machine is in the mirror; None where it favours a side.
+    """
+
+    gait: str
+    observation_names: tuple[str, ...]
+    observations: Array
+    actions: Array
+    starts: NDArray[np.bool_]
+    mirror: tuple[int, ...] | None = None
+    robot: Robot = field(default_factory=load_robot)
+
+    def subset(self, index: NDArray[np.int64]) -> "TrainingSet":
+        """Returns the samples at an index (k,), which may name one more than once."""
+        return replace(
+            self,
+            observations=self.observations[index],
+            actions=self.actions[index],
+            starts=self.starts[index],
+        )
+
+    def with_overdue(self, weight: int) -> "TrainingSet":
+        """Repeats the samples of robots that wait for a foot as many times as the weight says."""
+        waits = overdue(self.observations, self.observation_names)
+        return self.subset(np.repeat(np.arange(len(waits)), np.where(waits, weight, 1)))
+
+    def by_state(self) -> list[NDArray[np.bool_]]:
+        """Returns masks (m,) of the samples in each state of the machine.
+
+        A state that was never visited gets all samples, so that it is fitted like all states
+        together.
+        """
+        visited = self.observations[:, machine_state_entries(self.observation_names)].T > 0.5
+        return [mine if mine.any() else np.ones_like(mine) for mine in visited]
 
 
 @dataclass(frozen=True)
@@ -32,7 +77,7 @@ class Dataset:
         observations: Observations (m, n).
         actions: The expert's actions there (m, 12).
         episodes: Number of the episode that each sample is from (m,), counted from 1.
-        minutes: What collecting them took, the fits of the students that acted included.
+        minutes: Wall time of collecting them, with the fits of the students that acted.
     """
 
     observations: Array
@@ -66,7 +111,7 @@ class Dataset:
         )
 
     def training_set(self, gait: Gait, expert: Policy) -> TrainingSet:
-        """Returns what a student of an expert is fitted to."""
+        """Returns the samples as a student of an expert is fitted to them."""
         return TrainingSet(
             gait.name,
             expert.observation_names,
@@ -77,8 +122,8 @@ class Dataset:
             expert.robot,
         )
 
-    def save(self, path: Path, of: str = "") -> None:
-        """Writes the samples, and what they are of, to one file, atomically."""
+    def save(self, path: Path, of: Any = None) -> None:
+        """Writes the samples to one file, atomically, with a note of the run they belong to."""
         arrays = {
             "observations": self.observations,
             "actions": self.actions,
@@ -87,15 +132,17 @@ class Dataset:
         save_arrays(path, arrays, {"minutes": self.minutes, "of": of})
 
     @staticmethod
-    def load(path: Path, of: str | None = None) -> "Dataset":
-        """Reads what `save` wrote.
+    def load(path: Path, of: Any = None) -> "Dataset":
+        """Reads back what `save` wrote.
 
         Raises:
-            InputError: if the file is damaged, or holds no samples, or not those that are asked
-                for.
+            InputError: if the file is damaged, holds no samples, or has another note than `of`.
         """
         arrays, header = load_arrays(path)
-        refuse_another(path, header.get("of"), of)
+        if of is not None and header.get("of") != of:
+            raise InputError(
+                f"{path}: belongs to another run; delete it, and --resume makes it anew"
+            )
         try:
             data = Dataset(**arrays, minutes=float(header["minutes"]))
             sizes = {len(data.observations), len(data.actions), len(data.episodes)}
@@ -107,70 +154,34 @@ class Dataset:
 
 
 def round_paths(folder: Path) -> list[Path]:
-    """Lists the files that hold a student's samples, a round each.
+    """Lists the files of a student's samples, one for each round.
 
     Raises:
         InputError: if there are none.
     """
     paths = sorted(folder.glob("round_*.safetensors"))
     if not paths:
-        students = sorted({path.parent for path in folder.glob("*/round_*.safetensors")})
-        such = f", such as {students[0]}" if students else ""
         raise InputError(
-            f"{folder}: holds no samples; name the folder of a student in a run of distill{such}"
+            f"{folder}: holds no samples; name the folder of a student in a run of distill"
         )
     return paths
 
 
 def load_rounds(folder: Path) -> Dataset:
-    """Reads all samples that a student is fitted to.
-
-    Args:
-        folder: Their folder in a distillation's.
+    """Reads all samples in a student's folder.
 
     Raises:
-        InputError: if it holds none, or one is damaged, or of other observations than the first.
+        InputError: if it holds none, one is damaged, or their observations differ.
     """
-    paths = round_paths(folder)
-    data = Dataset.load(paths[0])
-    for path in paths[1:]:
-        own = Dataset.load(path)
-        if own.observations.shape[1:] != data.observations.shape[1:]:
+    first, *rest = (Dataset.load(path) for path in round_paths(folder))
+    for samples in rest:
+        if samples.observations.shape[1:] != first.observations.shape[1:]:
             raise InputError(
-                f"{path}: its samples have other observations than those of {paths[0]}; name a "
-                "folder that one run collected"
+                f"{folder}: its rounds have different observations; name a folder that one run "
+                "collected"
             )
-        data = data.union(own)
-    return data
-
-
-def load_rounds_of(folder: Path, gait: Gait, expert: Policy) -> Dataset:
-    """Reads the samples in a folder, which have to be of a gait and an expert.
-
-    Raises:
-        InputError: as `load_rounds`, and if the run that collected them says that they are of
-            another gait or expert, or they are of other observations.
-    """
-    record = folder.parent / CONFIG_NAME
-    made_of = read_inputs(folder.parent, "distill") if record.exists() else {}
-    remedy = "name other samples, or the gait of these with --gait and their run with --source"
-    # The gait first: of another one the expert is another too.
-    for key, own, title in (
-        ("gait", gait.digest(), f"the {gait.name} as it is now"),
-        ("expert", expert.digest(), f"this expert of the {gait.name} of the {expert.robot.name}"),
-    ):
-        if made_of.get(key, own) != own:
-            raise InputError(
-                f"{folder}: its samples are not of {title} (key 'inputs.{key}' of {record}); "
-                f"{remedy}"
-            )
-    data, n_observations = load_rounds(folder), len(expert.observation_names)
-    if data.observations.shape[1:] != (n_observations,):
-        raise InputError(
-            f"{folder}: its samples are not of the {n_observations} observations of the "
-            f"{gait.name}'s expert; {remedy}"
-        )
-    return data
+        first = first.union(samples)
+    return first
 
 
 def r2_scores(policy: Policy, dataset: Dataset) -> Array:

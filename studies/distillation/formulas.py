@@ -1,0 +1,230 @@
+"""Fitting formulas as they are written: in the robot's units, with three digits, mirrored."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from glassgait.models.arrays import Array
+from glassgait.models.certificates.box import measured_box
+from glassgait.models.formulas.expression import Expression, canonical, constant
+from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.quantities import (
+    COURSE,
+    GATES,
+    SENT_JOINTS,
+    RobotUnits,
+    Vocabulary,
+    known_definitions,
+)
+from glassgait.models.formulas.readings import Readings
+from glassgait.models.formulas.tape import Tape
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import indices_of
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.studies.distillation.dataset import TrainingSet
+
+DIGITS = 3
+"""Significant digits of the numbers in formulas."""
+
+
+def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
+    """Returns the gates of formulas that serve one state of the machine.
+
+    They tell the moment of the gait, the side to which each joint was last sent and, as far as it
+    is observed, the robot's course.
+    """
+    course = (symbol for symbol in COURSE if symbol in vocabulary.symbols)
+    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *SENT_JOINTS, *course))
+
+
+def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
+    """Returns the gates of formulas that serve every state of the machine.
+
+    They are the gates of one state, the states but the last, where all others are 0, and the
+    products of those states with the gate `late`.
+    """
+    symbols = [vocabulary.symbols[i] for i in indices_of("machine state", vocabulary.names)]
+    states = [vocabulary.variable(symbol) for symbol in symbols[:-1]]
+    late, *others = gates(vocabulary)
+    products = (Expression("mul", (state, late)) for state in states)
+    return (*states, late, *products, *others)
+
+
+class FormulaVariables:
+    """The variables of formulas: observations in the robot's units, then definitions.
+
+    Attributes:
+        vocabulary: Their names.
+    """
+
+    def __init__(self, robot: Robot, names: tuple[str, ...]) -> None:
+        self.vocabulary = Vocabulary(names, known_definitions(robot, names))
+        self._units = RobotUnits.of(robot, names)
+
+    def __call__(self, observations: Array) -> Array:
+        """Evaluates all variables (m, k) on observations (m, n)."""
+        observed = self._units.quantities(observations)
+        definitions = [definition.formula for definition in self.vocabulary.definitions]
+        return np.hstack([observed, Tape(definitions, observed.shape[1])(observed)])
+
+
+@dataclass(frozen=True)
+class FormulaSamples:
+    """The samples of formulas that are fitted together, such as those of one state.
+
+    Attributes:
+        places: Where these formulas stand (k).
+        observations: Samples (m, n).
+        targets: What each formula should be there (m, k; rad).
+    """
+
+    places: tuple[Place, ...]
+    observations: Array
+    targets: Array
+
+
+def samples_of_joints(samples: TrainingSet) -> FormulaSamples:
+    """Returns the samples of formulas that serve every state of the machine, one for each joint."""
+    places = tuple((joint,) for joint in range(quadruped.N_JOINTS))
+    targets = samples.robot.joint_targets(samples.actions)
+    return FormulaSamples(places, samples.observations, targets)
+
+
+def written_places(vocabulary: Vocabulary, mirror: Sequence[int] | None) -> tuple[Place, ...]:
+    """Lists the formulas of a policy that are not mirror images of earlier ones.
+
+    Args:
+        vocabulary: What the formulas may hold.
+        mirror: State that each state is in the mirror; None for a policy without a mirror image.
+    """
+    n_states = len(indices_of("machine state", vocabulary.names))
+    every = [(state, joint) for state in range(n_states) for joint in range(quadruped.N_JOINTS)]
+    if mirror is None:
+        return tuple(every)
+    image = FormulaMirror.of(vocabulary, mirror)
+    return tuple(place for place in every if place < image.place(place))
+
+
+def samples_by_state(
+    samples: TrainingSet, vocabulary: Vocabulary, mirror: Sequence[int] | None
+) -> list[FormulaSamples]:
+    """Sorts samples by the state whose formulas they serve; with a mirror, each counts twice.
+
+    Args:
+        samples: Observations and the expert's actions.
+        vocabulary: What the formulas may hold.
+        mirror: State that each state is in the mirror; None for a policy without a mirror image.
+    """
+    if mirror is not None:
+        reflect = reflect_observation(samples.observation_names, mirror)
+        samples = replace(
+            samples,
+            observations=np.concatenate([samples.observations, reflect(samples.observations)]),
+            actions=np.concatenate([samples.actions, REFLECT_JOINTS(samples.actions)]),
+            starts=np.tile(samples.starts, 2),
+        )
+    targets = samples.robot.joint_targets(samples.actions)
+    places, parts = written_places(vocabulary, mirror), []
+    for state, mine in enumerate(samples.by_state()):
+        here = tuple(place for place in places if place[0] == state)
+        if here:
+            joints = [joint for _, joint in here]
+            observations = samples.observations[mine]
+            parts.append(FormulaSamples(here, observations, targets[mine][:, joints]))
+    return parts
+
+
+def formula_policy(
+    samples: TrainingSet,
+    vocabulary: Vocabulary,
+    formulas: Mapping[Place, Expression],
+    mirror: tuple[int, ...] | None = None,
+) -> FormulaPolicy:
+    """Makes the policy that acts by formulas and, with a mirror, by their images.
+
+    Definitions that no formula uses are left out.
+    """
+    if mirror is not None:
+        formulas = FormulaMirror.of(vocabulary, mirror).complete(formulas)
+    robot = samples.robot
+    file = FormulaFile(samples.gait, vocabulary, formulas, mirror, robot=robot.name)
+    return FormulaPolicy.from_file(file.with_formulas(formulas), robot)
+
+
+def readings_of(gait: Gait, robot: Robot, names: tuple[str, ...], observations: Array) -> Readings:
+    """Returns the ranges in which formulas are to read: those of samples (m, n), and a margin."""
+    box = measured_box(gait, robot, names, observations.min(axis=0), observations.max(axis=0))
+    return Readings.around(names, box.lower, box.upper)
+
+
+def settled(formula: Expression, names: Sequence[str], state: int) -> Expression:
+    """Replaces the entries of the machine's state in a formula by their values in that state.
+
+    Args:
+        formula: The formula.
+        names: Names of the observations, which are the formula's first variables.
+        state: Index of the state.
+    """
+    known = {index: float(i == state) for i, index in enumerate(indices_of("machine state", names))}
+    return _settled(formula, known)
+
+
+def _settled(formula: Expression, known: Mapping[int, float]) -> Expression:
+    if formula.operator == "variable" and formula.variable in known:
+        return constant(known[formula.variable])
+    if known.keys().isdisjoint(formula.variables):
+        return formula
+    operands = tuple(_settled(operand, known) for operand in formula.operands)
+    if formula.operator == "mul" and all(own.operator == "constant" for own in operands):
+        return constant(operands[0].value * operands[1].value)
+    return Expression(formula.operator, operands)
+
+
+def readable(formulas: Sequence[Expression], values: Array, targets: Array) -> list[Expression]:
+    """Rounds formulas to the digits that are shown, and corrects their constants.
+
+    Args:
+        formulas: The formulas (k).
+        values: Samples of all variables (m, n).
+        targets: What the formulas are fitted to (m, k).
+    """
+    short = [rounded(formula) for formula in formulas]
+    bias = (targets - Tape(short, values.shape[1])(values)).mean(axis=0)
+    return [rounded(_raised(formula, float(b))) for formula, b in zip(short, bias, strict=True)]
+
+
+def rounded(formula: Expression, digits: int = DIGITS) -> Expression:
+    """Rounds the numbers of a formula to so many significant digits, in canonical form."""
+    return canonical(_rounded(formula, digits))
+
+
+def short_numbers(policy: FormulaPolicy) -> FormulaPolicy:
+    """Rounds the numbers of all formulas of a policy to the digits that are shown."""
+    file = policy.to_file()
+    formulas = {place: rounded(formula) for place, formula in file.formulas.items()}
+    return FormulaPolicy.from_file(replace(file, formulas=formulas), policy.robot)
+
+
+def _rounded(formula: Expression, digits: int) -> Expression:
+    if formula.operator == "constant":
+        return constant(float(f"{formula.value:.{digits}g}"))
+    if not formula.operands:
+        return formula
+    operands = tuple(_rounded(operand, digits) for operand in formula.operands)
+    return Expression(formula.operator, operands)
+
+
+def _raised(formula: Expression, by: float) -> Expression:
+    """Adds a number to the constant that a sum begins with, if it begins with one."""
+    match formula:
+        case Expression("constant", value=value):
+            return constant(value + by)
+        case Expression(("add" | "sub") as operator, (left, right)):
+            return Expression(operator, (_raised(left, by), right))
+        case _:
+            return formula

@@ -1,0 +1,43 @@
+"""Linear laws: one for each joint, or one for each joint and state of the machine."""
+
+import numpy as np
+from sklearn.linear_model import Ridge
+
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
+from glassgait.studies.distillation.dataset import TrainingSet
+from glassgait.studies.distillation.students import StudentSettings
+
+RIDGE = 1.0
+"""Weight of the penalty on the squared weights."""
+
+
+def untrained_student(expert: Policy) -> Policy:
+    """Returns the student before its first fit: it asks for the default stance."""
+    names, n_joints = expert.observation_names, quadruped.N_JOINTS
+    weights, intercepts = np.zeros((n_joints, len(names))), np.zeros(n_joints)
+    return LinearPolicy(expert.gait, names, weights, intercepts, robot=expert.robot)
+
+
+def fit_linear(
+    samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
+) -> LinearPolicy:
+    """Fits one law for each joint by ridge regression."""
+    model = Ridge(RIDGE).fit(samples.observations, samples.actions)
+    names = samples.observation_names
+    return LinearPolicy(samples.gait, names, model.coef_, model.intercept_, robot=samples.robot)
+
+
+def fit_statewise_linear(
+    samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
+) -> StatewiseLinearPolicy:
+    """Fits one law for each joint and state of the machine by ridge regression."""
+    models = [
+        Ridge(RIDGE).fit(samples.observations[mine], samples.actions[mine])
+        for mine in samples.by_state()
+    ]
+    weights = np.array([model.coef_ for model in models])
+    intercepts = np.array([model.intercept_ for model in models])
+    names = samples.observation_names
+    return StatewiseLinearPolicy(samples.gait, names, weights, intercepts, robot=samples.robot)

@@ -1,1 +1,0 @@
-"""Refinement: a policy of formulas learns on, alone and in closed loop."""

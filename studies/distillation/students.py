@@ -1,0 +1,218 @@
+"""The kinds of students: their titles, colours and settings, and where runs keep them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_student_of, policy_path
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import Settings, checked
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.policies import OneGait, Policies
+from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
+
+ITSELF = "itself"
+"""The collector's name in settings where each student collects its own samples."""
+
+
+@dataclass(frozen=True)
+class Student:
+    """How tables and figures show a kind of student.
+
+    Attributes:
+        title: Its name in tables and figures.
+        color: Colour of its line.
+        marker: Marker of its line.
+        collector: The student that collects its samples; itself by default.
+        brevity: Rank among the students whose actions are sums of terms, 1 for the shortest; None
+            where they are not such sums.
+        paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.
+    """
+
+    title: str
+    color: str
+    marker: str
+    collector: str | None = None
+    brevity: int | None = None
+    paper_r2: Mapping[str, float] = field(default_factory=dict)
+
+
+STUDENTS: dict[str, Student] = {
+    "linear": Student("Linear", "#8A8A8A", "v", brevity=6),
+    "statewise_linear": Student("Linear per RM state", "#666666", "^", brevity=4),
+    "gbm": Student(
+        "GBM",
+        "#0072B2",
+        "o",
+        # The two differ little in where they go, and histograms are fitted five times as fast.
+        collector="histogram_gbm",
+        paper_r2={"walk": 0.9705, "trot": 0.9863, "pace": 0.9752, "bound": 0.9537},
+    ),
+    "histogram_gbm": Student("GBM, histograms", "#2F8FC4", "h"),
+    "ebm": Student(
+        "EBM",
+        "#D55E00",
+        "s",
+        brevity=5,
+        paper_r2={"walk": 0.9787, "trot": 0.9906, "pace": 0.9819, "bound": 0.9637},
+    ),
+    "symbolic": Student(
+        "Symbolic",
+        "#009E73",
+        "D",
+        brevity=2,
+        paper_r2={"walk": 0.6811, "trot": 0.7334, "pace": 0.7331, "bound": 0.6564},
+    ),
+    "statewise_symbolic": Student("Symbolic per RM state", "#B8609A", "P", brevity=3),
+    "sparse_formula": Student("Page of formulas", "#A87400", "*", brevity=1),
+}
+"""The students by name, in the order of tables."""
+
+if TYPE_CHECKING:
+    StudentKind = str
+else:
+    StudentKind = Literal[tuple(STUDENTS)]
+
+OTHER = Student("", "#1b1f24", "X")
+"""The colour and marker of the expert, and of policies of a person's own."""
+
+
+def student_title(name: str) -> str:
+    """Returns the title of a student; other policies are called by their name."""
+    return STUDENTS[name].title if name in STUDENTS else name
+
+
+def policy_title(name: str) -> str:
+    """Returns the title of the expert or a student; other policies are called by their name."""
+    return "Neural expert" if name == "expert" else student_title(name)
+
+
+def policy_color(name: str) -> str:
+    """Returns the colour of a policy in all figures."""
+    return STUDENTS.get(name, OTHER).color
+
+
+def policy_marker(name: str) -> str:
+    """Returns the marker that distinguishes a policy without colours too."""
+    return STUDENTS.get(name, OTHER).marker
+
+
+def paper_students() -> tuple[str, ...]:
+    """Lists the students of the paper's tables and figures."""
+    return tuple(name for name, student in STUDENTS.items() if student.paper_r2)
+
+
+def sums_of_terms() -> tuple[str, ...]:
+    """Lists the students whose actions are sums of terms, the shortest first."""
+    ranked = [(student.brevity, name) for name, student in STUDENTS.items() if student.brevity]
+    return tuple(name for _, name in sorted(ranked))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Settings to choose from: the simplest of those that walk equally well is taken.
+
+    Attributes:
+        title: Its name in tables.
+        settings: The settings, which leave no choice.
+        complexity: How complex the student is that they fit; only the order counts.
+    """
+
+    title: str
+    settings: "StudentSettings"
+    complexity: tuple[int, ...]
+
+
+@checked
+class StudentSettings(Settings):
+    """Settings of a fit: the base of all, and the settings of students that have none.
+
+    Attributes:
+        alone_episodes: Episodes, of full length, of a round in which the student acts without the
+            expert; None takes the distillation's setting, and its shorter episodes.
+    """
+
+    alone_episodes: ClassVar[int | None] = None
+
+    def refuse_for(self, gait: Gait) -> None:
+        """Refuses a gait that cannot be fitted, before any of its samples is collected.
+
+        Raises:
+            InputError: if it cannot.
+        """
+
+    def for_rounds(self) -> Self:
+        """Returns the settings of the students that collect samples: small models, soon made."""
+        return self
+
+    def for_shuffled_split(self) -> Self:
+        """Returns the settings of the fit that is scored by the paper's split."""
+        return self
+
+    def candidates(self) -> Sequence[Candidate]:
+        """Lists the settings to choose from, if they leave a choice."""
+        return ()
+
+
+def samples_folder(folder: Path, kind: str) -> Path:
+    """Returns where a run keeps the samples that a student is fitted to.
+
+    Raises:
+        InputError: if the folder holds a run of something else, or its settings are damaged.
+    """
+    collector = STUDENTS[kind].collector or kind
+    if (folder / CONFIG_NAME).exists():
+        collector = read_settings(folder, "distill").get("collector") or collector
+    return folder / (kind if collector == ITSELF else str(collector))
+
+
+def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
+    """Loads the students of a run, by kind.
+
+    Raises:
+        InputError: if the folder holds none, or a student does not fit the expert.
+    """
+    kinds = [kind for kind in STUDENTS if policy_path(folder, kind).exists()]
+    if not kinds:
+        raise InputError(
+            f"{folder}: holds no students; make them with "
+            f"'glassgait distill --gait {expert.gait}{expert.robot.option}'"
+        )
+    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
+
+
+@checked
+class OnePolicy(OneGait):
+    """Settings of a command that takes one student.
+
+    Attributes:
+        policy: Kind of student, or path of a policy file; by default the student whose actions are
+            sums of the fewest terms.
+    """
+
+    policy: str | None = None
+
+    def find(self) -> tuple[Policies, str]:
+        """Finds the policies of the gait, and the name of the one that is taken."""
+        found = self.policies()
+        return found, self.policy or default_student(found)
+
+
+def default_student(found: Policies) -> str:
+    """Names the student of a gait that is explained by default.
+
+    Raises:
+        InputError: if there is no student whose actions are sums of terms.
+    """
+    for kind in sums_of_terms():
+        if kind in found.files:
+            return kind
+    gait = found.gait.name
+    raise InputError(
+        f"no student of the {gait} in {found.place} acts by a sum of terms; make one with "
+        f"'glassgait distill --gait {gait}{found.robot.option} --students {sums_of_terms()[1]}', "
+        "or name another run with --source"
+    )

@@ -1,1 +1,0 @@
-"""The students: how each kind is fitted, and where those that are fitted are kept."""
