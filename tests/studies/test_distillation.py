@@ -286,7 +286,7 @@ def test_damaged_work_is_refused(name, copied, resume):
     if "round" in name:
         (copied / "linear" / "record.json").unlink()
     data = bytearray((copied / name).read_bytes())
-    data[len(data) // 2] ^= 1
+    data[len(data) // 2] = 0
     (copied / name).write_bytes(data)
     with pytest.raises(InputError, match="is damaged"):
         resume(copied)

@@ -111,7 +111,6 @@ def resumes(distilled, trained, tiny_distillation, tiny_training, expert, tmp_pa
 
     return {
         distillation / "config.yaml": distills,
-        distillation / "linear" / "record.json": distills,
         distillation / "linear.safetensors": distills,
         training / CHECKPOINT_NAME: trains,
     }
