@@ -1,7 +1,4 @@
-"""Robots of files: `<name>/robot.yaml` and a description in URDF, checked against each other.
-
-Adding a robot takes the two files and no code.
-"""
+"""Robots of files: `<name>/robot.yaml` and a URDF. Adding a robot takes no code."""
 
 import copyreg
 from functools import cache
@@ -10,7 +7,7 @@ from pathlib import Path
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.robots.robot import DEFAULT_ROBOT, ROBOT_DIRECTORY, Robot
-from glassgait.models.robots.urdf_comparison import compare_urdf
+from glassgait.models.robots.urdf import read_urdf
 
 ROBOT_FILE = "robot.yaml"
 
@@ -79,26 +76,16 @@ def robot_folder(directory: Path, robot: str = DEFAULT_ROBOT) -> Path:
 
 @cache
 def _load(path: Path, _edited: int) -> Robot:
-    robot = read_robot(path)
-    compare_urdf(robot)
-    return robot
-
-
-def read_robot(path: Path) -> Robot:
-    """Reads a robot's file, whatever its description.
-
-    Raises:
-        InputError: if the file breaks a rule; the message names the file, the key and the remedy.
-    """
     found = read_yaml(path)
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: is not a mapping; write it as that of a robot that ships")
-    if "path" in found:
-        raise InputError(f"{path}: unknown key 'path'; remove it")
-    robot = Robot.from_plain(found | {"path": str(path)}, str(path))
+    if not isinstance(found, dict) or not isinstance(found.get("description"), str):
+        raise InputError(f"{path}: lacks the key 'description'; name the URDF beside the file")
+    measured = read_urdf(path.parent / found["description"])
+    if twice := sorted({*found} & {*measured, "path"}):
+        raise InputError(f"{path}: key {twice[0]!r} is what the URDF says; remove it")
+    robot = Robot.from_plain({**found, **measured, "path": str(path)}, str(path))
     if robot.name in robot_names() and not robot.is_shipped:
         raise InputError(
-            f"{path}: key 'name' is {robot.name!r}, a robot that ships; give it another name"
+            f"{path}: name is {robot.name!r}, a robot that ships; give it another name"
         )
     return robot
 

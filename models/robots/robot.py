@@ -1,17 +1,16 @@
 """A robot as data: what differs from one quadruped to another, as `quadruped` lays one out."""
 
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Gt, Le, MaxLen, MinLen
 from pydantic import StringConstraints
 
 from glassgait.models.arrays import Array, clip
-from glassgait.models.errors import InputError, shown
-from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
+from glassgait.models.errors import InputError
+from glassgait.models.robots.quadruped import JOINTS, LEGS
 from glassgait.models.settings import DISTINCT, Positive, Range, Settings, checked
 
 DEFAULT_ROBOT = "a1"
@@ -33,12 +32,17 @@ Triple = tuple[float, float, float]
 class Robot(Settings):
     """A quadruped: lengths, limits, gains and the joint-level law that drives it.
 
-    `library.load_robot` makes robots; equal is only what is the same object.
+    `library.load_robot` makes robots: sizes, mass and limits are from the URDF, the rest is from
+    `robot.yaml`. Robots are equal only if they are the same object.
 
     Attributes:
         name: Its name, which files of policies hold.
-        full_name: What people call it.
+        full_name: Name for people.
         description: File of its URDF, beside its own.
+        stance: Joint angles of the default stance by leg: hip, thigh, calf (rad).
+        stiffness: Gain of the joints' position control (N·m/rad).
+        damping: Gain of their velocity control (N·m·s/rad).
+        action_scale: What an action of 1 adds to a joint's target (rad).
         mass: Mass of the robot (kg).
         hip_offset: Distance of a hip joint from the trunk's centre, along x and along y (m).
         thigh_offset: Distance of a thigh joint outward from its hip joint (m).
@@ -46,23 +50,24 @@ class Robot(Settings):
         calf_length: From the knee to the foot's centre (m).
         foot_radius: Radius of the feet, which are spheres (m).
         trunk_box: Sizes of the trunk's collision box (m).
-        thigh_box: Sizes of a thigh's, of which the first is along the limb (m).
+        thigh_box: Sizes of a thigh's; the first is along the limb (m).
         calf_box: Sizes of a calf's (m).
-        position_limits: Least and greatest angle (rad) by kind of joint, such as thigh, or by
-            joint, such as RL_thigh, which stands above its kind.
-        effort_limits: Greatest torque (N·m), in the same way.
-        velocity_limits: Greatest velocity (rad/s), in the same way.
-        stance: Joint angles of the default stance by leg: hip, thigh, calf (rad).
-        stiffness: Gain of the joints' position control (N·m/rad).
-        damping: Gain of their velocity control (N·m·s/rad).
-        action_scale: What an action of 1 adds to a joint's target (rad).
+        position_limits: Least and greatest angle of each joint (rad).
+        effort_limits: Greatest torque of each joint (N·m).
+        velocity_limits: Greatest velocity of each joint (rad/s).
         motor_order: Legs in the order in which the vendor's controller numbers their motors.
-        path: Where it was loaded from.
+        path: File it was loaded from.
     """
+
+    title: ClassVar[str] = "robot"
 
     name: RobotName
     full_name: Annotated[str, MinLen(1), MaxLen(80)]
     description: Annotated[str, MinLen(1), MaxLen(200)]
+    stance: dict[str, Triple]
+    stiffness: Positive
+    damping: Positive
+    action_scale: Positive
     mass: Annotated[float, Gt(0.0), Le(1000.0)]
     hip_offset: tuple[Length, Length]
     thigh_offset: Length
@@ -72,13 +77,9 @@ class Robot(Settings):
     trunk_box: Box
     thigh_box: Box
     calf_box: Box
-    position_limits: dict[str, Range]
-    effort_limits: dict[str, Positive]
-    velocity_limits: dict[str, Positive]
-    stance: dict[str, Triple]
-    stiffness: Positive
-    damping: Positive
-    action_scale: Positive
+    position_limits: tuple[Range, ...]
+    effort_limits: tuple[Positive, ...]
+    velocity_limits: tuple[Positive, ...]
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
     path: str = ""
 
@@ -86,9 +87,6 @@ class Robot(Settings):
     __hash__ = object.__hash__
 
     def __post_init__(self) -> None:
-        for key in ("position_limits", "effort_limits", "velocity_limits"):
-            _refuse_other_keys(key, getattr(self, key), {*LEG_JOINTS, *JOINTS})
-            self._of_joints(key)
         for key, legs in (("stance", self.stance), ("motor_order", self.motor_order)):
             if sorted(legs) != sorted(LEGS):
                 raise InputError(f"{key} is of {', '.join(legs)}; name {', '.join(LEGS)}")
@@ -97,21 +95,18 @@ class Robot(Settings):
         ):
             if not low <= angle <= high:
                 raise InputError(
-                    f"stance has {joint} at {angle:g} rad, outside of position_limits, {low:g} to "
+                    f"stance has {joint} at {angle:g} rad, outside of its range, {low:g} to "
                     f"{high:g}; give an angle in this range"
                 )
 
-    def refused_as(self) -> str:
-        return "robot"
-
     @cached_property
     def source(self) -> str:
-        """What `load_robot` finds it by: the name of a robot that ships, or the path of a file."""
+        """Name of a robot that ships, or path of its file, as `load_robot` takes it."""
         return self.name if self.is_shipped else self.path
 
     @property
     def option(self) -> str:
-        """What a command line ends in to be about it: nothing, where it is the default robot."""
+        """Option of a command line that names this robot; empty for the default robot."""
         return "" if self.name == DEFAULT_ROBOT else f" --robot {self.source}"
 
     @cached_property
@@ -127,12 +122,12 @@ class Robot(Settings):
     @cached_property
     def lower_limits(self) -> Array:
         """Least angles of the joints (12; rad)."""
-        return _fixed([low for low, _ in self._of_joints("position_limits")])
+        return _fixed([low for low, _ in self.position_limits])
 
     @cached_property
     def upper_limits(self) -> Array:
         """Greatest angles of the joints (12; rad)."""
-        return _fixed([high for _, high in self._of_joints("position_limits")])
+        return _fixed([high for _, high in self.position_limits])
 
     @cached_property
     def middle(self) -> Array:
@@ -147,38 +142,17 @@ class Robot(Settings):
     @cached_property
     def effort(self) -> Array:
         """Greatest torques of the joints (12; N·m)."""
-        return _fixed(self._of_joints("effort_limits"))
+        return _fixed(self.effort_limits)
 
     @cached_property
     def velocity(self) -> Array:
         """Greatest velocities of the joints (12; rad/s)."""
-        return _fixed(self._of_joints("velocity_limits"))
+        return _fixed(self.velocity_limits)
 
     @cached_property
     def default_stance(self) -> Array:
         """Joint angles of the default stance (12; rad)."""
         return _fixed([angle for leg in LEGS for angle in self.stance[leg]])
-
-    def check_lowered(self, pose: Array, what: str) -> None:
-        """Refuses joint angles that this robot cannot be lowered by.
-
-        Args:
-            pose: Joint angles (12; rad) of legs whose knees point backward.
-            what: What they are for.
-
-        Raises:
-            InputError: if a knee points forward in the stance, or an angle is beyond its range.
-        """
-        for joint, angle, own, low, high in zip(
-            JOINTS, pose, self.default_stance, self.lower_limits, self.upper_limits, strict=True
-        ):
-            bends = joint.endswith(LEG_JOINTS[-1]) and own * angle < 0.0
-            if bends or not low <= angle <= high:
-                raise InputError(
-                    f"{self.path}: {what} would send {joint} to {angle:g} rad, with its knee the "
-                    f"other way or beyond {low:g} to {high:g} rad; it is made for robots whose "
-                    "knees point backward and fold that far"
-                )
 
     @cached_property
     def side(self) -> Array:
@@ -245,23 +219,6 @@ class Robot(Settings):
         stiffness, damping = gains
         torque = stiffness * (target - position) - damping * velocity
         return clip(torque, -self.effort, self.effort)
-
-    def _of_joints(self, key: str) -> list[Any]:
-        """Returns what a key gives each joint, by itself or by its kind."""
-        given: Mapping[str, Any] = getattr(self, key)
-        for joint in JOINTS:
-            kind = joint.partition("_")[2]
-            if joint not in given and kind not in given:
-                raise InputError(f"{key} lacks {kind}; add it, or {joint}")
-        return [given.get(joint, given.get(joint.partition("_")[2])) for joint in JOINTS]
-
-
-def _refuse_other_keys(key: str, given: Mapping[str, Any], known: set[str]) -> None:
-    if unknown := sorted(set(given) - known):
-        raise InputError(
-            f"{key} has the key {shown(unknown[0])}; name kinds of joints, "
-            f"{', '.join(LEG_JOINTS)}, or joints, such as RL_thigh"
-        )
 
 
 def _fixed(values: Any) -> Array:

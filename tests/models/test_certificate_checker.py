@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from copy import deepcopy
 from pathlib import Path
 
@@ -249,7 +250,7 @@ def test_never_runs_what_a_policy_file_holds(tmp_path):
 @pytest.mark.parametrize("name", robot_names())
 def test_reads_the_robot_as_it_is(name):
     robot, path = load_robot(name), Path(load_robot(name).path)
-    read = restated.Robot.read(yaml.safe_load(path.read_text()), path)
+    read = restated.Robot.read(path)
     assert tuple(restated.JOINTS) == quadruped.JOINTS == tuple(read.limits)
     assert [*read.stance.values()] == robot.default_stance.tolist()
     assert list(map(list, zip(*read.limits.values(), strict=True))) == [
@@ -286,7 +287,6 @@ def test_refuses_the_name_of_another_robot(tmp_path, name, message):
 
 
 ROBOT = yaml.safe_load(Path(A1.path).read_text())
-RANGES = ROBOT["position_limits"]
 
 
 @pytest.mark.parametrize(
@@ -298,6 +298,7 @@ RANGES = ROBOT["position_limits"]
 )
 def test_refuses_a_file_of_the_robot_that_is_not_the_one_that_ships(tmp_path, changes, message):
     path = tmp_path / "robot.yaml"
+    shutil.copy(A1.urdf_path, tmp_path)
     path.write_text(yaml.safe_dump(ROBOT | changes))
     with pytest.raises(RefusedError, match=message):
         check(PATH, robot=path)
@@ -313,23 +314,43 @@ def test_refuses_a_file_of_the_robot_that_is_not_the_one_that_ships(tmp_path, ch
         ({"action_scale": 0.0}, "'action_scale'"),
         ({"stance": {"FL": [0.1, 0.8, -1.5]}}, "'stance'"),
         ({"stance": ROBOT["stance"] | {"FL": [0.1, True, -1.5]}}, "'stance'"),
-        (
-            {"position_limits": RANGES | {"knee": [-1.0, 1.0]}},
-            "'position_limits'",
-        ),
-        (
-            {"position_limits": RANGES | {"calf": [1.0, -1.0]}},
-            "'position_limits'",
-        ),
-        ({"effort_limits": {"hip": 20.0, "thigh": 20.0}}, "'effort_limits' lacks"),
-        ({"effort_limits": ROBOT["effort_limits"] | {"calf": float("inf")}}, "'effort_limits'"),
+        ({"mass": 12.0}, "other keys"),
+        ({"description": "none.urdf"}, "none.urdf"),
     ],
 )
 def test_refuses_what_is_no_robots_file(tmp_path, changes, message):
     path = tmp_path / "robot.yaml"
+    shutil.copy(A1.urdf_path, tmp_path)
     path.write_text(yaml.safe_dump(ROBOT | {"name": "mine"} | changes))
     with pytest.raises(RefusedError, match=message):
         check(written({**CONTENT, "robot": "mine"}, tmp_path), POLICY, robot=path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('upper="0.8029"', 'upper="-1"'),
+        ('effort="33.5"', 'effort="inf"'),
+        ('name="FL_hip" type', 'name="FL" type'),
+        ("</robot>", ""),
+    ],
+)
+def test_refuses_a_urdf_without_sound_limits(tmp_path, old, new):
+    path = tmp_path / "robot.yaml"
+    path.write_text(yaml.safe_dump(ROBOT | {"name": "mine"}))
+    (tmp_path / "a1.urdf").write_text(A1.urdf_path.read_text().replace(old, new, 1))
+    with pytest.raises(RefusedError, match=r"a1\.urdf"):
+        check(
+            written({**CONTENT, "robot": "mine"}, tmp_path), POLICY, robot=tmp_path / "robot.yaml"
+        )
+
+
+def test_refuses_a_urdf_that_is_not_the_one_that_ships(tmp_path):
+    shutil.copy(A1.path, tmp_path)
+    text = A1.urdf_path.read_text().replace('effort="33.5"', 'effort="40"', 1)
+    (tmp_path / "a1.urdf").write_text(text)
+    with pytest.raises(RefusedError, match="is not the a1 that ships"):
+        check(PATH, robot=tmp_path / "robot.yaml")
 
 
 def test_refuses_a_robots_file_that_says_a_key_twice_or_unfolds(tmp_path):

@@ -264,7 +264,7 @@ def _named(splits: list) -> list:
 
 def _checked(policy: FormulaPolicy) -> Formulas:
     path = MODELS / "robots" / "a1" / "robot.yaml"
-    robot = restated.Robot.read(restated.read_yaml(path), path)
+    robot = restated.Robot.read(path)
     return Formulas.read(robot, FormulaText.read(policy.to_text()))
 
 

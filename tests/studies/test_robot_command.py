@@ -40,7 +40,7 @@ def test_a_robot_file_of_a_user_is_checked(dog, capsys):
     [
         (r"stiffness: .*", "stiffness: 4", "give more stiffness"),
         (r"R([LR]): \[[^\]]*\]", r"R\1: [0.1, 1.9, -1.0]", "leans"),
-        (r"mass: .*", "mass: 3.0", "'mass'"),
+        (r"stiffness: .*", "mass: 3.0", "'mass'"),
     ],
 )
 def test_a_robot_that_does_not_stand_or_contradicts_its_urdf_is_refused(

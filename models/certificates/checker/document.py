@@ -150,10 +150,9 @@ class Document:
             f"no robot {name!r} ships with the project; name its file by --robot",
         )
         path = given or shipped
-        said = read_yaml(path)
-        same = not (given and shipped.is_file()) or said == read_yaml(shipped)
+        robot = Robot.read(path)
+        same = not (given and shipped.is_file()) or robot == Robot.read(shipped)
         refuse_unless(same, f"{path} is not the {name} that ships; give your robot another name")
-        robot = Robot.read(said, path)
         refuse_unless(robot.name == name, f"{path} is the file of another robot than the {name}")
         return robot
 

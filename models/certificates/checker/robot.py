@@ -1,17 +1,17 @@
 """The robot, read anew: a check that asked the prover for these numbers would check less.
 
-All robots have the same legs and joints; what differs stands in `robot.yaml`, each robot's own. All
-files that are checked are read here: regular ones up to a size, which say everything once.
+All robots have the same legs and joints; what differs stands in `robot.yaml` and in the URDF beside
+it. All files that are checked are read here: regular ones up to a size, which say everything once.
 """
 
 import json
 import math
 import re
 import stat
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import yaml
 
@@ -28,13 +28,9 @@ TURNED = ("cmd.yaw", "v.y", "g.y", "w.x", "w.z")
 DEFAULT_ROBOT = "a1"
 """The robot of files that name none."""
 
-SIZES = {"mass", "hip_offset", "thigh_offset", "thigh_length", "calf_length", "foot_radius"}
-SHAPES = {"trunk_box", "thigh_box", "calf_box"}
-LIMITS = {"position_limits", "effort_limits", "velocity_limits"}
-LAW = {"stance", "stiffness", "damping", "action_scale"}
-NEEDED = {"name", "full_name", "description"} | SIZES | SHAPES | LIMITS | LAW
-ALLOWED = NEEDED | {"motor_order", "inertias"}
-"""Keys of a robot's file. Most are none of a proof's business, but no file has others."""
+NEEDED = {"name", "full_name", "description", "stance", "stiffness", "damping", "action_scale"}
+ALLOWED = NEEDED | {"motor_order"}
+"""Keys of a robot's file; no file has others."""
 
 Box = dict[str, tuple[float, float]]
 
@@ -98,12 +94,13 @@ class Robot:
     action_scale: float
 
     @classmethod
-    def read(cls, said: Any, path: object) -> "Robot":
-        """Takes what a robot's file says.
+    def read(cls, path: Path) -> "Robot":
+        """Reads a robot's file and the limits in its URDF.
 
         Raises:
             RefusedError: if it has other keys than such a file, or a value of another kind.
         """
+        said = read_yaml(path)
         sound = isinstance(said, dict) and NEEDED <= {*said} <= ALLOWED
         refuse_unless(sound, f"{path} is no robot's file: it has other keys")
         refuse_unless(is_robot_name(said["name"]), f"{path}: its 'name' is none")
@@ -113,17 +110,12 @@ class Robot:
         legs = isinstance(stance, dict) and {*stance} == {*LEGS}
         legs = legs and all(is_row(angles, len(PARTS)) for angles in stance.values())
         refuse_unless(legs, f"{path}: its 'stance' is not three angles of each leg")
+        limits, effort = read_limits(path.parent / str(said["description"]))
         return cls(
             said["name"],
             dict(zip(JOINTS, [float(own) for leg in LEGS for own in stance[leg]], strict=True)),
-            {
-                joint: (float(low), float(high))
-                for joint, (low, high) in of_joints(said, "position_limits", is_range, path).items()
-            },
-            {
-                joint: float(own)
-                for joint, own in of_joints(said, "effort_limits", is_positive, path).items()
-            },
+            limits,
+            effort,
             float(said["stiffness"]),
             float(said["action_scale"]),
         )
@@ -136,18 +128,28 @@ class Robot:
         return scale, self.stance[joint] if kind in ("q", "a") else 0.0
 
 
-def of_joints(
-    said: dict[str, Any], key: str, sound: Callable[[Any], bool], path: object
-) -> dict[str, Any]:
-    """Returns what a key gives each joint, by itself or else by its kind."""
-    given = said[key]
-    known = isinstance(given, dict) and {*given} <= {*PARTS, *JOINTS}
-    refuse_unless(
-        known and all(map(sound, given.values())), f"{path}: its {key!r} is not what it must be"
+def read_limits(path: Path) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Reads the joints' ranges (rad) and greatest torques (N·m) from a URDF."""
+    keys = ("lower", "upper", "effort")
+    try:
+        root = ElementTree.fromstring(read_bytes(path, MOST_BYTES // 10))
+        limits = {
+            joint.get("name"): [float(limit.get(key, "nan")) for key in keys]
+            for joint in root.iterfind("joint")
+            for limit in joint.iterfind("limit")
+        }
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RefusedError(f"{path} is no URDF ({str(error)[:80]})") from error
+    for joint in JOINTS:
+        low, high, effort = limits.get(joint, [math.nan] * 3)
+        refuse_unless(
+            low < high and math.isfinite(high - low) and is_positive(effort),
+            f"{path}: limits of {joint} are not what they must be",
+        )
+    return (
+        {joint: (limits[joint][0], limits[joint][1]) for joint in JOINTS},
+        {joint: limits[joint][2] for joint in JOINTS},
     )
-    whole = {joint: given.get(joint, given.get(joint[3:])) for joint in JOINTS}
-    refuse_unless(None not in whole.values(), f"{path}: its {key!r} lacks a joint")
-    return whole
 
 
 def is_robot_name(value: Any) -> bool:
@@ -177,10 +179,6 @@ def stiffness_of(gains: Any) -> float:
 
 def is_row(value: Any, count: int) -> bool:
     return isinstance(value, list) and len(value) == count and all(map(is_number, value))
-
-
-def is_range(value: Any) -> bool:
-    return is_row(value, 2) and value[0] < value[1]
 
 
 MOST_BYTES = 100_000_000
