@@ -1,1 +1,1 @@
-"""The studio: formulas are changed while a robot walks by them."""
+"""Edit a formula while a robot walks by it."""

@@ -23,11 +23,11 @@ Port = Annotated[int, Ge(0), Le(65535)]
 
 @checked
 class OpenStudio(OnePolicy):
-    """Change a formula in the browser and watch the robot answer.
+    """Edit a formula in the browser while the robot walks by it.
 
     Attributes:
-        policy: `expert`, a kind of student, or path of a policy file; by default the student whose
-            actions are sums of the fewest terms. Formulas alone can be edited; other policies walk.
+        policy: A kind of student, or path of a file, whose policy is made of formulas; by default
+            the student with the fewest terms.
         scenario: Name of a scenario that ships, or path of a scenario file, in which the robot
             begins; of a discrete plant in Drake.
         seed: Seed of the sensors' noise and of pushes.
@@ -51,24 +51,26 @@ class OpenStudio(OnePolicy):
             if (error.name or "").partition(".")[0] not in ("nicegui", "fastapi", "uvicorn"):
                 raise
             raise InputError(MISSING) from error
-        # Imported here: it would import what proves and what rolls out before a mistake is found.
-        from glassgait.studies.studio.studio import Studio  # noqa: PLC0415
+        # Imported here: Drake takes seconds, and mistakes of the command line come before it.
+        from glassgait.studies.studio.live_robot import LiveRobot  # noqa: PLC0415
+        from glassgait.studies.studio.session import EditSession  # noqa: PLC0415
 
         found, name = self.find()
-        controller = found.controller(name)
+        policy = found.formulas(name)
         scenario = self._scenario(found.gait)
         folder = self.output or found.output(self.title)
         refuse_run(folder)
         with _listening(HOST, self.port) as listening:
-            studio = Studio(
-                found.gait, controller, scenario, folder, file=found.file(name), seed=self.seed
-            )
+            controller = found.controller(name)
+            robot = LiveRobot(found.gait, scenario, controller, seed=self.seed)
+            session = EditSession(policy, found.expert)
+            save_as = folder / f"{found.file(name).stem}_edited"
             try:
                 port = listening.getsockname()[1]
                 console.print(f"open http://{HOST}:{port} in a browser; Ctrl-C here ends it")
-                serve(studio, name, listening)
+                serve(robot, session, found.gait, save_as, listening)
             finally:
-                studio.stop()
+                robot.stop()
 
     def _scenario(self, gait: Gait) -> Scenario:
         scenario = load_scenario(self.scenario)

@@ -1,4 +1,4 @@
-"""A robot that walks at real time in a thread of its own, and a ghost that walks beside it."""
+"""A robot that walks in real time in its own thread, and a ghost that walks beside it."""
 
 import math
 import threading
@@ -9,325 +9,292 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydrake.geometry import Meshcat
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.live_display import LiveDisplay
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import push, recenter
+from glassgait.diagrams.rollout import begin_anew, make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.studies.studio.steered_robot import Sample, SteeredRobot, initial_command
+from glassgait.studies.common.play import pusher
 
-KEPT = 400
-"""Control steps that are kept (8 s)."""
+KEPT = 250
+"""Control steps that are kept (5 s)."""
 
 SHOWN_EVERY = 2
 """Control steps from one picture to the next: 25 pictures a second."""
 
-FALLEN_SECONDS = 1.0
-"""Time that a robot lies before both are put back on their feet (s)."""
-
-MOST_SCENARIOS = 64
-"""Scenarios whose diagrams are kept: of both robots they take about 4 MiB each."""
+FALLEN_STEPS = 50
+"""Control steps that a robot lies before both stand again."""
 
 PATIENCE = 0.25
-"""Lag (s) beyond which lost time is not caught up with: the robot goes on from now."""
+"""Lag (s) beyond which lost time is not caught up with."""
+
+SAMPLED = ("state", "rm_state", "foot_contact", "observations", "actions", "reward", "failures")
+"""Outputs of the diagram that are sampled."""
+
+
+class ExchangeablePolicy(Policy):
+    """Acts as the policy in `acting`, which may be exchanged between two control steps.
+
+    Policies of one file's versions share everything but their formulas.
+    """
+
+    kind = "exchangeable"
+
+    def __init__(self, acting: Policy) -> None:
+        super().__init__(acting.gait, acting.observation_names, robot=acting.robot)
+        self.joint_law, self.machine = acting.joint_law, acting.machine
+        self.observes_by, self._estimator = acting.observes_by, acting.estimator
+        self.acting = acting
+
+    def __call__(self, observation: Array) -> Array:
+        return self.acting(observation)
+
+    def digest(self) -> str:
+        return self.acting.digest()
 
 
 @dataclass(frozen=True)
-class Moment:
-    """Both robots at one control instant.
+class Sample:
+    """A robot at a control instant.
 
     Attributes:
-        number: Control steps since the studio began, those before a fall included.
-        robot: The robot.
-        ghost: The ghost, if it walks.
+        state: State of the plant (37).
+        rm_state: State of the reward machine (n_states, one-hot).
+        foot_contact: Which feet touch (4).
+        observation: Observation of the policy (n).
+        target: Joint targets from now on (12; rad).
+        reward: Reward of the step that ends now.
+        fallen: Whether the robot has fallen.
     """
 
-    number: int
-    robot: Sample
-    ghost: Sample | None
+    state: Array
+    rm_state: Array
+    foot_contact: Array
+    observation: Array
+    target: Array
+    reward: float
+    fallen: bool
 
 
-@dataclass
-class Count:
-    """What has been counted since the studio began.
+class _Walker:
+    """One robot in its diagram, advanced control step by control step."""
 
-    Attributes:
-        steps: Control steps.
-        late: Control steps that ended more than a control period after they should have.
-        falls: Falls of the robot.
-        ghost_falls: Falls of the ghost.
-    """
+    def __init__(self, gait: Gait, scenario: Scenario, controller: AlternatingController) -> None:
+        self._robot, self._scenario = controller.robot, scenario
+        self._diagram = MakeLocomotion(gait, scenario, policy=controller)
+        self._simulator = make_simulator(self._diagram)
+        self._context = self._simulator.get_mutable_context()
+        # Looked up once: pydrake's look-ups fail where another thread looks through all objects.
+        self._outputs = {name: self._diagram.GetOutputPort(name) for name in SAMPLED}
+        self._command = self._diagram.GetInputPort("command")
+        self._dwell = self._diagram.GetInputPort("commanded_dwell")
 
-    steps: int = 0
-    late: int = 0
-    falls: int = 0
-    ghost_falls: int = 0
+    def begin(self, seed: int) -> None:
+        """Stands again as at first, with other noise and pushes."""
+        begin_anew(self._simulator, seed=seed)
+        # Pushes that the scenario asks for.
+        self._pushed = pusher(self._simulator, self._scenario, seed)
+        self._step = 0
+
+    def steer(self, command: FixedCommand) -> None:
+        self._command.FixValue(self._context, [command.speed, command.yaw_rate])
+        self._dwell.FixValue(self._context, [float(command.dwell)])
+
+    def push(self, velocity: Array) -> None:
+        """Adds to the velocity of the trunk (3; m/s, along its heading)."""
+        state = np.array(self._outputs["state"].Eval(self._context))
+        forward = kinematics.rotation_matrix(state[quadruped.QUATERNION])[:, 0]
+        cosine, sine = forward[:2] / np.linalg.norm(forward[:2])
+        turned = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        push(self._diagram, self._context, turned @ velocity)
+
+    def advance(self) -> None:
+        self._pushed()
+        self._step += 1
+        if not self._scenario.station.terrain.is_plane:
+            recenter(self._diagram, self._context)
+        self._simulator.AdvanceTo(self._step * CONTROL_PERIOD)
+
+    def sample(self) -> Sample:
+        found = {name: np.array(port.Eval(self._context)) for name, port in self._outputs.items()}
+        return Sample(
+            state=found["state"],
+            rm_state=found["rm_state"],
+            foot_contact=found["foot_contact"],
+            observation=found["observations"],
+            target=self._robot.joint_targets(found["actions"]),
+            reward=float(found["reward"][0]),
+            fallen=bool((found["failures"] > 0.5).any()),
+        )
 
 
 class LiveRobot:
-    """Advances a robot and its ghost by the wall clock, and keeps what they did last.
+    """Advances a robot and its ghost by the wall clock, and keeps their last samples.
 
-    All that others ask for comes between two control steps, in the order in which they asked. A
-    robot that falls lies for a second; then both begin anew, standing, with the next seed.
+    Requests are carried out between two control steps, in order. If either robot falls, both stand
+    again after a second, with the next seed.
+
+    Attributes:
+        address: Address of Meshcat's page once the thread runs.
+        steering: The current command.
+        paused: Whether time stands still.
+        problem: Why the robot stopped, or None.
+        falls: Falls of the robot and of the ghost.
+        late: Share of recent control steps that were late, from 0 to 1.
     """
 
     def __init__(
-        self,
-        gait: Gait,
-        scenario: Scenario,
-        controllers: tuple[AlternatingController, AlternatingController],
-        *,
-        drawn: bool = True,
-        seed: int = 0,
-        clock: Callable[[], float] = time.perf_counter,
+        self, gait: Gait, scenario: Scenario, controller: AlternatingController, *, seed: int = 0
     ) -> None:
         """
-        Args:
-            gait: The gait.
-            scenario: The scenario in which both begin.
-            controllers: The robot's and the ghost's.
-            drawn: Whether they show in Meshcat.
-            seed: Seed of noise and pushes, the same for both; each new beginning adds 1.
-            clock: Gives the time (s).
-
         Raises:
-            InputError: if a policy does not fit.
+            InputError: if the policy does not fit the gait or the scenario.
         """
-        self._gait, self._controllers, self._drawn = gait, controllers, drawn
-        self._seed, self._clock = seed, clock
-        self._asked: deque[Callable[[], None]] = deque()
-        self._stopping, self._woken = threading.Event(), threading.Event()
-        self._lock = threading.Lock()
-        self._moments: deque[Moment] = deque(maxlen=KEPT)
-        self._fallen_at: int | None = None
-        self._built: dict[tuple[Scenario, int], SteeredRobot] = {}
-        self._known = {scenario}
-        self._steps_asked, self._stops_at = 0, math.inf
-        self._meshcat: Meshcat | None = None
-        self._display: LiveDisplay | None = None
+        self._gait, self._scenario, self._robot, self._seed = gait, scenario, controller.robot, seed
+        self._edited = ExchangeablePolicy(controller.policy)
+        controllers = (replace(controller, student=self._edited, period=0), controller)
+        self._walkers = [_Walker(gait, scenario, own) for own in controllers]
+        self._requests: deque[Callable[[], None]] = deque()
+        self._stopping = threading.Event()
+        self._samples: deque[tuple[Sample, Sample]] = deque(maxlen=KEPT)
+        self._lying = 0
         self.address: Future[str] = Future()
-        self.count = Count()
-        self.steering = initial_command(gait)
-        self.has_ghost = True
+        self.steering = FixedCommand(0.5 * gait.max_speed, 0.0, sum(gait.dwell) // 2)
         self.paused = False
         self.problem: str | None = None
-        self.scenario = scenario
-        self._begin(scenario)
+        self.falls, self.late = [0, 0], 0.0
+        self._begin()
         self._thread = threading.Thread(target=self._live, name="live robot", daemon=True)
 
     def start(self) -> None:
-        """Begins to walk; `address` then becomes that of Meshcat's page."""
+        """Starts to walk."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends for good."""
+        """Ends the thread."""
         self._stopping.set()
-        self._woken.set()
         if self._thread.is_alive():
             self._thread.join()
 
-    def ask(self, act: Callable[[], None]) -> None:
-        """Has something done between two control steps, in the robot's thread."""
-        self._asked.append(act)
-        self._woken.set()
+    def act_by(self, policy: Policy) -> None:
+        """Exchanges the policy of the robot, not of the ghost."""
+        self._requests.append(lambda: setattr(self._edited, "acting", policy))
 
-    def steer(self, steering: FixedCommand, *, lasts: float = math.inf) -> None:
-        """Commands both robots from the next control step on.
-
-        Args:
-            steering: The command.
-            lasts: Time after which both stop, unless they were commanded again (s).
-        """
-
-        def act() -> None:
-            self._stops_at = self._clock() + lasts
-            self._steer(steering)
-
-        self.ask(act)
-
-    def push(self, velocity: Array) -> None:
-        """Pushes both robots: adds to the trunk's velocity (3; m/s, along its heading)."""
-
-        def act() -> None:
-            for robot in self._robots:
-                robot.push(velocity)
-
-        self.ask(act)
-
-    def pause(self, paused: bool) -> None:
-        """Halts time, or lets it go on."""
-
-        def act() -> None:
-            self.paused, self._steps_asked = paused, 0
-            self.problem = None if not paused else self.problem
-
-        self.ask(act)
-
-    def step(self) -> None:
-        """Advances by one control step while time is halted."""
-
-        def act() -> None:
-            # Counted, not done: what is asked for is also looked at in the midst of a step.
-            self._steps_asked += self.paused
-
-        self.ask(act)
-
-    def restart(self, scenario: Scenario | None = None) -> None:
-        """Puts both back on their feet, in another scenario if one is given.
+    def steer(self, command: FixedCommand) -> None:
+        """Commands both robots.
 
         Raises:
-            InputError: if diagrams of as many scenarios are kept as may be.
+            InputError: if the command is beyond the gait's range.
         """
-        if scenario is not None and scenario not in self._known:
-            if len(self._known) >= MOST_SCENARIOS:
-                raise InputError(
-                    f"the studio keeps {MOST_SCENARIOS} slopes and latencies, and no more; go back "
-                    "to one of them, or start it anew"
-                )
-            self._known.add(scenario)
-        self.ask(lambda: self._begin(scenario or self.scenario))
+        command.check(self._gait)
+        self._requests.append(lambda: self._steer(command))
 
-    def set_ghost(self, walks: bool) -> None:
-        """Lets the ghost walk beside the robot, or not; both begin anew."""
+    def push(self, angle: float, speed: float) -> None:
+        """Pushes both robots in a direction (degrees, 0 ahead, 90 left) by a speed (m/s)."""
+        turned = math.radians(angle)
+        velocity = speed * np.array([math.cos(turned), math.sin(turned), 0.0])
 
-        def act() -> None:
-            self.has_ghost = walks
-            self._begin(self.scenario)
+        def push_both() -> None:
+            for walker in self._walkers:
+                walker.push(velocity)
 
-        self.ask(act)
+        self._requests.append(push_both)
 
-    def since(self, number: int) -> list[Moment]:
-        """Returns the moments that are kept after a number, in order."""
-        with self._lock:
-            return [moment for moment in self._moments if moment.number > number]
+    def pause(self, paused: bool) -> None:
+        """Stops time, or lets it go on."""
+        self.paused, self.problem = paused, None
 
-    def latest(self, n_steps: int = KEPT) -> list[Moment]:
-        """Returns the last moments, in order."""
-        with self._lock:
-            return list(self._moments)[-n_steps:]
+    def restart(self) -> None:
+        """Puts both robots back on their feet."""
+        self._requests.append(self._begin)
 
-    def _begin(self, scenario: Scenario) -> None:
-        self._robots = [self._robot(scenario, own) for own in range(1 + self.has_ghost)]
-        for robot in self._robots:
-            robot.begin_anew(self._seed)
-            robot.steer(self.steering)
-        if scenario != self.scenario:
-            self._display = None
-        self.scenario, self._fallen_at = scenario, None
+    def samples(self) -> list[tuple[Sample, Sample]]:
+        """Returns the last samples of robot and ghost, in order."""
+        return list(self._samples)
 
-    def _steer(self, steering: FixedCommand) -> None:
-        self.steering = steering
-        for robot in self._robots:
-            robot.steer(steering)
+    def _begin(self) -> None:
+        self._lying = 0
+        for walker in self._walkers:
+            walker.begin(self._seed)
+            walker.steer(self.steering)
 
-    def _robot(self, scenario: Scenario, own: int) -> SteeredRobot:
-        """Returns the robot of a controller in a scenario, which is built only once.
-
-        A diagram with systems of Python's is never freed: Drake holds their methods, and these
-        hold the systems. So diagrams are kept for when they are needed again.
-        """
-        if (scenario, own) not in self._built:
-            robot = SteeredRobot(self._gait, scenario, self._controllers[own], seed=self._seed)
-            self._built[scenario, own] = robot
-        return self._built[scenario, own]
+    def _steer(self, command: FixedCommand) -> None:
+        self.steering = command
+        for walker in self._walkers:
+            walker.steer(command)
 
     def _live(self) -> None:
         try:
             self._run()
         except BaseException as error:
-            # A thread that ends by SystemExit, as Drake's aborts are, ends without a word.
+            # A thread that ends by SystemExit, as Drake's aborts do, would end silently.
             self.problem = f"the robot's thread has ended: {type(error).__name__}: {error}"
             raise
 
     def _run(self) -> None:
-        if self._drawn:
-            # Drake's Meshcat takes calls of the thread alone that made it.
-            self._meshcat = open_meshcat()
-            self.address.set_result(self._meshcat.web_url())
-        due = self._clock()
+        # Meshcat takes calls only from the thread that made it.
+        meshcat = open_meshcat()
+        terrain = self._scenario.station.terrain
+        display = LiveDisplay(self._robot, self._gait, meshcat, terrain=terrain)
+        self.address.set_result(meshcat.web_url())
+        due, step = time.perf_counter(), 0
         while not self._stopping.is_set():
-            self._act()
-            if self.paused:
-                if self._steps_asked:
-                    self._steps_asked -= 1
-                    self._advance()
-                else:
-                    self._woken.wait(CONTROL_PERIOD)
-                    self._woken.clear()
-                due = self._clock()
-                continue
-            self._advance()
             due += CONTROL_PERIOD
-            left = due - self._clock()
-            self.count.late += left < -CONTROL_PERIOD
+            self.answer()
+            if not self.paused and self.advance():
+                step += 1
+                if step % SHOWN_EVERY == 0:
+                    self._draw(display)
+            left = due - time.perf_counter()
+            self.late += 0.01 * ((left < -CONTROL_PERIOD) - self.late)
             if left < -PATIENCE:
-                due = self._clock()
+                due = time.perf_counter()
             elif left > 0:
                 self._stopping.wait(left)
 
-    def _act(self) -> None:
-        while self._asked:
-            act = self._asked.popleft()
-            try:
-                act()
-            except InputError as error:
-                self._halt(error)
+    def answer(self) -> None:
+        """Carries out what was requested since the last control step."""
+        while self._requests:
+            self._requests.popleft()()
 
-    def _advance(self) -> None:
-        if self._clock() >= self._stops_at:
-            self._stops_at = math.inf
-            self._steer(replace(self.steering, speed=0.0, yaw_rate=0.0))
-        if self._fallen_at is not None:
-            if self.count.steps - self._fallen_at >= FALLEN_SECONDS / CONTROL_PERIOD:
+    def advance(self) -> bool:
+        """Advances both robots by a control step; returns False while they lie."""
+        if self._lying:
+            self._lying -= 1
+            if self._lying == 0:
                 self._seed += 1
-                self._begin(self.scenario)
-            else:
-                self.count.steps += 1
-                return
+                self._begin()
+            return False
         try:
-            for robot in self._robots:
-                robot.advance()
-            # What was asked for meanwhile acts in this instant's updates, before anything looks.
-            self._act()
-            robot, *ghost = [robot.sample() for robot in self._robots]
+            for walker in self._walkers:
+                walker.advance()
+            robot, ghost = (walker.sample() for walker in self._walkers)
         except InputError as error:
-            self._halt(error)
-            return
-        self.count.steps += 1
-        moment = Moment(self.count.steps, robot, ghost[0] if ghost else None)
-        with self._lock:
-            self._moments.append(moment)
-        self._note_falls(moment)
-        if self._meshcat is not None and self.count.steps % SHOWN_EVERY == 0:
-            self._draw(self._meshcat, moment)
+            self.problem, self.paused = str(error), True
+            self._begin()
+            return False
+        self._samples.append((robot, ghost))
+        for index, sample in enumerate((robot, ghost)):
+            self.falls[index] += sample.fallen
+            self._lying = FALLEN_STEPS if sample.fallen else self._lying
+        return True
 
-    def _note_falls(self, moment: Moment) -> None:
-        ghost_fell = moment.ghost is not None and moment.ghost.fallen
-        self.count.falls += moment.robot.fallen
-        self.count.ghost_falls += ghost_fell
-        if moment.robot.fallen or ghost_fell:
-            self._fallen_at = self.count.steps
-
-    def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
-        if self._display is None:
-            robot, terrain = self._controllers[0].robot, self.scenario.station.terrain
-            self._display = LiveDisplay(robot, self._gait, meshcat, terrain=terrain)
-        self._display.show(
-            moment.robot.state,
-            rm_state=moment.robot.rm_state,
-            foot_contact=moment.robot.foot_contact,
+    def _draw(self, display: LiveDisplay) -> None:
+        robot, ghost = self._samples[-1]
+        display.show(
+            robot.state,
+            rm_state=robot.rm_state,
+            foot_contact=robot.foot_contact,
             command=np.array([self.steering.speed, self.steering.yaw_rate]),
-            ghost=None if moment.ghost is None else moment.ghost.state,
+            ghost=ghost.state,
         )
-
-    def _halt(self, error: InputError) -> None:
-        """Halts time: what is asked for cannot be done, such as an action that is not finite."""
-        self.problem, self.paused, self._steps_asked = str(error), True, 0
-        self._seed += 1
-        self._begin(self.scenario)

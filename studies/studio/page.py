@@ -1,39 +1,33 @@
-"""The studio's page: NiceGUI carries messages between a browser and the studio, and no more."""
+"""The studio's page: NiceGUI's elements around Meshcat's picture."""
 
 import asyncio
-import json
 import secrets
 import socket
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import uvicorn
 from fastapi import FastAPI
-from nicegui import Client, ui
 from nicegui import app as nicegui_app
-from nicegui.events import GenericEventArguments
+from nicegui import ui
 
+from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.errors import InputError
-from glassgait.studies.common.pages import embedded, page_template
-from glassgait.studies.studio.messages import Joint, Shown, read_message
+from glassgait.models.formulas.tape import Tape
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.studies.studio.live_robot import LiveRobot
 from glassgait.studies.studio.session import EditSession
-from glassgait.studies.studio.studio import Studio
-from glassgait.studies.studio.views import file_view, formula_view, frame, panel, setup, status
-
-TEMPLATES = Path(__file__).parent / "templates"
-
-SCRIPTS = ("gamepad.js", "studio.js")
 
 HOST = "127.0.0.1"
-"""The studio is for the machine that it runs on alone."""
+"""The studio serves only the machine that it runs on."""
 
-FRAME_PERIOD = 0.04
-"""Time between two messages with what the robot does (s)."""
-
-MOST_AHEAD = 3
-"""Messages that a page has not taken yet from which on it is sent no more: else those of a page
-that is slower than the robot would wait in an ever longer line."""
+REFRESH = 0.2
+"""Time between two updates of the page (s)."""
 
 RECONNECT = 30.0
 """Time that a busy machine has to build the page, and that a browser may be out of reach (s)."""
@@ -41,24 +35,35 @@ RECONNECT = 30.0
 SWITCH_INTERVAL = 1e-3
 """How long the robot's thread may keep Python to itself while messages wait (s)."""
 
+SECOND = round(1.0 / CONTROL_PERIOD)
+"""Control steps of a second."""
 
-def serve(studio: Studio, policy_name: str, listening: socket.socket) -> None:
+PUSHES = {"ahead": 0.0, "left": 90.0, "back": 180.0, "right": -90.0}
+"""Direction of each push (degrees)."""
+
+MONOSPACE = "font-family: ui-monospace, Menlo, Consolas, monospace; font-size: 13px;"
+
+
+def serve(
+    robot: LiveRobot, session: EditSession, gait: Gait, save_as: Path, listening: socket.socket
+) -> None:
     """Serves the page until Ctrl-C.
 
     Args:
-        studio: The studio; its robot begins to walk once the page can be opened.
-        policy_name: What the page calls the policy.
+        robot: The robot, which starts to walk once the page can be opened.
+        session: The edits.
+        gait: The gait.
+        save_as: Folder and stem of the file that is saved.
         listening: A socket that listens at `HOST`.
     """
     app = FastAPI(openapi_url=None)
 
     @ui.page("/", response_timeout=RECONNECT)
     async def root() -> None:
-        await _page(studio, policy_name)
+        await _Page(robot, session, gait, save_as).build()
 
-    # Not before: NiceGUI looks through all objects as it starts, which pydrake's look-ups in
-    # another thread do not bear.
-    nicegui_app.on_startup(studio.start)
+    # NiceGUI looks through all objects as it starts, which fails beside pydrake's own look-ups.
+    nicegui_app.on_startup(robot.start)
     ui.run_with(
         app,
         title="GlassGait studio",
@@ -77,86 +82,188 @@ def serve(studio: Studio, policy_name: str, listening: socket.socket) -> None:
         sys.setswitchinterval(before)
 
 
-async def _page(studio: Studio, policy_name: str) -> None:
-    """Builds the page, once for each browser that opens it."""
-    client = ui.context.client
-    ui.query(".nicegui-content").classes("studio-content")
-    ui.add_head_html(f"<style>{(TEMPLATES / 'studio.css').read_text()}</style>")
-    given = setup(studio, policy_name)
-    given["meshcat"] = await asyncio.wrap_future(studio.robot.address)
-    ui.html(page_template(TEMPLATES, "studio.html").render(**given), sanitize=False)
-    script = "\n".join((TEMPLATES / name).read_text() for name in SCRIPTS)
-    ui.add_body_html(f"<script>const SETUP = {embedded(given)};\n{script}</script>")
-    connection = _Connection(studio, client)
-    ui.on("studio", connection.take)
-    ui.timer(FRAME_PERIOD, connection.send)
+class _Page:
+    """The page of one browser."""
 
+    def __init__(self, robot: LiveRobot, session: EditSession, gait: Gait, save_as: Path) -> None:
+        self._robot, self._session = robot, session
+        self._gait, self._save_as = gait, save_as
+        self._place = session.places[0]
+        self._shown: tuple[Any, Any] | None = None
+        self._texts: list[str] = []
 
-class _Connection:
-    """What one browser has been sent so far."""
+    async def build(self) -> None:
+        """Builds the page, and keeps it up to date."""
+        ui.query("html").props('lang="en"')
+        # Quasar's own blue is too light to read text on.
+        ui.colors(primary="#005a8c", negative="#a40000")
+        address = await asyncio.wrap_future(self._robot.address)
+        with ui.element("main").classes("row no-wrap").style("width: 100%; gap: 1rem"):
+            with ui.column().style("flex: 1; min-width: 0"):
+                with ui.element("h1").style("font-size: 1.4rem; line-height: 1.2; margin: 0"):
+                    ui.label(f"Studio: {self._gait.name}")
+                scene = ui.element("iframe").style("width: 100%; height: 45vh; border: 0")
+                scene.props(f'src="{address}" title="The robot, and its ghost in grey"')
+                self._build_controls()
+                self._status = ui.label().props('role="status"')
+                self._chart = ui.echart(_chart_options()).style("width: 100%; height: 180px")
+            with ui.column().style("flex: 1; min-width: 0"):
+                self._build_editor()
+        self._refresh()
+        ui.timer(REFRESH, self._refresh)
 
-    def __init__(self, studio: Studio, client: Client) -> None:
-        self._studio, self._client = studio, client
-        self._number, self._joint = 0, 0
-        self._sent, self._shown = 0, 0
-        self._status: dict[str, Any] | None = None
-        self._place: tuple[int, ...] | None = None
-        self._formula: tuple[tuple[int, ...], tuple[float, ...]] | None = None
-        self._digested: tuple[float, ...] | None = None
-        self._works: tuple[str | None, str | None] | None = None
+    def _build_controls(self) -> None:
+        gait, steering = self._gait, self._robot.steering
+        ranges = {
+            "forward speed (m/s)": (-gait.max_speed, gait.max_speed, 0.05, steering.speed),
+            "yaw rate (rad/s)": (-gait.max_yaw_rate, gait.max_yaw_rate, 0.05, steering.yaw_rate),
+            "control steps in a state": (*gait.dwell, 1, steering.dwell),
+        }
+        self._sliders = []
+        with ui.grid(columns="12rem 1fr 4rem").style("width: 100%; align-items: center"):
+            for name, (least, most, step, value) in ranges.items():
+                ui.label(name)
+                slider = ui.slider(
+                    min=least, max=most, step=step, value=value, on_change=self._steer
+                )
+                slider.props(f'aria-label="{name}"')
+                ui.label().bind_text_from(slider, "value", lambda own: f"{own:g}")
+                self._sliders.append(slider)
+        with ui.row().style("align-items: center"):
+            ui.label("push by 1 m/s")
+            for name, angle in PUSHES.items():
+                ui.button(name, on_click=partial(self._robot.push, angle, 1.0)).props("dense")
+            ui.button("stand again", on_click=self._robot.restart).props("dense outline")
+            pause = ui.switch("pause", on_change=lambda event: self._robot.pause(bool(event.value)))
+            self._pause = pause
 
-    def take(self, event: GenericEventArguments) -> None:
-        """Does what the page asks for; what is no message changes nothing."""
+    def _build_editor(self) -> None:
+        titles = {index: self._title(place) for index, place in enumerate(self._session.places)}
+        with ui.row().style("align-items: center"):
+            choice = ui.select(titles, value=0, label="formula", on_change=self._choose)
+            choice.style("min-width: 14rem")
+            for name in ("undo", "redo", "reset"):
+                act = getattr(self._session, name)
+                ui.button(name, on_click=partial(self._change, act)).props("dense outline")
+            ui.button("save", on_click=self._save).props("dense")
+        self._text = ui.textarea().props('outlined rows=8 aria-label="formula"')
+        self._text.style("width: 100%; " + MONOSPACE)
+        ui.button("apply", on_click=self._edit).props("dense")
+        self._sum = ui.label()
+        columns = [
+            {"name": name, "label": name, "field": name, "align": align}
+            for name, align in (("term", "left"), ("adds (rad)", "right"))
+        ]
+        self._terms = ui.table(columns=columns, rows=[], row_key="term", pagination=12)
+        self._terms.props("dense")
+        self._terms.style("width: 100%; " + MONOSPACE)
+        with ui.expansion("Changed lines of the file").style("width: 100%"):
+            self._diff = ui.code("", language="diff").style("width: 100%")
+
+    def _title(self, place: tuple[int, ...]) -> str:
+        joint = quadruped.JOINTS[place[-1]].replace("_", " ")
+        return joint if len(place) == 1 else f"{joint} in {self._gait.states[place[0]]}"
+
+    def _steer(self) -> None:
+        speed, yaw_rate, dwell = (slider.value for slider in self._sliders)
         try:
-            message = read_message(event.args)
-            match message:
-                case Shown(number=number):
-                    self._shown = max(self._shown, min(number, self._sent))
-                case Joint(joint=joint):
-                    self._joint, self._number = joint, 0
-                case _:
-                    self._studio.handle(message)
+            self._robot.steer(FixedCommand(float(speed), float(yaw_rate), round(dwell)))
         except InputError as error:
-            self._studio.notice = str(error)
+            ui.notify(str(error), type="negative")
 
-    async def send(self) -> None:
-        """Sends what is new in one message."""
-        if not self._client.has_socket_connection or self._sent - self._shown >= MOST_AHEAD:
+    def _choose(self, event: Any) -> None:
+        self._place = self._session.places[event.value]
+        self._refresh()
+
+    async def _change(self, act: Any) -> None:
+        """Edits in another thread, and lets the robot act by the result."""
+        try:
+            await asyncio.to_thread(act)
+        except InputError as error:
+            ui.notify(str(error), type="negative")
             return
-        studio = self._studio
-        studio.look()
-        whole: dict[str, Any] = {"frame": frame(studio, self._number, self._joint)}
-        self._number = whole["frame"]["number"]
-        if studio.session is not None and self._place != studio.reader.place:
-            self._place = studio.reader.place
-            whole["panel"] = panel(studio)
-            self._status = None
-            # Of the joint that is drawn now the page has nothing yet.
-            whole["frame"] = frame(studio, 0, self._joint)
-        now = status(studio)
-        if now != self._status:
-            whole["status"] = self._status = now
-        if studio.session is not None:
-            await self._send_file(whole, studio.session)
-        self._sent += 1
-        shown = json.dumps({"kind": Shown.title, "number": self._sent})
-        self._client.run_javascript(
-            f"emitEvent('studio', {shown}); window.studio && studio.take({json.dumps(whole)})"
+        self._robot.act_by(self._session.policy)
+        self._refresh()
+
+    async def _edit(self) -> None:
+        place, text = self._place, str(self._text.value or "")
+        await self._change(lambda: self._session.replace(place, text))
+
+    def _save(self) -> None:
+        path = self._session.save(self._save_as.parent, self._save_as.name)
+        ui.notify(f"saved to {path}; every command takes it with --policy")
+
+    def _show_formula(self) -> None:
+        """Shows the text of the formula, after an edit or another choice."""
+        session = self._session
+        self._shown = (self._place, session.policy)
+        terms = session.terms(self._place)
+        self._tape = Tape([term for term, _ in terms], len(session.policy.vocabulary.symbols))
+        self._texts = [text for _, text in terms]
+        self._text.set_value(session.text(self._place))
+        self._diff.set_content("\n".join(session.diff()) or "nothing has changed")
+
+    def _refresh(self) -> None:
+        """Shows what the robot does, and what each term adds now."""
+        if self._shown != (self._place, self._session.policy):
+            self._show_formula()
+        samples = self._robot.samples()
+        self._pause.set_value(self._robot.paused)
+        if not samples:
+            return
+        robot = samples[-1][0]
+        observations = np.stack([own.observation for own, _ in samples[-SECOND:]])
+        values = self._tape(self._session.policy.quantities(observations))
+        # Ranked by the last second, so that rows keep their places within a stride.
+        ranked = np.argsort(-np.abs(values).mean(axis=0), kind="stable")
+        self._terms.rows[:] = [
+            {"term": self._texts[index], "adds (rad)": f"{values[-1, index]:+.4f}"}
+            for index in ranked
+        ]
+        self._terms.update()
+        state, joint = int(robot.rm_state.argmax()), self._place[-1]
+        acts = len(self._place) == 1 or self._place[0] == state
+        self._sum.set_text(
+            f"The terms add up to {values[-1].sum():+.3f} rad. The machine is in "
+            f"{self._gait.states[state]}, where this formula {'acts' if acts else 'rests'}."
         )
+        self._status.set_text(self._robot.problem or self._measures(samples[-SECOND:]))
+        joints = (quadruped.JOINT_POSITION.start or 0) + joint
+        self._chart.options["series"][0]["data"] = _points(own.target[joint] for own, _ in samples)
+        for index, which in ((1, 0), (2, 1)):
+            angles = (pair[which].state[joints] for pair in samples)
+            self._chart.options["series"][index]["data"] = _points(angles)
+        self._chart.update()
 
-    async def _send_file(self, whole: dict[str, Any], session: EditSession) -> None:
-        """Adds the formula's lines, and what becomes of the file, once numbers are at rest.
+    def _measures(self, samples: list) -> str:
+        parts = []
+        for name, index in (("robot", 0), ("ghost", 1)):
+            own = [pair[index] for pair in samples]
+            speed = np.mean([kinematics.base_velocity(one.state)[0][0] for one in own])
+            reward = np.mean([one.reward for one in own]) / CONTROL_PERIOD
+            parts.append(
+                f"{name}: {speed:.2f} m/s, reward {reward:.1f} a second, "
+                f"{self._robot.falls[index]} falls"
+            )
+        return f"{'; '.join(parts)}; {100 * self._robot.late:.0f} % of steps late"
 
-        Both are of the whole file with its numbers, which takes longer than a frame to make.
-        """
-        studio, numbers = self._studio, session.numbers
-        if not studio.is_at_rest and "panel" not in whole:
-            return
-        formula = (studio.reader.place, numbers)
-        if formula != self._formula:
-            self._formula = formula
-            whole["formula"] = await asyncio.to_thread(formula_view, studio)
-        works = (studio.verified_digest, studio.evaluated_digest)
-        if (numbers, works) != (self._digested, self._works):
-            self._digested, self._works = numbers, works
-            whole["file"] = await asyncio.to_thread(file_view, studio)
+
+def _points(values: Any) -> list[float]:
+    return [round(float(value), 3) for value in values]
+
+
+def _chart_options() -> dict[str, Any]:
+    names = ("target", "robot", "ghost")
+    line = {"type": "line", "showSymbol": False, "data": []}
+    styles: list[dict[str, str]] = [{"type": "dashed"}, {}, {"type": "dotted"}]
+    return {
+        "animation": False,
+        "legend": {"data": list(names), "top": 0},
+        "grid": {"left": 50, "right": 10, "top": 30, "bottom": 25},
+        "xAxis": {"type": "category", "show": False},
+        "yAxis": {"type": "value", "scale": True, "name": "joint (rad)"},
+        "series": [
+            {**line, "name": name, "lineStyle": style}
+            for name, style in zip(names, styles, strict=True)
+        ],
+    }

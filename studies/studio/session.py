@@ -1,186 +1,116 @@
-"""An edit session: the numbers of a formula file, the changes made to them, and the way back."""
+"""An edit session: versions of a formula policy, with undo, diff and a file of the result."""
 
 import difflib
-import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import isfinite
+from pathlib import Path
 
-from glassgait.models.errors import InputError, shown
-from glassgait.models.formulas.expression import LARGEST
-from glassgait.models.formulas.file import FormulaFile, write_formulas
-from glassgait.models.formulas.numbers import FileNumbers
-from glassgait.models.formulas.text import written_number
+from glassgait.models.files import write_atomically
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.file import write_formulas
+from glassgait.models.formulas.mirror import Place
+from glassgait.models.formulas.text import parse_formula, write_formula
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
 
 MOST_VERSIONS = 1000
 """Versions that can be undone; the oldest are forgotten."""
 
 
-@dataclass(frozen=True)
-class Version:
-    """The numbers at one moment of a session.
-
-    Attributes:
-        numbers: The file's numbers (p), in its order.
-        off: What numbers were that are 0 because their term is switched off, by index.
-        change: What was done last, in words.
-    """
-
-    numbers: tuple[float, ...]
-    off: Mapping[int, float] = field(default_factory=dict)
-    change: str = ""
-
-
 class EditSession:
-    """The numbers of a formula file, with undo and redo.
+    """The versions of a policy whose formulas are edited.
+
+    Formulas that the file leaves out, because they are mirror images, follow those that it holds.
 
     Attributes:
-        numbered: The file that it began with, and where its numbers stand.
-        text: The file's text as it was read.
+        places: Places of the formulas that the file holds.
     """
 
-    def __init__(self, numbered: FileNumbers, text: str) -> None:
+    def __init__(self, policy: FormulaPolicy, expert: Policy) -> None:
         """
         Args:
-            numbered: The file.
-            text: Its text, which is what the session writes so long as nothing is changed.
+            policy: The policy to start from.
+            expert: Its expert, whose estimator a file without odometry needs.
         """
-        self.numbered = numbered
-        self.text = text
-        self._versions = [Version(numbered.start)]
+        self._expert = expert
+        self._versions = [policy]
         self._at = 0
-        self._dragged: int | None = None
-        self._file = numbered.start, numbered.file
+        self.places: tuple[Place, ...] = tuple(policy.to_file().written())
+        self._saved: Path | None = None
 
     @property
-    def version(self) -> Version:
-        """The version that counts."""
+    def policy(self) -> FormulaPolicy:
+        """The current version."""
         return self._versions[self._at]
 
     @property
-    def numbers(self) -> tuple[float, ...]:
-        """The numbers that count (p)."""
-        return self.version.numbers
-
-    def shown(self, index: int) -> float:
-        """Returns a number as it is, or was before its term was switched off."""
-        return self.version.off.get(index, self.numbers[index])
-
-    def change(self, index: int, value: float, *, goes_on: bool = False) -> None:
-        """Changes a number; that of a term that is switched off counts once that is on again.
-
-        Args:
-            index: Which number, in the file's order.
-            value: What it is to be.
-            goes_on: Whether it is one with the change before it, if that was of the same number
-                and nothing else came between: what is dragged is undone at once.
-
-        Raises:
-            InputError: if there is no such number, or the value cannot stand in a file.
-        """
-        self._refuse_unknown(index)
-        if not isfinite(value) or abs(value) > LARGEST:
-            raise InputError(f"a number of a formula is {shown(value)}; give a smaller one")
-        now = self.version
-        words = f"{written_number(self.shown(index))} → {written_number(value)}"
-        if index in now.off:
-            own = replace(now, off={**now.off, index: value})
-        else:
-            own = replace(now, numbers=_with(now.numbers, index, value))
-        self._add(replace(own, change=words), goes_on=goes_on and self._dragged == index)
-        self._dragged = index
-
-    def switch(self, index: int, on: bool) -> None:
-        """Switches the term off that a number stands before, or on again.
-
-        Raises:
-            InputError: if there is no such number.
-        """
-        self._refuse_unknown(index)
-        now = self.version
-        if on == (index not in now.off):
-            return
-        if on:
-            off = {own: value for own, value in now.off.items() if own != index}
-            numbers, change = _with(now.numbers, index, now.off[index]), "switched on"
-        else:
-            off = {**now.off, index: now.numbers[index]}
-            numbers, change = _with(now.numbers, index, 0.0), "switched off"
-        self._add(Version(numbers, off, change))
-
-    def reset(self) -> None:
-        """Goes back to the file that it began with, which can be undone as well."""
-        if self.is_changed or self.version.off:
-            self._add(Version(self.numbered.start, {}, "as it was"))
-
-    @property
-    def can_undo(self) -> bool:
-        """Whether there is a version before."""
-        return self._at > 0
-
-    @property
-    def can_redo(self) -> bool:
-        """Whether there is a version that was undone."""
-        return self._at + 1 < len(self._versions)
-
-    def undo(self) -> None:
-        """Goes back one version, if there is one."""
-        self._at -= self.can_undo
-        self._dragged = None
-
-    def redo(self) -> None:
-        """Goes on one version, if there is one."""
-        self._at += self.can_redo
-        self._dragged = None
+    def original(self) -> FormulaPolicy:
+        """The version that the session started from."""
+        return self._versions[0]
 
     @property
     def is_changed(self) -> bool:
-        """Whether a number is another one than in the file that it began with."""
-        return self.numbers != self.numbered.start
+        """Whether the current version differs from the original."""
+        return self.policy is not self.original
 
-    def changed(self) -> tuple[int, ...]:
-        """Returns which numbers are others than in the file that it began with."""
-        pairs = enumerate(zip(self.numbers, self.numbered.start, strict=True))
-        return tuple(index for index, (now, before) in pairs if now != before)
+    def text(self, place: Place) -> str:
+        """Returns a formula as its file writes it, on one line."""
+        return write_formula(self._formula(place), self.policy.vocabulary.symbols)
 
-    def file(self) -> FormulaFile:
-        """Returns the file with the numbers that count."""
-        numbers, file = self._file
-        if numbers != self.numbers:
-            numbers = self.numbers
-            file = self.numbered.replaced(numbers)
-            self._file = numbers, file
-        return file
+    def terms(self, place: Place) -> list[tuple[Expression, str]]:
+        """Returns the terms of a formula, each with its text."""
+        symbols = self.policy.vocabulary.symbols
+        return [(term, write_formula(term, symbols)) for term in self._formula(place).terms()]
 
-    def written(self) -> str:
-        """Returns the text of the file with the numbers that count."""
-        return write_formulas(self.file()) if self.is_changed else self.text
+    def replace(self, place: Place, text: str) -> None:
+        """Replaces a formula by text in the syntax of the file.
 
-    def digest(self) -> str:
-        """Returns the SHA-256 of that text, as certificates name it."""
-        return hashlib.sha256(self.written().encode()).hexdigest()
-
-    def diff(self) -> tuple[str, ...]:
-        """Returns what has changed, as lines of a unified diff without its head."""
-        if not self.is_changed:
-            return ()
-        before = write_formulas(self.numbered.file).splitlines()
-        lines = difflib.unified_diff(before, self.written().splitlines(), lineterm="", n=0)
-        return tuple(lines)[2:]
-
-    def _add(self, version: Version, *, goes_on: bool = False) -> None:
-        first = self._at if goes_on else self._at + 1
-        self._versions[first:] = [version]
-        del self._versions[: len(self._versions) - MOST_VERSIONS]
+        Raises:
+            InputError: if the text is not a formula, or its names are unknown.
+        """
+        file = self.policy.to_file()
+        formula = parse_formula(text, file.vocabulary.symbols)
+        formulas = {**file.written(), place: formula}
+        edited = file.with_written(file.written_definitions(), formulas)
+        policy = FormulaPolicy.from_file(edited, self.policy.robot)
+        if policy.estimator is None:
+            policy = policy.with_estimator_of(self._expert)
+        self._versions[self._at + 1 :] = [policy]
+        # The original stays, for the diff and for `reset`.
+        del self._versions[1 : len(self._versions) - MOST_VERSIONS]
         self._at = len(self._versions) - 1
-        self._dragged = None
 
-    def _refuse_unknown(self, index: int) -> None:
-        if not 0 <= index < len(self.numbers):
-            raise InputError(
-                f"number {index} is not in the file; name one from 0 to {len(self.numbers) - 1}"
-            )
+    def _formula(self, place: Place) -> Expression:
+        return self.policy.to_file().formulas[place]
 
+    def undo(self) -> None:
+        """Goes back one version if possible."""
+        self._at = max(0, self._at - 1)
 
-def _with(numbers: Sequence[float], index: int, value: float) -> tuple[float, ...]:
-    return (*numbers[:index], value, *numbers[index + 1 :])
+    def redo(self) -> None:
+        """Goes forward one version if possible."""
+        self._at = min(len(self._versions) - 1, self._at + 1)
+
+    def reset(self) -> None:
+        """Goes back to the original; later versions can be redone."""
+        self._at = 0
+
+    def diff(self) -> list[str]:
+        """Returns the changed lines of the file as a unified diff without its head."""
+        before, after = (
+            write_formulas(policy.to_file()).splitlines() for policy in (self.original, self.policy)
+        )
+        return list(difflib.unified_diff(before, after, lineterm="", n=0))[2:]
+
+    def save(self, folder: Path, stem: str) -> Path:
+        """Writes the current version to a file of its own, and returns the path.
+
+        A later save of the same session replaces the file; files of other sessions stay.
+        """
+        path, number = self._saved, 1
+        while path is None:
+            name = stem if number == 1 else f"{stem}_{number}"
+            free = folder / f"{name}{FormulaPolicy.suffix}"
+            path, number = (None if free.exists() else free), number + 1
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, write_formulas(self.policy.to_file()))
+        self._saved = path
+        return path

@@ -1,0 +1,87 @@
+"""Pages in a browser: they can be read and used, and the studio answers."""
+
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from glassgait.models.policies.library import load_policy
+from glassgait.studies.cli import main
+
+pytestmark = pytest.mark.slow
+
+TROT = ["--gait", "trot", "--policy", "sparse_formula"]
+
+PAGES = {
+    "explain page": ["explain", "page", *TROT, "--n-steps", "40"],
+    "view": ["view", *TROT, "--n-steps", "20"],
+}
+
+
+@pytest.mark.parametrize("kind", PAGES)
+def test_a_page_that_a_command_writes_can_be_read(kind, faults_of, tmp_path):
+    main([*PAGES[kind], "--output", str(tmp_path / "run")])
+    for page in (tmp_path / "run").glob("*.html"):
+        assert faults_of(page) == []
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """The studio's command: its address and its folder."""
+    folder = tmp_path_factory.mktemp("studio") / "run"
+    program = "from glassgait.studies.cli import main; main()"
+    command = [sys.executable, "-c", program, "studio", "--port", "0", "--output", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    found = (re.search(r"open (http://127\.0\.0\.1:\d+)", line) for line in process.stdout)
+    yield next(address[1] for address in found if address), folder
+    process.terminate()
+    process.wait(timeout=60)
+
+
+def until(condition, patience=180.0):
+    end = time.monotonic() + patience
+    while time.monotonic() < end:
+        try:
+            if found := condition():
+                return found
+        except Exception as error:
+            print(error)
+        time.sleep(0.2)
+    raise AssertionError("did not happen in time")
+
+
+def press(browser, name):
+    for button in browser.find_elements("css selector", "button"):
+        if button.text.lower() == name:
+            button.click()
+            return
+    raise AssertionError(f"no button {name}")
+
+
+def test_the_studio_edits_a_formula_while_the_robot_walks(studio, browser, find_barriers):
+    address, folder = studio
+    until(lambda: browser.get(address) or "m/s" in browser.page_source)
+    field = until(lambda: browser.find_element("css selector", "textarea[aria-label=formula]"))
+    until(lambda: "robot:" in browser.find_element("css selector", "[role=status]").text)
+    assert find_barriers(browser, "main") == []
+    first, rest = field.get_attribute("value").split(" ", maxsplit=1)
+    keys = pytest.importorskip("selenium.webdriver").Keys
+    field.send_keys(keys.CONTROL, "a")
+    field.send_keys(f"{float(first) + 0.1:.3g} {rest}")
+    press(browser, "apply")
+    browser.find_element("css selector", ".q-expansion-item .q-item").click()
+    until(lambda: "+FL_hip = " in browser.find_element("css selector", ".q-expansion-item").text)
+    press(browser, "save")
+    (path,) = until(lambda: list(folder.glob("*.formulas")))
+    assert load_policy(path).to_text() == Path(path).read_text()
+    assert float(re.findall(r"^FL_hip = (\S+)", path.read_text(), re.M)[0]) == pytest.approx(
+        float(first) + 0.1, rel=1e-2
+    )
+    field.send_keys(keys.CONTROL, "a")
+    field.send_keys("0.1*")
+    press(browser, "apply")
+    until(lambda: "formula" in browser.find_element("css selector", ".q-notification").text)
