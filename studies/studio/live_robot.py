@@ -13,8 +13,7 @@ import numpy as np
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.live_display import LiveDisplay
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.plant_state import push, recenter
-from glassgait.diagrams.rollout import begin_anew, make_simulator
+from glassgait.diagrams.rollout import begin_anew, make_simulator, push, recenter
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.arrays import Array
