@@ -9,9 +9,8 @@ from pydrake.common import Parallelism
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from glassgait.diagrams.ground import set_friction
 from glassgait.diagrams.physics import EnginePhysics, Held
-from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
+from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints, set_friction
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot

@@ -1,10 +1,11 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
 from functools import partial
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from pydrake.common import RandomDistribution
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Diagram,
     DiagramBuilder,
@@ -15,28 +16,19 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Multiplexer, PortSwitch, RandomSource
 
 from glassgait.diagrams.commands import AddCommand, AddSeed
-from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
+from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints, laid
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.contact import stuck_sensors
 from glassgait.models.estimation.imu import N_IMU
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.policies.controller import (
-    AlternatingController,
-    Controller,
-    Estimator,
-    alone,
-    estimator_in_loop,
-    expert_of,
-)
-from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.models.task.terrain import Terrain
 from glassgait.systems.control import (
     ActionHold,
     AlternationSchedule,
@@ -58,6 +50,10 @@ from glassgait.systems.sensors import (
     SensorBias,
 )
 
+if TYPE_CHECKING:
+    from glassgait.models.policies.controller import AlternatingController, Controller, Estimator
+    from glassgait.models.policies.policy import Policy
+
 Ports = dict[str, OutputPort]
 """Output ports by what they give."""
 
@@ -75,7 +71,7 @@ def MakeLocomotion(  # noqa: N802
     gait: Gait,
     scenario: Scenario | None = None,
     *,
-    policy: Controller | Policy | None = None,
+    policy: "Controller | Policy | None" = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Builds the station with its sensors, the controller and the task around it.
@@ -92,15 +88,13 @@ def MakeLocomotion(  # noqa: N802
     to the gait's ranges; each may stay unconnected, and then the scenario's command holds.
     actions (12), only without a policy.
     Outputs: actions (12), only with a policy. observations (47 + n_states, 6 more with an IMU).
-    reward (1) and plain_reward (1) of the step that ends now, reward_terms (13). failures (7).
-    rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps). foot_contact
-    (4), foot_height (4, m). command (2), commanded_dwell (1). state (37), the plant's. imu (9), the
-    IMU's reading, only where it is needed.
+    reward and plain_reward (1) of the step that ends now, reward_terms (13). failures (7). rm_state
+    (n_states, one-hot), rm_iterations, served_dwell (1, control steps). foot_contact, foot_height
+    (4; none, m). state (37), the plant's. imu (9), only where it is needed.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest; `SetRandomContext` draws its pose, the sensors'
-    errors and commands. Pushes come from the code that advances the simulator; see
-    `glassgait.diagrams.rollout.push`.
+    errors and commands. Pushes come from outside; see `glassgait.diagrams.rollout.push`.
 
     Args:
         gait: The gait whose reward machine runs.
@@ -109,17 +103,14 @@ def MakeLocomotion(  # noqa: N802
         meshcat: Shows robot, contacts and machine state there.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or has no estimator and
-            the scenario does not ask for the true body state; or the gait is not made for the
-            command.
+        InputError: if the policy or the command does not fit the gait or the scenario.
     """
     scenario, builder = scenario or Scenario(), DiagramBuilder()
     robot, law = scenario.robot_of(policy), scenario.joint_law(policy)
-    controller = alone(policy) if isinstance(policy, Policy) else policy
-    estimator = controller and estimator_in_loop(
-        controller, true_body_state=scenario.true_body_state
-    )
-    has_imu = controller is not None and expert_of(controller).layout.imu
+    controller, estimator = None, None
+    if policy is not None:
+        controller, estimator = _taken(policy, true_body_state=scenario.true_body_state)
+    has_imu = controller is not None and controller.expert.layout.imu
     layout = ObservationLayout(gait.n_states, imu=has_imu)
     add = partial(_add, builder)
 
@@ -153,26 +144,39 @@ def MakeLocomotion(  # noqa: N802
     # Reward, failures and display.
     ports |= _add_task(builder, robot, scenario, law, ports)
     if meshcat is not None:
-        # Imported here: most diagrams show nothing.
-        from glassgait.diagrams.visualization import AddLocomotionDisplay  # noqa: PLC0415
-
-        AddLocomotionDisplay(
-            builder,
-            robot,
-            gait,
-            station.terrain,
-            meshcat,
-            plant=plant,
-            scene_graph=scene_graph,
-            rm_state=ports["rm_state"],
-            foot_contact=ports["foot_contact"],
-        )
+        _add_display(builder, robot, gait, station.terrain, meshcat, plant, scene_graph, ports)
     for name in OUTPUTS:
         if name in ports:
             builder.ExportOutput(ports[name], name)
     diagram = builder.Build()
     diagram.set_name("Locomotion")
     return diagram
+
+
+def _taken(
+    policy: "Controller | Policy", *, true_body_state: bool
+) -> tuple["AlternatingController", "Estimator | None"]:
+    """Returns the controller of a policy, and its estimator.
+
+    Raises:
+        InputError: if it is a controller that no system here acts as, or has no estimator, and the
+            true body state is not asked for.
+    """
+    # Imported here: a robot without a policy needs none of them.
+    from glassgait.models.policies.controller import (  # noqa: PLC0415
+        AlternatingController,
+        alone,
+        estimator_in_loop,
+    )
+    from glassgait.models.policies.policy import Policy  # noqa: PLC0415
+
+    controller = alone(policy) if isinstance(policy, Policy) else policy
+    if not isinstance(controller, AlternatingController):
+        raise InputError(
+            f"a diagram has no system for a controller of type {type(controller).__name__}; "
+            "choose a discrete scenario, which the batch simulator plays"
+        )
+    return controller, estimator_in_loop(controller, true_body_state=true_body_state)
 
 
 def _add(builder: DiagramBuilder, name: str, system: S, **inputs: OutputPort | None) -> S:
@@ -253,7 +257,7 @@ def _add_observation(
     scenario: Scenario,
     gait: Gait,
     layout: ObservationLayout,
-    estimator: Estimator | None,
+    estimator: "Estimator | None",
     ports: Ports,
     *,
     limited: bool,
@@ -314,7 +318,7 @@ def _add_observation(
 
 def _add_policies(
     builder: DiagramBuilder,
-    controller: Controller,
+    controller: "AlternatingController",
     gait: Gait,
     layout: ObservationLayout,
     law: JointLaw,
@@ -325,11 +329,6 @@ def _add_policies(
     Returns:
         The action (12).
     """
-    if not isinstance(controller, AlternatingController):
-        raise InputError(
-            f"a diagram has no system for a controller of type {type(controller).__name__}; "
-            "choose a discrete scenario, which the batch simulator plays"
-        )
     switch = builder.AddNamedSystem("alternation", PortSwitch(quadruped.N_JOINTS))
     indices: dict[str, InputPortIndex] = {}
     for name, policy in controller.policies.items():
@@ -378,3 +377,33 @@ def _add_task(
     monitor = FallMonitor(robot, scenario.limits, scenario.station.ground)
     _add(builder, "fall_monitor", monitor, **moved)
     return _outputs(reward) | _outputs(monitor)
+
+
+def _add_display(
+    builder: DiagramBuilder,
+    robot: Robot,
+    gait: Gait,
+    terrain: Terrain,
+    meshcat: Meshcat,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    ports: Ports,
+) -> None:
+    """Shows robot, ground, contacts and machine state in Meshcat."""
+    # Imported here: most diagrams show nothing.
+    from glassgait.diagrams.visualization import draw_ground  # noqa: PLC0415
+    from glassgait.systems.gait_display import DISPLAY_PERIOD, GaitDisplay  # noqa: PLC0415
+
+    draw_ground(meshcat, terrain)
+    meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
+    params = MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
+    _add(
+        builder,
+        "gait_display",
+        GaitDisplay(robot, gait, meshcat),
+        # The plant's state, on the ground that is laid.
+        state=plant.get_state_output_port(),
+        rm_state=ports["rm_state"],
+        foot_contact=ports["foot_contact"],
+    )

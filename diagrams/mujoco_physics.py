@@ -8,9 +8,8 @@ from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 from pydrake.common import Parallelism
 
-from glassgait.diagrams.ground import PATCH
 from glassgait.diagrams.physics import EnginePhysics, Held
-from glassgait.diagrams.station import PAYLOAD_BOX, StationConfig
+from glassgait.diagrams.station import PATCH, PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped

@@ -6,33 +6,25 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Ge, Le, MaxLen
 
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
-from glassgait.models.estimation.imu import ImuErrors
 from glassgait.models.files import read_yaml
-from glassgait.models.policies.controller import Controller
-from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Count, NotNegative, Settings, checked
-from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.randomization import (
-    NOMINAL,
-    ContactFlips,
-    EncoderBias,
-    Heading,
-    Latency,
-    Legs,
-    Randomization,
-)
+from glassgait.models.settings import Count, checked
+from glassgait.models.task.randomization import NOMINAL, Disturbances, Latency, Randomization
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
+
+if TYPE_CHECKING:
+    from glassgait.models.policies.controller import Controller
+    from glassgait.models.policies.policy import Policy
 
 TRAINING = "training"
 """Name of the scenario that is meant where none is named."""
@@ -47,75 +39,36 @@ SCENARIO_GROUPS = {
 """Folders of the scenarios that ship: `all` for those that differ in one thing on level ground,
 other grounds, and lives harder than those."""
 
-LONGEST_NAME = 80
-"""Greatest length of a scenario's name (bytes), which stands in the names of files."""
-
-LONGEST_TITLE = 80
-"""Greatest number of characters of a title, which stands in tables."""
+LONGEST_NAME = LONGEST_TITLE = 80
+"""Greatest length of a scenario's name, which stands in names of files (bytes), and of a title."""
 
 
 @checked
-class Pushes(Settings):
-    """Pushes of a robot's trunk, between two control steps.
+class Scenario(Disturbances):
+    """Physics, commands and disturbances of an evaluation; by default those of training.
 
     Attributes:
-        speed: Greatest horizontal velocity that a push adds, along each axis (m/s); 0 for none.
-        interval: Mean time between two pushes of a robot (s).
-    """
-
-    title: ClassVar[str] = "pushes"
-
-    speed: NotNegative = 0.0
-    interval: Annotated[float, Ge(CONTROL_PERIOD)] = NOMINAL.push_interval
-
-
-@checked
-class Scenario(Settings):
-    """The world, and how the loop is closed; by default those of training, without disturbances.
-
-    Attributes:
-        title: What tables and refusals call it.
+        title: Name in tables and errors.
         station: Physics.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
-        command: Where commands come from.
-        heading: Greatest angle between the world's x axis, up which slopes and steps lead, and
-            where a robot faces at the start (°), drawn to either side; 180 for any.
-        sensor_noise: Factor on the noise of the joints' sensors and of the IMU; 0 for none, 1 for
-            the task's.
-        encoder_bias: Greatest constant error of each measured joint position (rad).
-        imu: What is wrong with the IMU's readings, besides their noise.
-        contact_flips: Share of the contact sensors' readings that are wrong.
-        stuck_open: Legs whose contact sensors never read a contact.
-        stuck_closed: Legs whose contact sensors always do.
+        command: The source of commands.
         latency: Time from an observation until its action reaches the joints (s), in whole steps
             of a discrete plant.
-        pushes: Pushes of the trunk; of discrete plants alone.
-        limit_targets: Whether joints follow targets within their ranges alone, the nearest ones
-            there; by default they do where the policy is to be run so, as formulas are. What a
-            policy's own limits leave lies there in any case.
+        limit_targets: Whether joints only follow targets within their ranges; by default they do if
+            the policy learned so. Limits of a policy hold in any case.
         true_body_state: Whether policies observe the true body state, and the reward machine reads
-            the true heights of the feet. Both are the estimator's otherwise: the loop is closed on
-            sensors only.
-        max_robots: Robots to roll out at most for a seed, where the physics is slow.
+            the true heights of the feet. By default both are estimated from sensors.
+        max_robots: Greatest number of robots for a seed, where the physics is slow.
         weights: Weights of the reward.
-        limits: Bounds that the fall monitor watches.
-        robot: Name of a robot that ships, or path of a `robot.yaml` of one's own; by default that
-            of the policy that acts.
+        limits: Bounds of the fall monitor.
+        robot: Name of a robot that ships, or path of a `robot.yaml`; by default that of the policy.
     """
 
     title: str = "SAP 10 ms (training)"
     station: StationConfig = field(default_factory=StationConfig)
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
-    heading: Heading = 0.0
-    sensor_noise: NotNegative = 1.0
-    encoder_bias: EncoderBias = 0.0
-    imu: ImuErrors = field(default_factory=ImuErrors)
-    contact_flips: ContactFlips = 0.0
-    stuck_open: Legs = ()
-    stuck_closed: Legs = ()
     latency: Latency = 0.0
-    pushes: Pushes = field(default_factory=Pushes)
     limit_targets: bool | None = None
     true_body_state: bool = False
     max_robots: Count | None = None
@@ -124,60 +77,40 @@ class Scenario(Settings):
     robot: Annotated[str, MaxLen(1000)] | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.title, str):
-            _check_title(self.title)
         self.station.terrain.check(load_robot() if self.robot is None else load_robot(self.robot))
-        if self.station.time_step > 0:
-            # Otherwise the plant and the controller would drift apart.
-            self.station.plant_steps()
-            self._check_latency()
-        self._check_integrator()
-        if both := set(self.stuck_open) & set(self.stuck_closed):
-            raise InputError(
-                f"{self.refused_as()}: stuck_open and stuck_closed both name {sorted(both)[0]}; "
-                "name a leg in one of them"
-            )
-
-    def refused_as(self) -> str:
-        """Returns what a refusal calls the scenario: its title is its own, not of all."""
-        return f"scenario {shown(self.title)}"
-
-    def _check_latency(self) -> None:
-        step = self.station.time_step
-        if abs(round(self.latency / step) * step - self.latency) > 1e-12:
-            raise InputError(
-                f"{self.refused_as()}: latency is {self.latency:g}, no multiple of "
-                f"station.time_step, {step:g}; give one that is, up to {2 * CONTROL_PERIOD:g}"
-            )
-
-    def _check_integrator(self) -> None:
-        step, pushed = self.station.time_step, self.pushes.speed
-        problem = None
-        if step == 0 and self.accuracy is None:
-            problem = (
-                "station.time_step is 0, which makes the plant continuous; give the accuracy of "
-                "its integrator, such as 1.0e-5, or a time_step"
-            )
-        elif step > 0 and self.accuracy is not None:
-            problem = (
-                f"accuracy is {self.accuracy:g}, which is of continuous plants, but "
-                f"station.time_step is {step:g}; make it 0, or leave accuracy out"
-            )
-        elif step == 0 and not self.station.terrain.is_plane:
-            problem = (
-                f"station.terrain.kind is {self.station.terrain.kind!r}, but only discrete plants "
-                "are moved back on ground that repeats; give station.time_step and leave accuracy "
-                "out"
-            )
-        elif step == 0 and pushed > 0:
-            problem = (
-                f"pushes.speed is {pushed:g}, but only discrete scenarios have pushes; give "
-                "station.time_step and leave accuracy out"
-            )
-        if problem:
+        if problem := self._problem():
             raise InputError(f"{self.refused_as()}: {problem}")
 
-    def robot_of(self, policy: Controller | Policy | None = None) -> Robot:
+    def refused_as(self) -> str:
+        """Returns the name of the scenario in errors."""
+        return f"scenario {shown(self.title)}"
+
+    def _problem(self) -> str | None:
+        """Returns what does not fit together."""
+        step, both = self.station.time_step, {*self.stuck_open} & {*self.stuck_closed}
+        if not (self.title.isprintable() and 0 < len(self.title.strip()) <= LONGEST_TITLE):
+            return f"title is not of 1 to {LONGEST_TITLE} printable characters"
+        if both:
+            return f"stuck_open and stuck_closed both name {min(both)}; name a leg in one of them"
+        if step > 0:
+            # Otherwise the plant and the controller would drift apart.
+            self.station.plant_steps()
+            if abs(round(self.latency / step) * step - self.latency) > 1e-12:
+                return (
+                    f"latency is {self.latency:g}; give a multiple of station.time_step, {step:g}"
+                )
+            if self.accuracy is not None:
+                return "accuracy is of continuous plants; give station.time_step 0, or leave it out"
+            return None
+        if self.accuracy is None:
+            return "station.time_step is 0; give the accuracy of the integrator, or a time_step"
+        if not self.station.terrain.is_plane:
+            return f"station.terrain.kind is {self.station.terrain.kind!r}; give station.time_step"
+        return (
+            "push_speed needs a discrete plant; give station.time_step" if self.push_speed else None
+        )
+
+    def robot_of(self, policy: "Controller | Policy | None" = None) -> Robot:
         """Returns the robot that a policy moves here; without one, that of the scenario.
 
         Raises:
@@ -185,27 +118,23 @@ class Scenario(Settings):
         """
         if self.robot is None:
             return load_robot() if policy is None else policy.robot
-        own = load_robot(self.robot)
-        if policy is not None and policy.robot is not own:
+        robot = load_robot(self.robot)
+        if policy is not None and policy.robot is not robot:
             raise InputError(
-                f"{self.refused_as()}: robot is {own.name!r}, and the policy was made for "
-                f"{policy.robot.name!r}; take a policy of the {own.name}, or leave robot out"
+                f"{self.refused_as()}: robot is {robot.name!r}, and the policy was made for "
+                f"{policy.robot.name!r}; take a policy of the {robot.name}, or leave robot out"
             )
-        return own
+        return robot
 
-    def joint_law(self, policy: Controller | Policy | None) -> JointLaw:
-        """Returns how joints follow a policy's targets: as the scenario says, or as it learned.
-
-        Gains that it names alone stand in place of the policy's, or else of the robot's.
-        """
+    def joint_law(self, policy: "Controller | Policy | None") -> JointLaw:
+        """Returns how joints follow a policy's targets: as the scenario says, or as it learned."""
         law = OWN_LAW if policy is None else policy.joint_law
         gains = self.station.gains(self.robot_of(policy), law)
         limited = law.limited if self.limit_targets is None else self.limit_targets
-        # What a controller limits itself, it limits wherever it is.
         return JointLaw(gains, limited, law.limits)
 
-    def station_of(self, policy: Controller | Policy | None) -> StationConfig:
-        """Returns the station whose joints have the gains by which a policy's are to be driven."""
+    def station_of(self, policy: "Controller | Policy | None") -> StationConfig:
+        """Returns the station whose joints have the gains of a policy."""
         return self.station.with_gains(self.robot_of(policy), self.joint_law(policy))
 
     @property
@@ -214,30 +143,17 @@ class Scenario(Settings):
         return self.command != DrawnCommands()
 
     def randomization(self) -> Randomization:
-        """Returns what differs between the robots of an evaluation here."""
-        # A station has one friction, and its robots the same.
-        ground = (self.station.friction, self.station.friction)
-        return replace(
-            NOMINAL,
-            friction=ground,
-            heading=self.heading,
-            push_speed=self.pushes.speed,
-            push_interval=self.pushes.interval,
-            observation_noise=self.sensor_noise,
-            encoder_bias=self.encoder_bias,
-            imu=self.imu,
-            contact_flips=self.contact_flips,
-            stuck_open=self.stuck_open,
-            stuck_closed=self.stuck_closed,
-            latency=(self.latency, self.latency),
-        )
+        """Returns the differences between the robots of an evaluation."""
+        shared = {own.name: getattr(self, own.name) for own in fields(Disturbances)}
+        friction, latency = self.station.friction, self.latency
+        return replace(NOMINAL, friction=(friction, friction), latency=(latency, latency), **shared)
 
     def to_plain(self) -> dict[str, Any]:
         """Returns every setting as values that YAML and JSON can hold."""
         return json.loads(json.dumps(asdict(self)))
 
     def digest(self) -> str:
-        """Returns what differs where scenarios differ in anything."""
+        """Returns a digest of every setting."""
         return hashlib.sha256(json.dumps(self.to_plain()).encode()).hexdigest()[:16]
 
 
@@ -357,11 +273,3 @@ def _shipped(name: str) -> Path | None:
         if name in scenario_names(group):
             return folder / f"{name}.yaml"
     return None
-
-
-def _check_title(title: str) -> None:
-    if not title.isprintable() or not 0 < len(title.strip()) <= LONGEST_TITLE:
-        raise InputError(
-            f"scenario: title is {shown(title)}; write printable characters, {LONGEST_TITLE} at "
-            "most"
-        )

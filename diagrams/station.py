@@ -1,21 +1,29 @@
 """The station: the robot, its PD-controlled joints, the ground and their contact."""
 
+from collections.abc import Callable
 from dataclasses import field, fields, replace
-from typing import Annotated, ClassVar, Literal
+from functools import partial
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 from pydrake.geometry import (
+    Box,
     CollisionFilterDeclaration,
+    GeometryId,
     GeometrySet,
+    HalfSpace,
+    ProximityProperties,
     Role,
+    RoleAssign,
     SceneGraph,
     SceneGraphConfig,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
+    CoulombFriction,
     MultibodyPlant,
     MultibodyPlantConfig,
 )
@@ -26,9 +34,8 @@ from pydrake.multibody.tree import (
     UnitInertia,
 )
 from pydrake.symbolic import Expression, Variable
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from glassgait.diagrams.ground import add_ground, set_friction, set_ground
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, Damping, JointLaw, Stiffness
@@ -37,33 +44,24 @@ from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.randomization import NOMINAL, Friction
-from glassgait.models.task.terrain import REACH, Terrain
+from glassgait.models.task.terrain import PLANE, REACH, Terrain, grid_of
 from glassgait.systems.sensors import WorldState
-
-Engine = Literal["drake", "mujoco"]
 
 Coordinate = Annotated[float, Ge(-1.0), Le(1.0)]
 
 ContactSolver = Literal["sap", "similar", "lagged"]
 """Drake's discrete contact approximations, less TAMSI: it leaves out the actuators' PD law."""
 
-
 RANDOM_LIFT = 0.025
-"""Height of the trunk above the standing pose in random contexts (m): whatever the legs' pose, no
-foot is in the ground."""
-
+"""Height of the trunk above the standing pose in random contexts (m): no foot is in the ground,
+whatever the legs' pose."""
 
 MOST_STEPS = 2000
-"""Greatest number of a discrete plant's steps in a control period; of 10 µs each."""
+"""Greatest number of a discrete plant's steps in a control period, of 10 µs each."""
 
 OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
-"""Settings of a station that MuJoCo has no counterpart of."""
-
 OF_MUJOCO = ("contact_force", "contact_time")
-"""Settings of a station that Drake has no counterpart of."""
-
-LEAST_FORCE = 1e-3
-"""Normal force above which a foot touches, by default (N)."""
+"""Settings of a station that only one engine has."""
 
 MUJOCO_CONTACT_TIME = 0.01
 """Time constant of MuJoCo's contacts, by default (s): of as stiff a ground as Drake's is here."""
@@ -74,7 +72,11 @@ WORLD_STATE = "world_state"
 PAYLOAD_BOX = (0.2, 0.1, 0.05)
 """Sizes of the payload (m)."""
 
-Place = tuple[Coordinate, Coordinate, Coordinate]
+PATCH = "patch"
+"""Name of the boxes of the ground that have the patches' friction, before their number."""
+
+LAID, MOST_LAID = 2.5, 12
+"""Reach of a diagram's ground around the middle period, in m and in cells: boxes take time."""
 
 
 @checked
@@ -82,36 +84,31 @@ class StationConfig(Settings):
     """Physics of the station.
 
     Attributes:
-        time_step: Period of the plant's discrete updates (s); 0 makes the plant continuous, to be
-            advanced by an error-controlled integrator.
-        contact_solver: Drake's `discrete_contact_approximation`; of Drake alone.
+        time_step: Period of the plant's discrete updates (s); 0 for a continuous plant, which an
+            error-controlled integrator advances.
+        contact_solver: Drake's `discrete_contact_approximation`.
         friction: Coulomb friction of the feet on the ground, static and dynamic.
         payload: Mass welded to the trunk (kg).
-        relaxation_time: Time in which a contact lets penetration relax (s), for SAP alone. Drake's
-            own 0.2 s is longer than a stance: feet would stay as deep in the ground as they landed.
+        relaxation_time: Time in which a contact lets penetration relax (s), for SAP. Drake's own
+            0.2 s is longer than a stance: feet would stay as deep in the ground as they landed.
         dissipation: Hunt and Crossley's dissipation of a contact (s/m), for Drake's `similar`,
-            `lagged` and the continuous plant; by default Drake's own.
-        ground_stiffness: Stiffness of the contact of a foot with the ground (N/m), of Drake alone;
-            by default Drake's own, which lets a robot at rest sink in by a fraction of a
-            millimetre.
-        terrain: The ground. On any but a plane feet alone collide with it in Drake; whether
-            another body touches it is judged by its pose.
-        payload_position: Where the payload's centre is in the trunk's frame (m).
-        motor_strength: Factor on the torque that every motor gives, and on its limit.
+            `lagged` and the continuous plant; by default Drake's.
+        ground_stiffness: Stiffness of the contact of a foot with the ground (N/m), for Drake; by
+            default Drake's, by which a robot at rest sinks in by a fraction of a millimetre.
+        terrain: The ground. In Drake only feet collide with any but a plane.
+        payload_position: Place of the payload's centre in the trunk's frame (m).
+        motor_strength: Factor on the torque of every motor, and on its limit.
         stiffness: Gain of the joints' position control (N·m/rad), before that factor; by default
-            those of the policy, or the robot's.
-        damping: Gain of the joints' velocity control (N·m·s/rad), before that factor; by default
-            those of the policy, or the robot's.
+            the policy's, or the robot's.
+        damping: Gain of the joints' velocity control (N·m·s/rad), likewise.
         armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
-        feet_only: Whether feet alone collide with the ground: other bodies that touch it end an
-            episode by their pose, and a plant without their contacts takes less time. In Drake they
-            do on any ground but a plane; in MuJoCo a calf meets the edge of a step.
-        engine: What computes it: Drake, or MuJoCo for many robots in batch.
-        contact_force: Normal force above which a foot touches the ground (N), of MuJoCo alone; in
-            Drake it touches where it is inside of it.
-        contact_time: Time constant with which a contact pushes out what has sunk in (s), of MuJoCo
-            alone, which takes two time steps at least. Its own 0.02 s lets feet sink in by 7 mm and
-            rise for the whole stance; 0.01 s is as stiff as Drake's ground here.
+        feet_only: Whether only feet collide with the ground; other bodies that touch it end an
+            episode by their pose, and the plant takes less time.
+        engine: The physics engine: Drake, or MuJoCo for robots in batch.
+        contact_force: Normal force above which a foot touches the ground (N), for MuJoCo; in Drake
+            it touches where it is inside of it.
+        contact_time: Time constant with which a contact pushes out what has sunk in (s), for
+            MuJoCo. By its own 0.02 s feet sink in by 7 mm and rise for the whole stance.
     """
 
     title: ClassVar[str] = "station"
@@ -124,14 +121,14 @@ class StationConfig(Settings):
     dissipation: Annotated[float, Ge(0), Le(1000.0)] | None = None
     ground_stiffness: Annotated[float, Ge(100.0), Le(1e8)] | None = None
     terrain: Terrain = field(default_factory=Terrain)
-    payload_position: Place = (0.0, 0.0, 0.0)
+    payload_position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0
     stiffness: Stiffness | None = None
     damping: Damping | None = None
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
     feet_only: bool = False
-    engine: Engine = "drake"
-    contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = LEAST_FORCE
+    engine: Literal["drake", "mujoco"] = "drake"
+    contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = 1e-3
     contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
 
     def __post_init__(self) -> None:
@@ -150,7 +147,7 @@ class StationConfig(Settings):
 
     @property
     def ground(self) -> Ground:
-        """What robots stand on."""
+        """The ground that robots stand on."""
         return Ground([self.terrain])
 
     def plant_steps(self) -> int:
@@ -189,31 +186,27 @@ class StationConfig(Settings):
 
 
 def AddStation(  # noqa: N802
-    builder: DiagramBuilder,
-    robot: Robot,
-    config: StationConfig,
-    *,
-    reach: float = REACH,
+    builder: DiagramBuilder, robot: Robot, config: StationConfig, *, reach: float = REACH
 ) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex]:
     """Adds the finalized plant, on its ground, and its scene graph to a diagram.
 
     The PD law lives in the joints' actuators, where the contact solver treats it implicitly and
-    limits it to the motors' effort. Output ports are live unless they are to be sampled, so that
-    the plant moves in the discrete phase of an instant, after a controller's unrestricted updates.
+    limits it to the motors' effort. Output ports are live, so that the plant moves in the discrete
+    phase of an instant, after a controller's unrestricted updates.
 
     In a default context the robot stands at rest. In a random one, as `SetRandomContext` makes it,
     each joint is drawn as evaluations draw it, and the trunk is level, `RANDOM_LIFT` above where it
     stands.
 
     Args:
-        builder: Where they are added.
+        builder: The builder of the diagram.
         robot: The robot.
         config: Physics.
-        reach: How far around the middle period ground other than a plane is laid (m).
+        reach: Reach of ground other than a plane around the middle period (m).
 
     Returns:
-        The plant, the scene graph and the robot's model instance, whose `desired_state` input
-        takes 12 joint positions (rad) and 12 velocities (rad/s).
+        The plant, the scene graph and the robot's model instance. The instance's `desired_state`
+        input takes 12 joint positions (rad) and 12 velocities (rad/s).
 
     Raises:
         InputError: if the station is not Drake's, or its ground is too high for the robot.
@@ -236,21 +229,15 @@ def AddStation(  # noqa: N802
     _take_no_part_in_deformable_contact(scene_graph)
     (instance,) = Parser(plant).AddModels(str(robot.urdf_path))
     _add_payload(plant, instance, config)
-    add_ground(plant, config.terrain, reach)
+    _add_ground(plant, config.terrain, reach)
     _set_motors(plant, robot, config)
     plant.mutable_gravity_field().set_gravity_vector(config.terrain.gravity)
     plant.Finalize()
     _set_initial_poses(plant, robot, config.terrain)
     _exclude_self_collision(plant, scene_graph, instance)
     if config.feet_only or not config.terrain.is_plane:
-        _let_feet_alone_collide(plant, scene_graph, instance)
-    set_ground(
-        plant,
-        scene_graph,
-        relaxation_time=config.relaxation_time,
-        stiffness=config.ground_stiffness,
-        dissipation=config.dissipation,
-    )
+        _let_only_feet_collide(plant, scene_graph, instance)
+    _set_compliance(plant, scene_graph, config)
     set_friction(plant, scene_graph, config.friction, terrain=config.terrain)
     return plant, scene_graph, instance
 
@@ -258,7 +245,7 @@ def AddStation(  # noqa: N802
 def AddWorldState(  # noqa: N802
     builder: DiagramBuilder, plant: MultibodyPlant, config: StationConfig
 ) -> OutputPort:
-    """Returns where the robot's state (37) is to be read, which on ground that repeats is added."""
+    """Returns the port of the robot's state (37); on ground that repeats a system gives it."""
     port = plant.get_state_output_port()
     if config.terrain.is_plane:
         return port
@@ -267,32 +254,43 @@ def AddWorldState(  # noqa: N802
     return world.get_output_port()
 
 
-def MakeStation(  # noqa: N802
-    robot: Robot, config: StationConfig | None = None
-) -> Diagram:
-    """Builds the station alone, with the plant's ports exported.
+def laid(terrain: Terrain) -> float:
+    """Returns the reach of a diagram's ground around the middle period (m)."""
+    return max(REACH, min(LAID, MOST_LAID * float(grid_of(terrain).cell.min())))
 
-    .. pydrake_system::
 
-        name: Station
-        input_ports:
-        - desired_state
-        output_ports:
-        - state
-        - contact_results
+def set_friction(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    friction: float,
+    context: Context | None = None,
+    *,
+    terrain: Terrain = PLANE,
+) -> None:
+    """Sets the friction of every contact between robot and ground; patches keep theirs.
 
-    Inputs: desired_state (24; rad, rad/s), joint positions then velocities, in the order of the
-    plant's actuators.
-    Outputs: state (37), as laid out in `models.robots.quadruped`. contact_results (abstract).
+    Args:
+        plant: The station's plant.
+        scene_graph: Its scene graph.
+        friction: Coulomb friction, static and dynamic.
+        context: The scene graph's context to change; by default the model's default changes.
+        terrain: The ground.
     """
-    builder = DiagramBuilder()
-    plant, _, instance = AddStation(builder, robot, config or StationConfig())
-    builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
-    builder.ExportOutput(plant.get_state_output_port(), "state")
-    builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
-    station = builder.Build()
-    station.set_name("Station")
-    return station
+    ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
+    inspector = scene_graph.model_inspector()
+    feet = 2.0 * max(friction, terrain.patch_friction) if terrain.patches else friction
+
+    def of(geometry: GeometryId) -> CoulombFriction:
+        if not terrain.patches or geometry not in ground:
+            return CoulombFriction(feet, feet)
+        is_patch = inspector.GetName(geometry).startswith(PATCH)
+        wanted = terrain.patch_friction if is_patch else friction
+        # Two bodies have twice the product of their frictions over the sum.
+        own = wanted * feet / (2.0 * feet - wanted) if wanted else 0.0
+        return CoulombFriction(own, own)
+
+    where = () if context is None else (context,)
+    _set_material(plant, scene_graph, "coulomb_friction", of, where)
 
 
 def actuated_joints(plant: MultibodyPlant) -> list[str]:
@@ -364,7 +362,7 @@ def _exclude_self_collision(
     )
 
 
-def _let_feet_alone_collide(
+def _let_only_feet_collide(
     plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex
 ) -> None:
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
@@ -372,3 +370,46 @@ def _let_feet_alone_collide(
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body)):
             if not inspector.GetName(geometry).endswith("_foot"):
                 scene_graph.RemoveRole(source, geometry, Role.kProximity)
+
+
+def _add_ground(plant: MultibodyPlant, terrain: Terrain, reach: float) -> None:
+    """Adds a half space, or the boxes of a tile."""
+    world, friction = plant.world_body(), CoulombFriction(1.0, 1.0)
+    if terrain.is_plane:
+        plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", friction)
+        return
+    for i, box in enumerate(terrain.boxes(reach)):
+        pose = RigidTransform(RotationMatrix(box.rotation), box.centre)
+        name = f"{PATCH if box.is_patch else 'ground'}_{i}"
+        plant.RegisterCollisionGeometry(world, pose, Box(*box.size), name, friction)
+
+
+def _set_compliance(plant: MultibodyPlant, scene_graph: SceneGraph, config: StationConfig) -> None:
+    """Sets how soft every contact between robot and ground is."""
+    # The two bodies of a contact add their relaxation times up, and a body without one counts as
+    # 0.1 s.
+    ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
+    set_material = partial(_set_material, plant, scene_graph)
+    relaxation_time, stiffness = config.relaxation_time, config.ground_stiffness
+    set_material("relaxation_time", lambda own: 0.0 if own in ground else relaxation_time)
+    if stiffness is not None:
+        # Like two springs in a row.
+        set_material("point_contact_stiffness", lambda _: 2.0 * stiffness)
+    if config.dissipation is not None:
+        set_material("hunt_crossley_dissipation", lambda _: config.dissipation)
+
+
+def _set_material(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    name: str,
+    value: Callable[[GeometryId], Any],
+    where: tuple[Context, ...] = (),
+) -> None:
+    inspector = scene_graph.model_inspector()
+    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+        properties = ProximityProperties(inspector.GetProximityProperties(geometry))
+        properties.UpdateProperty("material", name, value(geometry))
+        scene_graph.AssignRole(
+            *where, plant.get_source_id(), geometry, properties, RoleAssign.kReplace
+        )

@@ -9,25 +9,16 @@ from pydrake.geometry import (
     Box,
     Meshcat,
     MeshcatParams,
-    MeshcatVisualizer,
-    MeshcatVisualizerParams,
     Rgba,
-    SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from glassgait.diagrams.ground import laid
-from glassgait.models.robots.robot import Robot
-from glassgait.models.task.gait import Gait
+from glassgait.diagrams.station import laid
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 from glassgait.systems.gait_display import (
-    DISPLAY_PERIOD,
     PAVEMENT_PATH,
     TILE,
     WORLD_PATH,
-    GaitDisplay,
 )
 
 BOXES_PATH = f"{WORLD_PATH}/terrain"
@@ -42,42 +33,6 @@ def open_meshcat(port: int | None = None) -> Meshcat:
     """Starts a Meshcat server that only this machine can reach."""
     with _quiet():
         return Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
-
-
-def AddLocomotionDisplay(  # noqa: N802
-    builder: DiagramBuilder,
-    robot: Robot,
-    gait: Gait,
-    terrain: Terrain,
-    meshcat: Meshcat,
-    *,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    rm_state: OutputPort,
-    foot_contact: OutputPort,
-) -> None:
-    """Shows robot, ground, contacts and machine state in Meshcat.
-
-    Args:
-        builder: The builder of the diagram.
-        robot: The robot.
-        gait: The gait.
-        terrain: The ground.
-        meshcat: The Meshcat that shows it.
-        plant: The robot's plant.
-        scene_graph: Its scene graph.
-        rm_state: The machine's state (n_states, one-hot).
-        foot_contact: Whether each foot touches (4).
-    """
-    draw_ground(meshcat, terrain)
-    meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
-    params = MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
-    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
-    display = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
-    # The plant's state, on the ground that is laid.
-    builder.Connect(plant.get_state_output_port(), display.GetInputPort("state"))
-    builder.Connect(rm_state, display.GetInputPort("rm_state"))
-    builder.Connect(foot_contact, display.GetInputPort("foot_contact"))
 
 
 def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.contact import ContactTrust
+from glassgait.models.estimation.contact import BoolArray, ContactTrust, believed_contacts
 from glassgait.models.estimation.imu import ImuReading
 from glassgait.models.estimation.odometry import Odometry, OdometryState
 from glassgait.models.robots import quadruped
@@ -26,8 +25,6 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.observation import N_ESTIMATED, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
-
-BoolArray = NDArray[np.bool_]
 
 
 class Sensors(NamedTuple):
@@ -62,37 +59,6 @@ class Memory(NamedTuple):
     odometry: OdometryState
     estimate: Array
     action: Array
-
-
-class Contacts(NamedTuple):
-    """Contacts as far as sensors are believed.
-
-    Attributes:
-        trust: Which sensors are believed.
-        contact: Which feet touch, or did at the step before (..., 4).
-        touching: Which feet touch now (..., 4).
-    """
-
-    trust: ContactTrust
-    contact: BoolArray
-    touching: BoolArray
-
-
-def believed_contacts(
-    before: ContactTrust, reading: BoolArray, expected_height: Callable[[], Array]
-) -> Contacts:
-    """Reads contact sensors, and takes the feet's heights where a sensor seems to be stuck.
-
-    Args:
-        before: What is known of the sensors from the step before.
-        reading: Whether each sensor reads a contact (..., 4).
-        expected_height: Returns how high the feet are (..., 4; m); called only if needed.
-    """
-    trust, lasting = before.after(reading), before.lasting(reading)
-    if not trust.doubted.any():
-        return Contacts(trust, lasting, reading)
-    height = expected_height()
-    return Contacts(trust, trust.believed(lasting, height), trust.believed(reading, height))
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,16 @@
 """What stands between a robot's sensors and its joints, a system for each part."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPortIndex, LeafSystem, State
 
 from glassgait.models.arrays import Array
-from glassgait.models.control import believed_contacts
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.contact import ContactTrust
+from glassgait.models.estimation.contact import ContactTrust, believed_contacts
 from glassgait.models.estimation.imu import N_IMU, ImuReading
-from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
@@ -21,6 +20,9 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout, proprioception
 from glassgait.models.task.reward_machine import MachineState, RewardMachine
 from glassgait.systems.base import FunctionSystem, MealySystem, Outputs
+
+if TYPE_CHECKING:
+    from glassgait.models.policies.policy import Policy
 
 N = quadruped.N_JOINTS
 
@@ -208,7 +210,7 @@ class PolicySystem(FunctionSystem):
     that does not name the cause.
     """
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: "Policy") -> None:
         super().__init__(
             inputs={"observation": len(policy.observation_names)}, outputs={"action": N}
         )
@@ -216,12 +218,12 @@ class PolicySystem(FunctionSystem):
 
     def evaluate(self, observation: Array) -> Outputs:
         action = self._policy(observation)
-        found = first_not_finite(action)
+        diverged = np.flatnonzero(~np.isfinite(action))
         # An observation that is not finite is a fault of the simulation, not of the policy.
-        if found is not None and np.isfinite(observation).all():
+        if len(diverged) and np.isfinite(observation).all():
             raise InputError(
-                f"the {self._policy.kind} policy's action of {quadruped.JOINTS[found[-1]]} is not "
-                "finite; give a policy that is"
+                f"the {self._policy.kind} policy's action of {quadruped.JOINTS[diverged[0]]} is "
+                "not finite; give a policy that is"
             )
         return {"action": action}
 

@@ -1,6 +1,6 @@
 """Contact sensors of the feet: errors of their readings, and which of them are believed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
+
+BoolArray = NDArray[np.bool_]
 
 STUCK_OPEN, SOUND, STUCK_CLOSED = np.array([-1, 0, 1], dtype=np.int8)
 """States of a foot's contact sensor."""
@@ -42,13 +44,13 @@ class ContactTrust(NamedTuple):
         feet = (*shape, quadruped.N_LEGS)
         return cls(np.full(feet, UNREAD), np.zeros(feet, dtype=np.int64))
 
-    def after(self, reading: NDArray[np.bool_]) -> Self:
+    def after(self, reading: BoolArray) -> Self:
         """Returns what is known once the sensors have been read (..., 4)."""
         read = reading.astype(np.int8)
         counted = np.minimum(self.unchanged + 1, UNCHANGED_STEPS)
         return type(self)(read, np.where(read == self.reading, counted, 0))
 
-    def lasting(self, reading: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def lasting(self, reading: BoolArray) -> BoolArray:
         """Returns which feet touch, or did at the step before, as the sensors read them (..., 4).
 
         The memory of one step bridges a bouncing touch-down.
@@ -59,11 +61,11 @@ class ContactTrust(NamedTuple):
         return reading | (self.reading == 1)
 
     @property
-    def doubted(self) -> NDArray[np.bool_]:
+    def doubted(self) -> BoolArray:
         """Which sensors are not believed (..., 4)."""
         return self.unchanged >= UNCHANGED_STEPS
 
-    def believed(self, contact: NDArray[np.bool_], height: Array) -> NDArray[np.bool_]:
+    def believed(self, contact: BoolArray, height: Array) -> BoolArray:
         """Returns which feet touch, as sensors that are believed say, and else their heights.
 
         Args:
@@ -73,9 +75,7 @@ class ContactTrust(NamedTuple):
         return np.where(self.doubted, height < LOW, contact)
 
 
-def read_contacts(
-    contact: NDArray[np.bool_], wrong: NDArray[np.bool_], stuck: NDArray[np.int8]
-) -> NDArray[np.bool_]:
+def read_contacts(contact: BoolArray, wrong: BoolArray, stuck: NDArray[np.int8]) -> BoolArray:
     """Reads contacts by sensors that are wrong now and then, or always the same.
 
     Args:
@@ -98,3 +98,34 @@ def stuck_sensors(is_open: Sequence[str], closed: Sequence[str]) -> NDArray[np.i
     for legs, state in ((is_open, STUCK_OPEN), (closed, STUCK_CLOSED)):
         stuck[[quadruped.LEGS.index(leg) for leg in legs]] = state
     return stuck
+
+
+class Contacts(NamedTuple):
+    """Contacts as far as sensors are believed.
+
+    Attributes:
+        trust: Which sensors are believed.
+        contact: Which feet touch, or did at the step before (..., 4).
+        touching: Which feet touch now (..., 4).
+    """
+
+    trust: ContactTrust
+    contact: BoolArray
+    touching: BoolArray
+
+
+def believed_contacts(
+    before: ContactTrust, reading: BoolArray, expected_height: Callable[[], Array]
+) -> Contacts:
+    """Reads contact sensors, and takes the feet's heights where a sensor seems to be stuck.
+
+    Args:
+        before: What is known of the sensors from the step before.
+        reading: Whether each sensor reads a contact (..., 4).
+        expected_height: Returns how high the feet are (..., 4; m); called only if needed.
+    """
+    trust, lasting = before.after(reading), before.lasting(reading)
+    if not trust.doubted.any():
+        return Contacts(trust, lasting, reading)
+    height = expected_height()
+    return Contacts(trust, trust.believed(lasting, height), trust.believed(reading, height))

@@ -1,6 +1,6 @@
 """Randomization of robots and episodes: initial states, pushes, friction and noise."""
 
-from dataclasses import field
+from dataclasses import KW_ONLY, field
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -20,41 +20,51 @@ from glassgait.models.task.observation import JOINT_NOISE
 Friction = Annotated[NotNegative, Le(1000.0)]
 """Coulomb friction; of far greater ones the contact solver ends the process."""
 
-ContactFlips = Annotated[NotNegative, Le(1.0)]
-"""Share of a contact sensor's readings that are wrong."""
-
 Legs = Annotated[tuple[Literal["FL", "FR", "RL", "RR"], ...], FEW, DISTINCT]
 """Names of legs, in any order."""
-
-EncoderBias = Annotated[NotNegative, Le(1.0)]
-"""Greatest constant error of a measured joint position (rad)."""
-
-Heading = Annotated[float, Ge(0.0), Le(180.0)]
-"""Greatest angle to either side (°)."""
 
 Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
 """Time from an observation until its action reaches the joints (s), two control periods at most."""
 
 
 @checked
-class Randomization(Settings):
+class Disturbances(Settings):
+    """Pushes and errors of the sensors, which scenarios and training share.
+
+    Attributes:
+        heading: Greatest angle between the world's x axis, up which slopes and steps lead, and
+            where a robot faces at an episode's start (°), drawn to either side; 180 for any.
+        push_speed: Greatest horizontal velocity that a push adds to the trunk's, along each axis
+            (m/s); 0 for no pushes.
+        push_interval: Mean time between two pushes of a robot (s).
+        sensor_noise: Factor on the noise of the joints' sensors and of the IMU.
+        encoder_bias: Greatest constant error of each measured joint position in an episode (rad).
+        imu: Errors of the IMU's readings besides their noise.
+        contact_flips: Share of the contact sensors' readings that are wrong.
+        stuck_open: Legs whose contact sensors never read a contact.
+        stuck_closed: Legs whose contact sensors always do.
+    """
+
+    _: KW_ONLY
+    heading: Annotated[float, Ge(0.0), Le(180.0)] = 0.0
+    push_speed: NotNegative = 0.0
+    push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
+    sensor_noise: NotNegative = 1.0
+    encoder_bias: Annotated[NotNegative, Le(1.0)] = 0.0
+    imu: ImuErrors = field(default_factory=ImuErrors)
+    contact_flips: Annotated[NotNegative, Le(1.0)] = 0.0
+    stuck_open: Legs = ()
+    stuck_closed: Legs = ()
+
+
+@checked
+class Randomization(Disturbances):
     """Ranges from which robots and episodes are drawn.
 
     Attributes:
         joint_scale: Factors on the default stance, least and greatest, at an episode's start.
-        heading: Greatest angle between the world's x axis and where a robot faces at an episode's
-            start (°), to either side; 180 for any.
         base_velocity: Greatest initial base velocity along and about each axis (m/s, rad/s).
         friction: Least and greatest friction of the ground.
-        push_speed: Greatest horizontal velocity that a push adds, along each axis (m/s); 0 for
-            no pushes.
-        push_interval: Mean time between two pushes of a robot (s).
-        observation_noise: Factor on the noise of what the joints' sensors and the IMU measure.
-        encoder_bias: Greatest constant error of each measured joint position in an episode (rad).
-        imu: What is wrong with the IMU's readings in an episode, besides their noise.
-        contact_flips: Share of the contact sensors' readings that are wrong.
-        stuck_open: Legs whose contact sensors never read a contact.
-        stuck_closed: Legs whose contact sensors always do.
         stuck_share: Share of the episodes in which one more sensor is stuck, open or closed.
         straight: Share of the commands that ask for no turn.
         latency: Least and greatest time from an observation until its action reaches the joints
@@ -63,18 +73,10 @@ class Randomization(Settings):
 
     title: ClassVar[str] = "randomization"
 
+    push_speed: NotNegative = 1.0
     joint_scale: Range = (0.5, 1.5)
-    heading: Heading = 0.0
     base_velocity: NotNegative = 0.5
     friction: Annotated[tuple[Friction, Friction], IN_ORDER] = (0.5, 1.25)
-    push_speed: NotNegative = 1.0
-    push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
-    observation_noise: NotNegative = 1.0
-    encoder_bias: EncoderBias = 0.0
-    imu: ImuErrors = field(default_factory=ImuErrors)
-    contact_flips: ContactFlips = 0.0
-    stuck_open: Legs = ()
-    stuck_closed: Legs = ()
     stuck_share: Annotated[NotNegative, Le(1.0)] = 0.0
     straight: Annotated[NotNegative, Le(1.0)] = 0.0
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
@@ -104,12 +106,12 @@ class Randomization(Settings):
     def joint_noise(self, count: int, generator: np.random.Generator) -> Array:
         """Draws noise on joint positions, then velocities (count, 24; rad, rad/s)."""
         noise = generator.uniform(-1.0, 1.0, size=(count, 2 * quadruped.N_JOINTS))
-        return noise * (self.observation_noise * JOINT_NOISE)
+        return noise * (self.sensor_noise * JOINT_NOISE)
 
     def imu_noise(self, count: int, generator: np.random.Generator) -> Array:
         """Draws noise on the IMU's readings (count, 9; rad/s, m/s, none)."""
         noise = generator.uniform(-1.0, 1.0, size=(count, N_IMU))
-        return noise * (self.observation_noise * IMU_NOISE)
+        return noise * (self.sensor_noise * IMU_NOISE)
 
     def biases(self, count: int, generator: np.random.Generator) -> Array:
         """Draws constant errors of joint positions, then of the IMU (count, 21), if any."""

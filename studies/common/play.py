@@ -89,7 +89,7 @@ def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], 
     assert isinstance(shown, Diagram)
 
     def pushed() -> None:
-        if scenario.pushes.speed > 0:
+        if scenario.push_speed > 0:
             velocity = randomization.pushes(1, generator)[0]
             push(shown, simulator.get_mutable_context(), velocity)
 

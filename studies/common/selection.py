@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 from joblib import delayed
 
-from glassgait.diagrams.scenario import Pushes, Scenario
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
@@ -30,7 +30,8 @@ ROUGH = Scenario(
     StationConfig(friction=0.6, payload=1.5, terrain=Terrain(slope=15.0)),
     heading=180.0,
     latency=0.01,
-    pushes=Pushes(speed=1.0, interval=5.0),
+    push_speed=1.0,
+    push_interval=5.0,
 )
 """A world that most falls happen in: steep, slippery, loaded, late and pushed at once."""
 

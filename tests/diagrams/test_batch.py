@@ -9,7 +9,7 @@ from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.drake_physics import DrakePhysics
 from glassgait.diagrams.physics import make_physics
-from glassgait.diagrams.scenario import Pushes, Scenario
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
@@ -150,13 +150,14 @@ def test_a_scenario_is_played_as_it_says(trot):
         station=StationConfig(friction=0.3),
         command=FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7),
         sensor_noise=2.0,
-        pushes=Pushes(speed=0.7, interval=3.0),
+        push_speed=0.7,
+        push_interval=3.0,
         weights=RewardWeights(torque=-1.0),
         limits=TerminationLimits(trunk_height=0.1),
     )
     task = TaskConfig.of_scenario(trot, scenario, episode_steps=9)
     assert task.randomization == replace(
-        NOMINAL, friction=(0.3, 0.3), push_speed=0.7, push_interval=3.0, observation_noise=2.0
+        NOMINAL, friction=(0.3, 0.3), push_speed=0.7, push_interval=3.0, sensor_noise=2.0
     )
     assert (task.weights, task.limits) == (scenario.weights, scenario.limits)
     physics = DrakePhysics(A1, scenario.station)

@@ -66,8 +66,8 @@ def test_nominal_has_no_pushes(generator):
             "push_interval is 0.01; it must be greater than or equal to 0.02",
         ),
         (
-            {"observation_noise": -1.0},
-            "observation_noise is -1.0; it must be greater than or equal to 0",
+            {"sensor_noise": -1.0},
+            "sensor_noise is -1.0; it must be greater than or equal to 0",
         ),
     ],
 )

@@ -10,7 +10,7 @@ import yaml
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
-from glassgait.diagrams.scenario import Pushes, Scenario
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
@@ -212,7 +212,7 @@ def speeds_after_pushes(scenario, seed, expert):
 
 
 def test_a_robot_that_is_watched_is_pushed(expert):
-    always = Scenario(pushes=Pushes(speed=0.5, interval=0.02))
+    always = Scenario(push_speed=0.5, push_interval=0.02)
     first = speeds_after_pushes(always, 1, expert)
     assert np.all(first[:2] != 0) and first[2] == 0
     np.testing.assert_array_equal(speeds_after_pushes(always, 1, expert), first)
@@ -236,7 +236,7 @@ def test_samples_are_of_the_scenarios_ground_pushes_and_observations(expert):
     scenarios = {
         "plain": Scenario(),
         "ice": Scenario(station=StationConfig(friction=0.2)),
-        "pushed": Scenario(pushes=Pushes(speed=1.0, interval=0.02)),
+        "pushed": Scenario(push_speed=1.0, push_interval=0.02),
         "truth": Scenario(true_body_state=True),
     }
     seen = {name: samples_in(one, expert).observations for name, one in scenarios.items()}
