@@ -265,26 +265,6 @@ class Policy(ABC):
         own.joint_law = law
         return own
 
-    def for_robot(self, robot: Robot) -> Self:
-        """Returns the policy for another robot, of the same numbers and with its own estimator.
-
-        Joints move about that robot's default stance as they did about the first one's. Nothing is
-        scaled: robots of about the same size are meant.
-
-        Raises:
-            InputError: if an action of 1 is another angle there, or the default stance is beyond
-                that robot's limits.
-        """
-        if robot.action_scale != self.robot.action_scale:
-            raise InputError(
-                f"this {self.kind} policy counts targets in {self.robot.action_scale} rad, and the "
-                f"action_scale of {robot.name} is {robot.action_scale}; set it to that, or take "
-                "formulas, which count in rad"
-            )
-        own = copy.copy(self)
-        own.robot, own.observes_by = robot, None
-        return own.with_joint_law(self.joint_law.for_robot(self.robot, robot))
-
     def explain(self, observation: Array, joint: int | str) -> Contributions:
         """Splits a joint's targets into contributions that add up to them.
 

@@ -85,29 +85,6 @@ class JointLaw(Settings):
                 f"for more than it has; divide by {stiffness:g} or more"
             )
 
-    def for_robot(self, own: Robot, other: Robot) -> "JointLaw":
-        """Returns a robot's law for another robot.
-
-        Gains are to its own as these are to the first robot's; limits count its own torques.
-
-        Args:
-            own: The robot whose joints the law drives.
-            other: The robot whose joints it is to drive.
-
-        Raises:
-            InputError: if the other robot's default stance is beyond its limits.
-        """
-        gains = self.gains and (
-            self.gains[0] / own.stiffness * other.stiffness,
-            self.gains[1] / own.damping * other.damping,
-        )
-        law = replace(self, gains=gains, limits=None)
-        if self.limits is None:
-            return law
-        limits = replace(self.limits, stiffness=law.gains_of(other)[0])
-        limits.check(other)
-        return replace(law, limits=limits)
-
     def to_plain(self) -> dict[str, Any]:
         """Returns what differs from the robot's own law, as values that JSON can hold."""
         gains = {} if self.gains is None else {"gains": list(self.gains)}

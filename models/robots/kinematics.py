@@ -69,34 +69,9 @@ def lean(quaternion: Array) -> Array:
     return np.degrees(np.arccos(np.clip(upright, -1.0, 1.0)))
 
 
-class LegPoints(NamedTuple):
-    """Points of the four legs in the trunk's frame, each (..., 4, 3; m)."""
-
-    thigh: Array
-    knee: Array
-    foot: Array
-
-
-def leg_points(robot: Robot, joint_position: Array) -> LegPoints:
-    """Locates thigh joint, knee and foot centre of each leg.
-
-    Args:
-        joint_position: Joint positions (..., 12; rad).
-    """
-    legs = _leg_angles(joint_position)
-    knee = _knee(robot, legs)
-    foot = _foot(robot, legs, knee)
-    zero = np.zeros_like(legs.sin_hip)
-    return LegPoints(
-        thigh=_in_trunk(robot, legs, zero, zero),
-        knee=_in_trunk(robot, legs, *knee),
-        foot=_in_trunk(robot, legs, *foot),
-    )
-
-
 def foot_positions(robot: Robot, joint_position: Array) -> Array:
     """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
-    legs = _leg_angles(joint_position)
+    legs = leg_angles(joint_position)
     return _in_trunk(robot, legs, *_foot(robot, legs, _knee(robot, legs)))
 
 
@@ -121,7 +96,7 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
         joint_position: Joint positions (..., 12; rad).
         joint_velocity: Joint velocities (..., 12; rad/s).
     """
-    legs = _leg_angles(joint_position)
+    legs = leg_angles(joint_position)
     x, z = _foot(robot, legs, _knee(robot, legs))
     rates = joint_velocity.reshape(*joint_velocity.shape[:-1], quadruped.N_LEGS, 3)
     v_hip, v_thigh = rates[..., 0], rates[..., 1]
@@ -149,7 +124,7 @@ def rolling_velocity(robot: Robot, turning: Array, down: Array) -> Array:
     return cross(turning, robot.foot_radius * down)
 
 
-class _LegAngles(NamedTuple):
+class LegAngles(NamedTuple):
     """Sines and cosines of each leg's angles (..., 4); the shank's counts from the thigh's zero."""
 
     sin_hip: Array
@@ -160,28 +135,29 @@ class _LegAngles(NamedTuple):
     cos_shank: Array
 
 
-def _leg_angles(joint_position: Array) -> _LegAngles:
+def leg_angles(joint_position: Array) -> LegAngles:
+    """Returns sines and cosines of the legs' angles, from joint positions (..., 12; rad)."""
     angles = joint_position.reshape(*joint_position.shape[:-1], quadruped.N_LEGS, 3).copy()
     angles[..., 2] += angles[..., 1]
     sine, cosine = np.sin(angles), np.cos(angles)
-    return _LegAngles(
+    return LegAngles(
         *(sine[..., 0], sine[..., 1], sine[..., 2]),
         *(cosine[..., 0], cosine[..., 1], cosine[..., 2]),
     )
 
 
-def _knee(robot: Robot, legs: _LegAngles) -> tuple[Array, Array]:
+def _knee(robot: Robot, legs: LegAngles) -> tuple[Array, Array]:
     """Returns where the knee is in the leg's plane: x and z (..., 4; m)."""
     return 0.0 - robot.thigh_length * legs.sin_thigh, 0.0 - robot.thigh_length * legs.cos_thigh
 
 
-def _foot(robot: Robot, legs: _LegAngles, knee: tuple[Array, Array]) -> tuple[Array, Array]:
+def _foot(robot: Robot, legs: LegAngles, knee: tuple[Array, Array]) -> tuple[Array, Array]:
     """Returns where the foot's centre is in the leg's plane: x and z (..., 4; m)."""
     x, z = knee
     return x - robot.calf_length * legs.sin_shank, z - robot.calf_length * legs.cos_shank
 
 
-def _swung(robot: Robot, legs: _LegAngles, x: Array, z: Array) -> Array:
+def _swung(robot: Robot, legs: LegAngles, x: Array, z: Array) -> Array:
     """Returns points of the legs' planes (..., 4; m) from their hips (..., 4, 3; m)."""
     offset = robot.thigh_offsets
     return stacked(
@@ -189,9 +165,17 @@ def _swung(robot: Robot, legs: _LegAngles, x: Array, z: Array) -> Array:
     )
 
 
-def _in_trunk(robot: Robot, legs: _LegAngles, x: Array, z: Array) -> Array:
+def _in_trunk(robot: Robot, legs: LegAngles, x: Array, z: Array) -> Array:
     """Returns points of the legs' planes (..., 4; m) in the trunk's frame (..., 4, 3; m)."""
     return robot.hip_origin + _swung(robot, legs, x, z)
+
+
+def leg_points(robot: Robot, legs: LegAngles) -> tuple[Array, Array, Array]:
+    """Returns thigh joints, knees and foot centres in the trunk's frame (..., 4, 3; m)."""
+    zero, knee = np.zeros_like(legs.sin_hip), _knee(robot, legs)
+    points = ((zero, zero), knee, _foot(robot, legs, knee))
+    thigh, knees, feet = (_in_trunk(robot, legs, *point) for point in points)
+    return thigh, knees, feet
 
 
 def foot_heights(robot: Robot, positions: Array) -> Array:
@@ -213,12 +197,8 @@ def _heights_of_feet(robot: Robot, feet: Array, up: Array, base_height: Array) -
     return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.foot_radius
 
 
-def world_points(positions: Array, points: Array) -> Array:
-    """Returns points (..., k, 3; m) of the trunk's frame in the world's.
-
-    Args:
-        positions: The plant's positions q (..., 19), or its state x (..., 37).
-    """
+def _in_world(positions: Array, points: Array) -> Array:
+    """Returns points (..., k, 3; m) of the trunk's frame in the world's."""
     to_world = rotation_matrix(positions[..., quadruped.QUATERNION])
     turned = np.einsum("...ij,...kj->...ki", to_world, points)
     return turned + positions[..., None, quadruped.POSITION]
@@ -227,7 +207,7 @@ def world_points(positions: Array, points: Array) -> Array:
 def world_feet(robot: Robot, positions: Array) -> Array:
     """Locates the foot centres in the world (..., 4, 3; m), from q (..., 19) or x (..., 37)."""
     feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
-    return world_points(positions, feet)
+    return _in_world(positions, feet)
 
 
 def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
@@ -240,7 +220,8 @@ def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0)
         Points (..., 9, 3; m) in the world; of the trunk the lowest corner.
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
-    points = leg_points(robot, positions[..., quadruped.JOINT_POSITION])
+    legs = leg_angles(positions[..., quadruped.JOINT_POSITION])
+    thigh, knee, foot = leg_points(robot, legs)
 
     def lower(start: Array, end: Array) -> Array:
         falls = np.einsum("...lk,...k->...l", end - start, up) < 0.0
@@ -249,10 +230,10 @@ def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0)
     # A level trunk has no lowest corner; its middle stands for it.
     corner = np.where(np.abs(up) < LEVEL, 0.0, np.sign(up))
     trunk = -0.5 * corner * np.array(robot.trunk_box)
-    shank_end = points.knee + shank_share * (points.foot - points.knee)
-    thigh, calf = lower(points.thigh, points.knee), lower(points.knee, shank_end)
-    lowest = np.concatenate([trunk[..., None, :], thigh, calf], axis=-2)
-    return world_points(positions, lowest)
+    shank_end = knee + shank_share * (foot - knee)
+    limbs = lower(thigh, knee), lower(knee, shank_end)
+    lowest = np.concatenate([trunk[..., None, :], *limbs], axis=-2)
+    return _in_world(positions, lowest)
 
 
 class Clearances(NamedTuple):
@@ -280,12 +261,8 @@ def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clea
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
     base_height = positions[..., quadruped.POSITION][..., 2]
-    legs = _leg_angles(positions[..., quadruped.JOINT_POSITION])
-    knee = _knee(robot, legs)
-    zero = np.zeros_like(legs.sin_hip)
-    thigh_point = _in_trunk(robot, legs, zero, zero)
-    knee_point = _in_trunk(robot, legs, *knee)
-    foot_point = _in_trunk(robot, legs, *_foot(robot, legs, knee))
+    legs = leg_angles(positions[..., quadruped.JOINT_POSITION])
+    thigh_point, knee_point, foot_point = leg_points(robot, legs)
 
     up_x, up_y, up_z = up[..., 0:1], up[..., 1:2], up[..., 2:3]
     lateral = legs.cos_hip * up_y + legs.sin_hip * up_z

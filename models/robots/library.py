@@ -25,8 +25,7 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
         robot: Name of a robot that ships, or path of a file that ends in .yaml.
 
     Raises:
-        InputError: if there is no such robot, its file breaks a rule, or its description is of
-            another robot; the message names the file, the key and the remedy.
+        InputError: if there is no such robot, or its files break a rule.
     """
     path = Path(robot)
     if path.is_dir() and str(robot) not in robot_names():

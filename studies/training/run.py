@@ -19,9 +19,8 @@ from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import load_arrays, save_arrays, write_atomically
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy, read_policy_file
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -323,9 +322,7 @@ def _load_start(
     if config.warm_start is None:
         return None
     path, robot = Path(config.warm_start), load_robot(config.robot)
-    # It may be of this robot, which need not ship, or of one that does.
-    same_robot = read_policy_file(path)[1].get("robot", DEFAULT_ROBOT) == robot.name
-    start = load_policy(path, robot if same_robot else None)
+    start = load_policy(path, robot)
     if not isinstance(start, NeuralPolicy):
         raise InputError(f"{path}: is {start.kind!r}; a run starts from the network of an expert")
     if start.observation_names != layout.names:
@@ -343,4 +340,4 @@ def _load_start(
     if start.mirrored_states != mirrored:
         remedy = "leave --no-mirrored out" if mirrored is None else "train with --no-mirrored"
         raise InputError(f"{path}: would act otherwise than it learned to; {remedy}")
-    return start.for_robot(robot)
+    return start

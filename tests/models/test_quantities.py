@@ -174,8 +174,8 @@ def test_a_leg_and_its_mirror_image_share_where_their_joints_were_sent():
 
 def test_feet_are_where_kinematics_puts_them(robots, message):
     joints = robots[0][:, quadruped.JOINT_POSITION]
-    points = kinematics.leg_points(A1, joints)
-    from_hip = points.foot - points.thigh
+    thigh, _, foot = kinematics.leg_points(A1, kinematics.leg_angles(joints))
+    from_hip = foot - thigh
     for i, leg in enumerate(quadruped.LEGS):
         hip = joints[:, 3 * i]
         up_in_plane = np.stack([np.zeros(20), -np.sin(hip), np.cos(hip)], axis=-1)

@@ -72,7 +72,8 @@ def on_its_knees(state, clearance):
     """Bends the legs until the feet are above the knees, which are so far above the ground (m)."""
     state[quadruped.JOINT_POSITION] = np.tile([0.0, 0.1, -0.1 - np.pi / 2 - 0.2], 4)
     state[6] = 0.0
-    knees = kinematics.leg_points(A1, state[quadruped.JOINT_POSITION]).knee
+    legs = kinematics.leg_angles(state[quadruped.JOINT_POSITION])
+    _, knees, _ = kinematics.leg_points(A1, legs)
     state[6] = clearance - knees[..., 2].min()
     return state
 
