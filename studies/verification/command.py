@@ -22,6 +22,7 @@ from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import FEW, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar
@@ -72,6 +73,11 @@ class Prove(OnePolicy):
         found, name = self.find()
         gait = found.gait
         path, policy = found.file(name), found.policy(name)
+        if isinstance(policy, FormulaPolicy) and policy.machine is None:
+            raise InputError(
+                f"{path}: holds no machine, so that no certificate of it could be checked; write "
+                "the gait's under 'machine' in its header"
+            )
         claims = self._claims(gait, policy)
         folder = self.output or found.output(self.title) / Path(name).stem
         inputs = {
@@ -173,7 +179,6 @@ class Check(Settings):
     Attributes:
         certificates: Files of certificates, or folders that hold one; those that ship by default.
         policy: The policy's file, of a certificate of one that does not ship.
-        gait: The gait's file, of a certificate of one that does not ship.
         robot: The robot's file, of a certificate of one that does not ship.
     """
 
@@ -181,7 +186,6 @@ class Check(Settings):
 
     certificates: Annotated[tuple[Path, ...], FEW, tyro.conf.Positional] = ()
     policy: Path | None = None
-    gait: Path | None = None
     robot: Path | None = None
 
     def run(self) -> None:
@@ -194,7 +198,7 @@ class Check(Settings):
             )
         except ImportError as error:
             raise InputError(str(error)) from error
-        given = {"--policy": self.policy, "--gait": self.gait, "--robot": self.robot}
+        given = {"--policy": self.policy, "--robot": self.robot}
         for option, file in given.items():
             if file and len(self.certificates) != 1:
                 raise InputError(f"{option}: is of one certificate; name one")
@@ -206,7 +210,7 @@ class Check(Settings):
             for path in paths:
                 progress.update(bar, text=f"checking {path.name}")
                 try:
-                    found = check(path, self.policy, self.gait, self.robot)
+                    found = check(path, self.policy, self.robot)
                 except RefusedError as error:
                     raise InputError(f"{path}: {error}") from error
                 console.print(f"{path}: {found}")

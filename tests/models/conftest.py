@@ -1,8 +1,7 @@
 """What tests of policies share: policies of every kind, models that they are made from, samples."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +10,6 @@ from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.checker import document
-from glassgait.models.certificates.checker.formulas import Formulas
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
 from glassgait.models.formulas.quantities import RobotUnits
@@ -35,30 +32,6 @@ from glassgait.models.task.symmetry import mirrored_states
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
-
-
-def _once(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Makes a function give again what it gave to the same arguments."""
-    given: dict[str, Any] = {}
-
-    def answer(*arguments: Any) -> Any:
-        key = repr(arguments)
-        if key not in given:
-            # The arguments are kept: of another object at the same place the key would be the same.
-            given[key] = arguments, function(*arguments)
-        return given[key][1]
-
-    return answer
-
-
-@pytest.fixture(scope="module")
-def answered_once() -> Iterator[None]:
-    """What the checker works out of one policy, it works out once for all of a file's tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(document, "read_policy", _once(document.read_policy))
-        for name in ("bound", "rounding"):
-            patch.setattr(Formulas, name, _once(getattr(Formulas, name)))
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -37,9 +37,6 @@ PATH = next(path for path in shipped_certificates() if path.name == "bound_spars
 CONTENT = json.loads(PATH.read_text())
 
 
-pytestmark = pytest.mark.usefixtures("answered_once")
-
-
 def written(content: dict, folder: Path, *, signed: bool = True) -> Path:
     """Writes a certificate, with a digest of its own contents or the old one."""
     path = folder / "certificate.json"
@@ -211,7 +208,7 @@ def test_says_how_many_claims_are_its_own(tmp_path):
     content = deepcopy(CONTENT)
     mirror = next(own for own in content["claims"] if own["kind"] == "mirror")
     content["claims"].append(mirror | {"name": "The robot never falls"})
-    assert "(1 named by its author alone)" in check(written(content, tmp_path))
+    assert "(1 named by its author only)" in check(written(content, tmp_path))
 
 
 @pytest.mark.parametrize("seed", seeds(50, fast=10))
@@ -264,9 +261,7 @@ def test_reads_the_robot_as_it_is(name):
         layout, symbols = ObservationLayout(4, imu=imu), restated.symbols(4, imu)
         assert symbols == [entry.symbol for entry in layout.entries]
         units = RobotUnits.of(robot, layout.names)
-        assert [read.units(name) for name in symbols] == list(
-            zip(units.scale.tolist(), units.offset.tolist(), strict=True)
-        )
+        assert [read.offset(name) for name in symbols] == units.offset.tolist()
 
 
 @pytest.mark.parametrize(

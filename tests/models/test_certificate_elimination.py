@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.certificates import relaxation
-from glassgait.models.certificates.checker import elimination
-from glassgait.models.certificates.checker.elimination import Elimination
+from glassgait.models.certificates.checker import bounds
+from glassgait.models.certificates.checker.bounds import Elimination
 from glassgait.models.certificates.relaxation import Relaxation
 from glassgait.models.formulas.expression import variable
 from glassgait.models.formulas.polynomial import Polynomial, PolynomialRing
@@ -50,9 +50,9 @@ def proved(terms: Terms, lower: np.ndarray, upper: np.ndarray) -> float:
 
 def checked(terms: Terms, lower: np.ndarray, upper: np.ndarray) -> float:
     named = [(arb(value), [(str(i), 1) for i in own]) for own, value in terms.items()]
-    plan = Elimination(named, place=lambda factor: factor)
-    ends = [(arb(lower[int(name)]), arb(upper[int(name)])) for name, _ in plan.factors]
-    return float(plan.greatest(ends))
+    factors = sorted({(str(i), 1) for own in terms for i in own})
+    ends = [(arb(lower[int(name)]), arb(upper[int(name)])) for name, _ in factors]
+    return float(Elimination(named, factors).greatest(ends))
 
 
 def box(ends: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +71,7 @@ def test_the_best_corner_is_found(terms, ends):
 @pytest.mark.parametrize("most", [2, 3, 4])
 def test_where_too_many_elements_meet_a_bound_is_looser_and_the_same(monkeypatch, most):
     monkeypatch.setattr(relaxation, "MOST_TOGETHER", most)
-    monkeypatch.setattr(elimination, "MOST_TOGETHER", most)
+    monkeypatch.setattr(bounds, "MOST_TOGETHER", most)
     generator = np.random.default_rng(0)
     loose = 0
     for _ in range(20):

@@ -54,7 +54,6 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     assert low <= -0.5236 and high >= 4.5379  # rad, the range of the rear thighs alone
     proved = [claim for claim in certificate["claims"] if claim["outcome"] == "proved"]
     assert len(proved) > 5 and certificate["statements"]
-    assert len([claim for claim in proved if claim["kind"] == "kept"]) == 5
     checked = ["verify", "check", "proved", "--policy", str(path)]
     checked += ["--robot", robot]
     main(checked)

@@ -17,6 +17,6 @@ except ImportError as missing:
     ) from missing
 
 from .certificate import check
-from .robot import RefusedError
+from .files import RefusedError
 
 __all__ = ["RefusedError", "check"]

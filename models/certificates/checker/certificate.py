@@ -1,61 +1,167 @@
-"""A certificate's statements, each bound checked anew, and its claims, decided from what holds."""
+"""Checks a certificate: its files, each bound, and each claim from bounds and witnesses."""
 
+import hashlib
+import json
 import math
+import re
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product as ways
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import yaml
+from flint import arb
 
-from .document import BOXES, MODELS, OUTCOMES, Document, check_keys, observations
+from .bounds import Polynomials, Ranged, Rounding
+from .files import RefusedError, is_number, read_bytes, read_json, read_yaml, refuse_unless
+from .policy import FormulaFile, is_mirror
 from .robot import (
     ABRUPT,
     COUNTED,
+    DEFAULT_ROBOT,
     JOINTS,
-    BoundQuery,
     Box,
-    RefusedError,
+    Robot,
     image_of,
-    is_number,
-    read_yaml,
-    refuse_unless,
+    is_robot_name,
+    is_row,
 )
+
+MODELS = Path(__file__).parents[2]
+SHIPPED_CLAIMS = [MODELS / "certificates" / name for name in ("claims.yaml", "claims_imu.yaml")]
 
 ROUNDING = 2e-9
 """More than two targets in double precision are away from exact ones (rad); a refutation must
 exceed it."""
 
-SHIPPED_CLAIMS = tuple(
-    MODELS / "certificates" / name for name in ("claims.yaml", "claims_imu.yaml")
-)
-
-SAYS = {
-    **dict.fromkeys(("kind", "keeps", "never")),
-    **{key: [] for key in ("joints", "states", "stuck", "observations")},
-    "box": "operating",
-    "changes": {},
+TOP = {"format", "gait", "states", "mirror", "policy", "boxes", "claims", "statements", "sha256"}
+STATEMENT = {"of", "state", "joint", "sign", "box", "bound"}
+WRITTEN = {"name", "kind", "outcome", "worst", "claimed", "where", "witnesses"}
+SCOPE = {"joints", "states", "box"}
+KINDS = {
+    "limits": (set(), {"least", "most", "stuck"}),
+    "never": ({"observations", "never"}, {"most", "stuck"}),
+    "effect": ({"observations", "most"}, {"stuck"}),
+    "mirror": (set(), set()),
+    "change": ({"changes"}, {"most"}),
 }
-"""What a claim says besides its numbers, and what it says where a key is left out."""
+"""Keys that claims of each kind must have, and those that they may have."""
 
-STATEMENT = ("of", "state", "joint", "sign", "box", "bound")
+CHOICES = {
+    "of": ("target", "slope", "effect"),
+    "sign": (1, -1),
+    "box": ("operating", "physical"),
+    "outcome": ("proved", "refuted", "undecided"),
+    "never": ("rises", "falls"),
+    "joint": JOINTS,
+    "kind": tuple(KINDS),
+}
+USUAL: dict[str, Any] = {"kind": None, "never": None, "box": "operating", "changes": {}}
+USUAL |= {key: [] for key in ("joints", "states", "stuck", "observations")}
+"""Keys of a claim besides its numbers, and the values that they have where they are left out."""
 
 Point = dict[str, float]
 
 
-class Check(Document):
-    """Checks the statements and the claims of a document.
+class Query(NamedTuple):
+    """A joint's target, its slope by a quantity or the effect of one, times a sign."""
+
+    of: str
+    state: int
+    joint: str
+    sign: int
+    name: str | None = None
+
+
+class Check:
+    """A certificate, the robot and the policy that it is of, and what is proved of these.
 
     Attributes:
-        proved: The least bound that holds of each question and place.
+        proved: The least bound that holds of each query and place.
     """
 
-    def __init__(
-        self, certificate: Path, policy: Path | None, gait: Path | None, robot: Path | None
-    ) -> None:
-        super().__init__(certificate, policy, gait, robot)
+    def __init__(self, certificate: Path, policy: Path | None, robot: Path | None) -> None:
+        self.content = read_json(read_bytes(certificate))
+        sound = isinstance(self.content, dict) and {*self.content} - {"robot"} == TOP
+        refuse_unless(sound, "it is no certificate")
+        rest = {key: value for key, value in self.content.items() if key != "sha256"}
+        text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+        same = hashlib.sha256(text.encode()).hexdigest() == self.content["sha256"]
+        refuse_unless(same, "the certificate was changed: its digest is of other contents")
+        of = self.content["format"]
+        refuse_unless(type(of) is int and of == 1, "the certificate is of another format")
+        self.robot = self.read_robot(robot)
+        self.file = self.read_policy(policy)
+        self.names, self.states = self.file.names, self.file.machine["states"]
+        self.sensed = [name for name in self.names if not re.fullmatch(r"s\d+", name)]
+        self.check_boxes()
+        self.polynomials = Polynomials(self.names)
+        self.targets: dict[tuple, Any] = {}
+        self.errors: dict[tuple, arb] = {}
         self.proved: dict[tuple, float] = {}
-        self.rounding: dict[tuple, Any] = {}
+
+    def read_robot(self, given: Path | None) -> Robot:
+        """Reads the file of the robot that the certificate names, and refuses that of another."""
+        name = self.content.get("robot", DEFAULT_ROBOT)
+        refuse_unless(is_robot_name(name), f"{str(name)[:60]!r} is no name of a robot")
+        shipped = MODELS / "robots" / name / "robot.yaml"
+        found = given or shipped.is_file()
+        refuse_unless(found, f"no robot {name!r} ships with the project; name its file by --robot")
+        path = given or shipped
+        robot = Robot.read(path)
+        same = not shipped.is_file() or robot == Robot.read(shipped)
+        refuse_unless(same, f"{path} is not the {name} that ships; give your robot another name")
+        refuse_unless(robot.name == name, f"{path} is the file of another robot than the {name}")
+        return robot
+
+    def read_policy(self, given: Path | None) -> FormulaFile:
+        """Reads the policy's file, and refuses another one than the certificate's."""
+        content, said = self.content, self.content["policy"]
+        gait, file, mirror = content["gait"], said["file"], content["mirror"]
+        path = given or self.shipped("students", f"{gait}/{file}")
+        ships = re.fullmatch(r"\w+/\w+\.formulas", f"{gait}/{file}") and path.is_file()
+        refuse_unless(
+            given or ships, f"no policy {file!r} ships with the project; name its file by --policy"
+        )
+        data = read_bytes(path)
+        same = hashlib.sha256(data).hexdigest() == said["sha256"]
+        refuse_unless(same, f"the policy {path} is not the one that was certified")
+        read = FormulaFile(data.decode("ascii"))
+        kind = "symbolic" if read.shared else "statewise_symbolic"
+        refuse_unless(said["kind"] == kind, "the policy is of another kind")
+        refuse_unless(read.header["gait"] == gait, "the policy is of another gait")
+        refuse_unless(read.header["robot"] == self.robot.name, "the policy is of another robot")
+        refuse_unless(read.machine["states"] == content["states"], "the policy has other states")
+        if read.mirror is None and mirror is not None:
+            refuse_unless(is_mirror(read.machine, mirror), "its mirror is not the machine's")
+            read.mirror = mirror
+        refuse_unless(read.mirror == mirror, "its mirror is not that of the policy")
+        if read.stiffness is not None:
+            self.robot = replace(self.robot, stiffness=read.stiffness)
+        return read
+
+    def shipped(self, folder: str, rest: str) -> Path:
+        """Returns where a file of the robot ships; the default robot's are not apart."""
+        return MODELS.joinpath(folder, self.robot.name.replace(DEFAULT_ROBOT, ""), rest)
+
+    def check_boxes(self) -> None:
+        """Refuses boxes that are not of the observations, or of what the robot can be."""
+        boxes = self.content["boxes"]
+        of = [*boxes] == [*CHOICES["box"]] and all([*box] == self.names for box in boxes.values())
+        refuse_unless(of, "there must be an operating and a physical box of the observations")
+        for name in self.names:
+            sound = all(
+                is_row(box[name], 2) and box[name][0] <= box[name][1] for box in boxes.values()
+            )
+            refuse_unless(sound, f"the box of {name} is none")
+            (low, high), said = boxes["operating"][name], boxes["physical"][name]
+            least, most = self.robot.physical(name, self.file.machine)
+            expected = min(low, least), max(high, most)
+            near = all(abs(a - b) <= 1e-9 for a, b in zip(expected, said, strict=True))
+            refuse_unless(near, "the physical box is not what the robot and its sensors can be")
+            boxes["physical"][name] = [min(expected[0], said[0]), max(expected[1], said[1])]
+            whole = name not in COUNTED or (low == int(low) >= least and high == int(high) <= most)
+            refuse_unless(whole, f"the operating box of {name} holds other counts than there are")
 
     def run(self) -> str:
         """Checks statements, then claims, and reports how many hold."""
@@ -63,277 +169,284 @@ class Check(Document):
         for statement in statements:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
-        own = self.claims_of_its_own(claims)
-        words = zip(OUTCOMES, ("proved", "refuted", "open"), strict=True)
-        counts = [f"{outcomes.count(own)} {word}" for own, word in words]
+        n_foreign = self.count_foreign(claims)
+        words = zip(CHOICES["outcome"], ("proved", "refuted", "open"), strict=True)
+        counts = ", ".join(f"{outcomes.count(outcome)} {word}" for outcome, word in words)
+        foreign = f" ({n_foreign} named by its author only)" if n_foreign else ""
+        ships = "is the one that ships" if self.box_ships() else "is taken on trust"
         return (
-            f"{len(statements)} bounds hold; claims: {', '.join(counts)}"
-            f"{f' ({own} named by its author alone)' if own else ''}; its operating box "
-            f"{'is the one that ships' if self.box_ships() else 'is its own, taken on trust'}"
+            f"{len(statements)} bounds hold; claims: {counts}{foreign}; its operating box {ships}"
         )
 
-    def claims_of_its_own(self, claims: list[dict[str, Any]]) -> int:
+    def box_ships(self) -> bool:
+        """Returns whether the operating box ships, and was measured with this machine."""
+        file = f"{self.content['gait']}.yaml"
+        box, gait = self.shipped("certificates/boxes", file), MODELS / "task" / "gaits" / file
+        if not (re.fullmatch(r"\w+\.yaml", file) and box.is_file() and gait.is_file()):
+            return False
+        same = {**read_yaml(gait), "description": ""} == {**self.file.machine, "description": ""}
+        return same and read_yaml(box)["ranges"] == self.content["boxes"]["operating"]
+
+    def count_foreign(self, claims: list[dict[str, Any]]) -> int:
         """Counts claims that do not ship, and refuses one under the name of another that does."""
         names = [claim["name"] for claim in claims]
         refuse_unless(len({*names}) == len(names), "a claim stands twice")
         ships = {one["name"]: one for path in SHIPPED_CLAIMS for one in read_yaml(path)["claims"]}
+        weakest = min(self.robot.effort.values()) / self.robot.stiffness
         for claim in claims:
-            said = ships.get(claim["name"], {})
-            same = all(claim.get(key, usual) == said.get(key, usual) for key, usual in SAYS.items())
-            bounded = {"most", "least"} & {*claim} == ({"most"} if "limit" in said else set())
-            weakest = min(self.robot.effort.values()) / self.robot.stiffness
-            within = said.get("limit") != "torque" or claim.get("most", 0.0) <= weakest + ROUNDING
-            refuse_unless(
-                not said or (same and bounded and within),
-                f"{claim['name']}: says something else than the claim that ships by this name",
-            )
+            if said := ships.get(claim["name"]):
+                same = all(claim.get(key, own) == said.get(key, own) for key, own in USUAL.items())
+                same &= {"most", "least"} & {*claim} == ({"most"} if "limit" in said else set())
+                same &= said.get("limit") != "torque" or claim.get("most", 0) <= weakest + ROUNDING
+                refuse_unless(
+                    same,
+                    f"{claim['name']}: says something else than the claim that ships by this name",
+                )
         return sum(name not in ships for name in names)
 
-    def error(self, asked: BoundQuery, where: str, stuck: list[str]) -> Any:
-        """Bounds what double precision does to what is asked (rad)."""
-        place = asked.state, asked.joint, where, *sorted(stuck)
-        if place not in self.rounding:
-            box = self.box(where, stuck, asked.state)
-            self.rounding[place] = self.targets.rounding(asked.state, asked.joint, box)
-        # A slope is one of the exact target, from which no computed one is further than this.
-        return self.rounding[place] * {"effect": 2, "slope": 0}.get(asked.of, 1)
+    def box(self, where: str, stuck: list[str], state: int) -> Box:
+        """Returns a box with the machine's state held."""
+        boxes = self.content["boxes"]
+        ranges = boxes[where] | {name: boxes["physical"][name] for name in stuck}
+        held = {f"s{i}": [float(i == state)] * 2 for i in range(len(self.states))}
+        return {name: (float(low), float(high)) for name, (low, high) in (ranges | held).items()}
 
-    def least(self, asked: BoundQuery, points: list[Point]) -> Any:
-        """Returns what is asked, at a point, or as the change from the second to the first."""
-        boxes = [{name: (value, value) for name, value in point.items()} for point in points]
-        if len(points) == 1 or asked.name is None:
-            return -self.targets.bound(asked._replace(sign=-asked.sign), boxes[0])
-        rises = asked.of == "effect" or points[0][asked.name] >= points[1][asked.name]
-        refuse_unless(rises, "the witnesses of a slope are in the wrong order")
-        signs = zip(boxes, (-asked.sign, asked.sign), strict=True)
-        target = BoundQuery("target", *asked[1:3], 1)
-        return -sum(self.targets.bound(target._replace(sign=sign), box) for box, sign in signs)
+    def error(self, state: int, joint: str, where: str, stuck: list[str]) -> arb:
+        """Bounds what double precision does to a target over a box (rad)."""
+        key = state, joint, where, *sorted(stuck)
+        if key not in self.errors:
+            arithmetic = Rounding(self.robot, self.file.read(self.box(where, stuck, state)))
+            found = self.file.evaluate(state, joint, arithmetic)
+            self.errors[key] = arithmetic.target(found, joint)
+        return self.errors[key]
 
-    def asked_in(self, own: dict[str, Any]) -> BoundQuery:
-        """Returns what a statement bounds, and refuses a statement that is none."""
-        refuse_unless({*STATEMENT} <= {*own}, f"a statement lacks one of {STATEMENT}")
-        refuse_unless(
-            {*own} <= {*STATEMENT, "observation", "stuck", "splits"},
-            f"a statement has a key of no use, among {sorted(own)}",
-        )
-        name, stuck = own.get("observation"), own.get("stuck", [])
-        asked = BoundQuery(own["of"], own["state"], own["joint"], own["sign"], name)
+    def at(self, state: int, joint: str, point: Point, mirrored: bool = False) -> Ranged:
+        """Returns a target at an observation, or at its image in the mirror."""
+        box = self.file.read({name: (value, value) for name, value in point.items()})
+        return self.file.evaluate(state, joint, Rounding(self.robot, box), mirrored)
+
+    def polynomial(self, asked: Query) -> Any:
+        """Returns a target, a slope or an effect, multiplied out when it is first asked for."""
+        key = asked._replace(sign=1)
+        if key not in self.targets:
+            of, state, joint, _, name = asked
+            if of == "target":
+                self.targets[key] = self.file.evaluate(state, joint, self.polynomials)
+            else:
+                target = self.polynomial(Query("target", state, joint, 1))
+                other = self.polynomials.replacing(str(name))
+                self.targets[key] = (
+                    self.polynomials.slope(target, str(name))
+                    if of == "slope"
+                    else target - self.file.evaluate(state, joint, other)
+                )
+        return self.targets[key] * asked.sign
+
+    def bound(self, asked: Query, sensed: Box, splits: list | None = None) -> arb:
+        """Bounds what is asked from above over a box, cell by cell of a tree of splits."""
+        box, counted = self.file.read(sensed), {*COUNTED}
+        if asked.name is not None:
+            box["other"] = box[asked.name]
+            counted |= {"other"} if asked.name in COUNTED else set()
+        bound = self.polynomials.greatest(self.polynomial(asked), box, splits or [], counted)
+        if asked.of == "slope" and asked.name in self.file.readings:
+            # A quantity that is beyond the range of its reading moves nothing.
+            (low, high), (first, last) = self.file.readings[asked.name], sensed[asked.name]
+            if last < low or first > high:
+                return arb(0)
+            return bound.max(arb(0)) if first < low or last > high else bound
+        return bound
+
+    def check_statement(self, said: dict[str, Any]) -> None:
+        """Checks a bound, and keeps it."""
+        self.check_keys(said, STATEMENT, {"observation", "stuck", "splits"}, "a statement")
+        name, where, stuck = said.get("observation"), said["box"], said.get("stuck", [])
+        asked = Query(said["of"], said["state"], said["joint"], said["sign"], name)
         what = f"{asked.of} of {asked.joint} in state {asked.state}"
-        refuse_unless(asked.of in ("target", "offset", "slope", "effect"), f"{what}: is not known")
-        refuse_unless(type(asked.sign) is int and asked.sign in (1, -1), f"{what}: has no sign")
-        refuse_unless(
-            type(asked.state) is int and asked.state in range(self.n_states),
-            f"{what}: there is no such state",
-        )
-        refuse_unless(asked.joint in JOINTS, f"{what}: there is no such joint")
-        sensed = self.names_sensed()
-        moved = asked.of in ("slope", "effect")
-        refuse_unless(name in sensed if moved else name is None, f"{what}: of no observation")
-        counted = asked.of == "slope" and name in COUNTED
-        refuse_unless(not counted, f"{what}: {name} counts steps, and has no slope")
-        refuse_unless(own["box"] in BOXES, f"{what}: there is no such box")
-        refuse_unless(
-            isinstance(stuck, list) and {*stuck} <= {*sensed} and len({*stuck}) == len(stuck),
-            f"{what}: what is stuck is no observation",
-        )
-        refuse_unless(is_number(own["bound"]), f"{what}: NaN")
-        return asked
-
-    def check_statement(self, own: dict[str, Any]) -> None:
-        asked, stuck = self.asked_in(own), own.get("stuck", [])
-        what = f"{asked.of} of {asked.joint} in state {asked.state}"
-        box = self.box(own["box"], stuck, asked.state)
-        error = self.error(asked, own["box"], stuck)
-        bound = self.targets.bound(asked, box, own.get("splits", [])) + error
-        refuse_unless(bound <= own["bound"], f"{what}: the bound {own['bound']} is not proved")
-        key = *asked, own["box"], *sorted(stuck)
-        self.proved[key] = min(own["bound"], self.proved.get(key, math.inf))
+        refuse_unless((name is None) == (asked.of == "target"), f"{what}: of no observation")
+        counts = asked.of == "slope" and name in COUNTED
+        refuse_unless(not counts, f"{what}: {name} counts steps, and has no slope")
+        # A slope is one of the exact target, from which no computed one is further than its error.
+        error = self.error(asked.state, asked.joint, where, stuck)
+        error *= {"target": 1, "slope": 0, "effect": 2}[asked.of]
+        box = self.box(where, stuck, asked.state)
+        bound = self.bound(asked, box, said.get("splits", [])) + error
+        refuse_unless(bound <= said["bound"], f"{what}: the bound {said['bound']} is not proved")
+        key = *asked, where, *sorted(stuck)
+        self.proved[key] = min(said["bound"], self.proved.get(key, math.inf))
 
     def check_claim(self, claim: dict[str, Any]) -> str:
         """Decides a claim again, from bounds that hold or from its witnesses."""
-        check_keys(claim, self.gait.states, self.names_sensed())
-        kind, outcome, points = claim["kind"], claim["outcome"], claim["witnesses"]
-        states = [self.gait.states.index(one) for one in claim.get("states", [])]
-        scope = list(ways(states or range(self.n_states), claim.get("joints") or JOINTS))
-        where, stuck = claim.get("box", "operating"), claim.get("stuck", [])
+        refuse_unless(isinstance(claim, dict), "a claim is no mapping")
+        what, kind = repr(claim.get("name"))[:60], claim.get("kind")
+        refuse_unless(kind in KINDS, f"{what}: a claim of kind {kind!r} is not known")
+        must, may = KINDS[kind]
+        self.check_keys(claim, WRITTEN | must, SCOPE | may, what)
+        outcome, points = claim["outcome"], claim["witnesses"]
+        claim = {**USUAL, **claim}
+        states = [self.states.index(one) for one in claim["states"]] or range(len(self.states))
+        scope = [*ways(states, claim["joints"] or JOINTS)]
         for point in points:
-            refuse_unless(list(point) == self.names, f"{claim['name']}: its witness is none")
-            state = next((i for i in range(self.n_states) if point[f"s{i}"] == 1.0), -1)
-            inside = state >= 0 and holds(self.box(where, stuck, state), point)
-            refuse_unless(
-                inside and (not states or state in states),
-                f"{claim['name']}: its witness is not where the claim is made",
+            state = next((i for i in range(len(self.states)) if point.get(f"s{i}") == 1.0), -1)
+            box = self.box(claim["box"], claim["stuck"], state)
+            inside = [*point] == self.names and all(
+                low <= point[name] <= high for name, (low, high) in box.items()
             )
-            scope = [own for own in scope if own[0] == state] if outcome == "refuted" else scope
-        counts = {"effect": 2, "independent": 2, "change": 2}
-        needed = counts.get(kind, 1) if outcome == "refuted" else 0
-        refuse_unless(
-            len(points) == needed,
-            f"{claim['name']}: has {len(points)} witnesses, where {needed} decide it",
-        )
-        decide = {
-            "kept": self.unlimited,
-            "independent": self.depends,
-            "mirror": self.lopsided,
-            "change": self.abrupt,
-        }
-        breaks = decide.get(kind, self.exceeds)
-        right = outcome == "undecided"
-        right |= outcome == "proved" and not points and not breaks(claim, scope, [])
-        # Of what limits keep nothing is a witness.
-        refuted = outcome == "refuted" and kind != "kept" and bool(points)
-        right |= refuted and breaks(claim, scope, points)
-        refuse_unless(right, f"{claim['name']}: is not {outcome}")
+            whole = inside and all(point[name] == int(point[name]) for name in COUNTED)
+            refuse_unless(whole, f"{what}: its witness is not where the claim is made")
+            scope = [place for place in scope if place[0] == state]
+        needed = {"effect": 2, "change": 2}.get(kind, 1) if outcome == "refuted" else 0
+        refuse_unless(len(points) == needed, f"{what}: has another number of witnesses")
+        decide = {"mirror": self.lopsided, "change": self.abrupt}.get(kind, self.exceeds)
+        if outcome != "undecided":
+            right = decide(claim, scope, points) == (outcome == "refuted")
+            refuse_unless(right, f"{what}: is not {outcome}")
         return outcome
 
-    def limits(
-        self, claim: dict[str, Any], state: int, joint: str
-    ) -> list[tuple[BoundQuery, float]]:
-        """Lists questions, and the limit that each exceeds nowhere."""
-        up, down = (BoundQuery("target", state, joint, sign) for sign in (1, -1))
-        match claim["kind"]:
-            case "limits":
-                low, high = self.robot.limits[joint]
-                return [(up, claim.get("most", high)), (down, -claim.get("least", low))]
-            case "torque":
-                most = claim.get("most", self.robot.effort[joint]) / self.robot.stiffness
-                return [(own._replace(of="offset"), most) for own in (up, down)]
-        asked = down if claim.get("never") == "falls" else up
-        asked = asked._replace(of="slope" if claim["kind"] == "never" else "effect")
-        most = claim.get("most", 0.0)
-        used = self.targets.used(state, joint)
-        names = [name for name in observations(claim, joint) if name in used]
-        if claim["kind"] == "never":
-            box = self.box(claim.get("box", "operating"), claim.get("stuck", []), state)
-            names = [name for name in names if box[name][0] < box[name][1]]
-        return [(asked._replace(name=name), most) for name in names]
+    def check_keys(self, said: Any, must: set[str], may: set[str], what: str) -> None:
+        """Refuses keys that are missing or of no use, and values of another kind."""
+        known = isinstance(said, dict) and must <= {*said} <= must | may
+        refuse_unless(known, f"{what}: has other keys than it must have")
+        for key, value in said.items():
+            sound = self.is_sound(key, value, said.get("kind"))
+            refuse_unless(sound, f"{what}: its {key!r} is not what it must be")
 
-    def unlimited(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
-        """Returns whether limits do not keep to what is claimed; no witness breaks it."""
-        own = self.target_limits
-        if own is None:
-            raise RefusedError(f"{claim['name']}: the policy has no limits")
-        return not all(own.keep(claim, self.robot, joint) for _, joint in scope)
+    def is_sound(self, key: str, value: Any, kind: str | None) -> bool:
+        """Returns whether a key of a claim or a statement may have a value."""
+        listed = {"joints": JOINTS, "states": self.states, "stuck": self.sensed}
+        listed["observations"] = [*self.sensed, "q.own", "dq.own", "a.own"]
+        if key in listed:
+            texts = isinstance(value, list) and all(isinstance(own, str) for own in value)
+            known = texts and {*value} <= {*listed[key]} and len({*value}) == len(value)
+            # Counts of steps have no slope.
+            counts = kind == "never" and key == "observations" and known and {*value} & {*COUNTED}
+            return known and not counts and bool(value or key != "observations")
+        if key in CHOICES:
+            return type(value) in (str, int) and value in CHOICES[key]
+        match key:
+            case "worst" | "claimed" | "least" | "bound":
+                return is_number(value)
+            case "most":
+                return is_number(value) and (kind == "limits" or value >= 0.0)
+            case "state":
+                return type(value) is int and value in range(len(self.states))
+            case "observation":
+                return value in self.sensed
+            case "witnesses":
+                points = isinstance(value, list) and all(isinstance(one, dict) for one in value)
+                return points and all(is_number(own) for one in value for own in one.values())
+            case "changes":
+                kinds = {name.partition(".")[0] for name in self.sensed} - {"cmd"}
+                known = isinstance(value, dict) and {*value} <= {*self.sensed, *kinds}
+                return known and all(is_number(o) and o >= 0.0 for o in value.values())
+            case "splits":
+                return isinstance(value, list)
+        return isinstance(value, str)
+
+    def limits(self, claim: dict[str, Any], state: int, joint: str) -> list[tuple[Query, float]]:
+        """Lists what a claim bounds, with the limit that each exceeds nowhere."""
+        if claim["kind"] == "limits":
+            low, high = self.robot.limits[joint]
+            ends = (1, claim.get("most", high)), (-1, -claim.get("least", low))
+            return [(Query("target", state, joint, sign), end) for sign, end in ends]
+        of = "slope" if claim["kind"] == "never" else "effect"
+        asked = Query(of, state, joint, -1 if claim["never"] == "falls" else 1)
+        names = {re.sub(r"\.own$", f".{joint}", name) for name in claim["observations"]}
+        box = self.box(claim["box"], claim["stuck"], state)
+        moving = {name for name in names if of == "effect" or box[name][0] < box[name][1]}
+        moving &= self.file.used(state, joint)
+        return [(asked._replace(name=name), claim.get("most", 0.0)) for name in moving]
 
     def exceeds(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         """Returns whether a witness breaks a limit; without one, whether a bound is missing."""
-        stuck = claim.get("stuck", [])
-        place = claim.get("box", "operating"), *sorted(stuck)
+        place = claim["box"], *sorted(claim["stuck"])
         for state, joint in scope:
+            if not points:
+                # The targets must have values, also where no bound is needed.
+                self.error(state, joint, claim["box"], claim["stuck"])
             for asked, limit in self.limits(claim, state, joint):
                 if not points and not self.proved.get((*asked, *place), math.inf) <= limit:
                     return True
-                if points:
-                    other = [{asked.name: own[asked.name]} for own in points if asked.name]
-                    reached = self.least(asked, [points[0] | own for own in other or [{}]])
-                    if reached - ROUNDING > limit:
-                        return True
-            if not points:
-                # Of what no bound was needed, there must be targets all the same.
-                self.error(BoundQuery("target", state, joint, 1), place[0], stuck)
+                if points and self.reached(asked, points) - ROUNDING > limit:
+                    return True
         return False
 
-    def apart(self, state: int, joint: str, points: list[Point]) -> Any:
-        """Returns how far a target goes, at least, from one point to another."""
-        asked = [BoundQuery("effect", state, joint, sign, self.names[0]) for sign in (1, -1)]
-        return max(0.0, *(self.least(own, points) - ROUNDING for own in asked))
-
-    def depends(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
-        for state, joint in scope:
-            named = set(observations(claim, joint))
-            self.error(BoundQuery("target", state, joint, 1), claim.get("box", "operating"), [])
-            if not points and named & self.targets.used(state, joint):
-                return True
-            alike = points and all(points[0][k] == points[1][k] for k in {*self.names} - named)
-            if alike and self.apart(state, joint, points) > 0.0:
-                return True
-        return False
+    def reached(self, asked: Query, points: list[Point]) -> arb:
+        """Returns a lower bound of what is asked at a witness."""
+        if asked.of == "slope":
+            point: Box = {name: (value, value) for name, value in points[0].items()}
+            return -self.bound(asked._replace(sign=-asked.sign), point)
+        found = self.at(asked.state, asked.joint, points[0])
+        if asked.of == "effect":
+            name = str(asked.name)
+            found -= self.at(asked.state, asked.joint, {**points[0], name: points[1][name]})
+        return found.low if asked.sign > 0 else -found.high
 
     def lopsided(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
-        image = self.content["mirror"]
-        refuse_unless(image is not None, f"{claim['name']}: the gait has no mirror image")
+        """Returns whether a target differs from its image's at a witness, or else by its form."""
+        mirror, where = self.file.mirror, claim["box"]
+        if mirror is None:
+            raise RefusedError(f"{claim['name']}: the gait has no mirror image")
         for state, joint in scope:
-            theirs, turn = image_of(joint, image)
-            where = claim.get("box", "operating")
-            for own in ((state, joint), (image[state], theirs)):
-                self.error(BoundQuery("target", *own, 1), where, [])
-            # What is seen in the mirror need not lie in the box.
-            seen = self.box(where, [], state)
-            there = {}
-            for name, (low, high) in seen.items():
-                new, sign = image_of(name, image)
-                there[new] = (low, high) if sign > 0 else (-high, -low)
-            self.targets.rounding(image[state], theirs, there)
-            if not points and not self.targets.is_mirrored(state, joint, image):
-                return True
+            image, turn = image_of(joint, mirror)
+            theirs = mirror[state], image
             if points:
-                turned = {name: image_of(name, image) for name in self.names}
-                seen = {new: sign * points[0][name] for name, (new, sign) in turned.items()}
-                for sign in (1, -1):
-                    own = self.least(BoundQuery("target", state, joint, sign), [points[0]])
-                    there = BoundQuery("target", image[state], theirs, -sign * turn)
-                    if own + self.least(there, [seen]) - ROUNDING > 0.0:
-                        return True
+                apart = self.at(state, joint, points[0])
+                other = self.at(*theirs, points[0], mirrored=True)
+                apart = apart - other if turn > 0 else apart + other
+                if apart.low > ROUNDING or -apart.high > ROUNDING:
+                    return True
+                continue
+            # Both must have values in the box, the image also in the mirror image of the box.
+            self.error(state, joint, where, [])
+            self.error(*theirs, where, [])
+            arithmetic = Rounding(self.robot, self.file.read(self.box(where, [], state)))
+            arithmetic.target(self.file.evaluate(*theirs, arithmetic, mirrored=True), image)
+            other = self.file.evaluate(*theirs, self.polynomials, mirrored=True) * turn
+            if self.polynomial(Query("target", state, joint, 1)) != other:
+                return True
         return False
 
     def abrupt(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
-        changes, where = claim["changes"], claim.get("box", "operating")
-        by = {}
+        """Returns whether the action changes too much; without witnesses, whether it may."""
+        by, changes = {}, claim["changes"]
         for name in self.names:
             kind = name.partition(".")[0]
             by[name] = changes.get(name, 0.0 if kind == "cmd" else changes.get(kind, 0.0))
         if points:
-            pairs = [(Fraction(points[0][k]), Fraction(points[1][k]), Fraction(by[k])) for k in by]
-            near = all(abs(one - other) <= most for one, other, most in pairs)
+            one, other = points
+            near = all(abs(Fraction(one[k]) - Fraction(other[k])) <= Fraction(by[k]) for k in by)
             refuse_unless(near, f"{claim['name']}: its witnesses are further apart than it says")
-        squares = dict.fromkeys((state for state, _ in scope), 0.0)
+        squares = dict.fromkeys((state for state, _ in scope), arb(0))
         for state, joint in scope:
-            error = 2 * self.error(BoundQuery("target", state, joint, 1), where, [])
             if points:
-                moved = self.apart(state, joint, points)
+                apart = self.at(state, joint, points[0]) - self.at(state, joint, points[1])
+                moved = (apart.low.max(-apart.high) - ROUNDING).max(arb(0))
             else:
-                box, used = self.box(where, [], state), sorted(self.targets.used(state, joint))
-                along = [(name, by[name]) for name in used if by[name]]
-                moved = sum((self.targets.moved(state, joint, *own, box) for own in along), error)
+                moved = 2 * self.error(state, joint, claim["box"], [])
+                box = self.box(claim["box"], [], state)
+                for name in sorted(name for name in self.file.used(state, joint) if by[name]):
+                    asked = [Query("slope", state, joint, sign, name) for sign in (1, -1)]
+                    steepest = self.bound(asked[0], box).max(self.bound(asked[1], box))
+                    moved += arb(by[name]) * steepest
             squares[state] += (moved / self.robot.action_scale) ** 2
         limit = claim.get("most", ABRUPT)
         return any(own > limit if points else not own <= limit for own in squares.values())
 
 
-def holds(box: Box, point: Point) -> bool:
-    """Returns whether a box holds a point, whose counts are whole."""
-    whole = all(point[name] == int(point[name]) for name in COUNTED)
-    return (
-        whole
-        and {*point} == {*box}
-        and all(low <= point[name] <= high for name, (low, high) in box.items())
-    )
-
-
-def check(
-    certificate: Path,
-    policy: Path | None = None,
-    gait: Path | None = None,
-    robot: Path | None = None,
-) -> str:
+def check(certificate: Path, policy: Path | None = None, robot: Path | None = None) -> str:
     """Checks a certificate, and reports in a line what holds.
 
     Args:
         certificate: The certificate.
         policy: The policy's file; by default the student that ships under the certificate's name.
-        gait: The gait's file; by default the one that ships under the certificate's name.
         robot: The robot's file, in the same way.
 
     Raises:
         RefusedError: if anything in it does not hold, or it cannot be read.
     """
+    unreadable = OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError
     try:
-        return Check(certificate, policy, gait, robot).run()
-    except RefusedError:
-        raise
-    except (OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+        return Check(certificate, policy, robot).run()
+    except (*unreadable, SyntaxError, RecursionError, MemoryError) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
-    except (SyntaxError, StopIteration, RecursionError, MemoryError) as error:
-        raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
-    except yaml.YAMLError as error:
-        raise RefusedError(f"the file of gait or robot cannot be read ({error})") from error

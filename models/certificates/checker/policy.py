@@ -1,0 +1,326 @@
+"""Formula files, read anew: what the header says, definitions and formulas.
+
+A formula is parsed as a Python expression, of which a few kinds of nodes are known; it is never
+run. The grammar is written down where formula files are described.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from itertools import product as ways
+from typing import Any, NamedTuple
+
+from .files import RefusedError, is_number, parse_yaml, refuse_unless
+from .robot import DEFAULT_ROBOT, JOINTS, LEGS, MIRRORED, TURNED, Box, image_of, is_row, symbols
+
+NEEDED = {"format", "gait", "states", "machine"}
+KNOWN = NEEDED | {"robot", "senses", "mirror", "gains", "limited", "limits", "odometry", "readings"}
+"""Keys of a header. No proof needs limits and odometry, by which targets and states are found."""
+
+MACHINE = {"description", "states", "initial", "transitions", "dwell", "clearance"}
+MACHINE |= {"max_speed", "max_yaw_rate"}
+FUNCTIONS = ("sin", "cos", "tanh")
+DEEPEST, MOST_FACTORS, MOST_STATES = 100, 100, 32
+
+TITLE = re.compile(r"definitions|every state|state [0-9]{1,2}")
+WORD = r"[A-Za-z_][A-Za-z0-9_]*"
+TOKEN = re.compile(
+    r" *(?:(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?(?![A-Za-z0-9_.])"
+    rf"|{WORD}(?:\.{WORD})?(?!\.)|\*\* *[23](?![A-Za-z0-9_.])|\*(?!\*)|/(?!/)|[-+()])"
+)
+STANCES = [dict(zip(LEGS, feet, strict=True)) for feet in ways((False, True), repeat=len(LEGS))]
+"""All ways to touch the ground."""
+
+
+class Formula(NamedTuple):
+    """A formula and the names that it holds."""
+
+    tree: ast.expr
+    names: frozenset[str]
+
+
+class FormulaFile:
+    """The parts of a formula file that a proof needs.
+
+    Attributes:
+        header: Its keys and values.
+        machine: The gait's machine.
+        stiffness: Stiffness of the joints that the policy moves, where the file says so (N·m/rad).
+        names: The quantities that formulas may hold.
+        mirror: State that each state is in the mirror; None where the file does not say so.
+        readings: Least and greatest value of each quantity that is read in a range.
+        definitions: Formulas that have names, of quantities.
+        formulas: The formulas by state and joint; those that are images of others are left out.
+    """
+
+    def __init__(self, text: str) -> None:
+        plain = len(text) <= 1_000_000 and not re.search(r"[^\n -~]", text)
+        refuse_unless(plain, "the policy's file is too long, or is not printable ASCII")
+        parts = sections(text)
+        said = parse_yaml("\n".join(parts.pop("")), "the policy's header")
+        known = isinstance(said, dict) and NEEDED <= {*said} <= KNOWN
+        refuse_unless(known, "the policy's header has other keys, or holds no machine")
+        refuse_unless(said["format"] == 2, "the policy is of another format")
+        refuse_unless(said.get("senses") in (None, "imu"), "the policy's senses are not known")
+        self.header, self.machine = {"robot": DEFAULT_ROBOT, **said}, said["machine"]
+        check_machine(self.machine)
+        n_states, self.mirror = len(self.machine["states"]), said.get("mirror")
+        refuse_unless(said["states"] == n_states, "the policy has other states")
+        right = self.mirror is None or is_mirror(self.machine, self.mirror)
+        refuse_unless(right, "the policy's mirror is not that of its machine")
+        gains = said.get("gains")
+        sound = is_row(gains, 2) and 0.0 < gains[0] <= 1000.0 and 0.0 <= gains[1] <= 100.0
+        refuse_unless(gains is None or sound, "the policy's gains are no stiffness and damping")
+        self.stiffness = None if gains is None else float(gains[0])
+        self.has_images, self.shared = self.mirror is not None, "every state" in parts
+        self.names = symbols(n_states, said.get("senses") is not None)
+        self.readings = ranges_of(said.get("readings") or {}, self.names)
+        self.definitions: dict[str, Formula] = {}
+        for name, formula in assignments(parts.pop("definitions", [])):
+            taken = {*self.names, *self.definitions, *JOINTS, *FUNCTIONS}
+            refuse_unless(name not in taken, f"{name[:40]!r} cannot be defined")
+            self.definitions[name] = parse(formula)
+        self.formulas: dict[tuple[int, str], Formula] = {}
+        for title, lines in parts.items():
+            states = range(n_states) if self.shared else [int(title[6:])]
+            refuse_unless(max(states) < n_states, f"there is no {title}")
+            for joint, formula in assignments(lines):
+                refuse_unless(joint in JOINTS, f"{joint[:40]!r} is no joint")
+                for place in ways(states, [joint]):
+                    refuse_unless(place not in self.formulas, f"{joint} has two formulas")
+                    self.formulas[place] = parse(formula)
+        for place in ways(range(n_states), JOINTS):
+            self.used(*place)
+
+    def formula(self, state: int, joint: str) -> tuple[Formula, bool, int]:
+        """Returns the formula of a target, whether it is of the image, and its sign there."""
+        if (state, joint) in self.formulas:
+            return self.formulas[state, joint], False, 1
+        refuse_unless(self.has_images, f"{joint} has no formula in state {state}")
+        other, sign = image_of(joint, self.mirror or [])
+        place = (self.mirror or [])[state], other
+        refuse_unless(place in self.formulas, f"{joint} has no formula in state {state}")
+        return self.formulas[place], True, sign
+
+    def named(self, name: str, mirrored: bool) -> tuple[str | Formula, bool, int]:
+        """Returns the quantity or formula of a name, whether it is mirrored, and its sign."""
+        if name in self.names:
+            other, sign = image_of(name, self.mirror or []) if mirrored else (name, 1)
+            return other, mirrored, sign
+        if name in self.definitions:
+            return self.definitions[name], mirrored, 1
+        kind, _, place = name.partition(".")
+        other = f"{kind}.{MIRRORED.get(place[:2], '')}{place[2:]}"
+        known = self.has_images and other in self.definitions
+        refuse_unless(known, f"{name[:40]!r} does not belong in a formula")
+        return self.definitions[other], not mirrored, 1
+
+    def evaluate(self, state: int, joint: str, algebra: Any, mirrored: bool = False) -> Any:
+        """Works out a target of quantities, or of their images in the mirror.
+
+        Args:
+            state: State of the machine.
+            joint: The joint.
+            algebra: Arithmetic: `number`, `quantity`, `product`, `quotient`, `function` and a
+                dictionary `known`; sums and negatives are Python's operators.
+            mirrored: Whether quantities are replaced by their images.
+        """
+        formula, is_image, sign = self.formula(state, joint)
+        found = self.worked_out(formula.tree, algebra, mirrored != is_image)
+        return found if sign > 0 else -found
+
+    def worked_out(self, node: ast.expr, algebra: Any, mirrored: bool) -> Any:
+        """Works out a part of a formula, in which definitions stand for their formulas."""
+        match node:
+            case ast.Constant(value=number):
+                return algebra.number(float(number))
+            case ast.Name() | ast.Attribute():
+                key = ast.unparse(node), mirrored
+                if key not in algebra.known:
+                    what, turned, sign = self.named(*key)
+                    if isinstance(what, str):
+                        found = algebra.quantity(what)
+                    else:
+                        found = self.worked_out(what.tree, algebra, turned)
+                    algebra.known[key] = found if sign > 0 else -found
+                return algebra.known[key]
+            case ast.UnaryOp(op=op, operand=inner):
+                found = self.worked_out(inner, algebra, mirrored)
+                return -found if isinstance(op, ast.USub) else found
+            case ast.Call(func=ast.Name(id=function), args=[inner]):
+                return algebra.function(function, self.worked_out(inner, algebra, mirrored))
+            case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=power)):
+                base = self.worked_out(base, algebra, mirrored)
+                square = algebra.product(base, base)
+                return square if power == 2 else algebra.product(square, base)
+            case ast.BinOp(left=left, op=op, right=right):
+                first, last = (self.worked_out(part, algebra, mirrored) for part in (left, right))
+                match op:
+                    case ast.Add():
+                        return first + last
+                    case ast.Sub():
+                        return first - last
+                    case ast.Mult():
+                        return algebra.product(first, last)
+                return algebra.quotient(first, last)
+        raise RefusedError("a formula holds what it must not")
+
+    def used(self, state: int, joint: str) -> set[str]:
+        """Returns the quantities that a target is written with, also those that cancel out."""
+        formula, is_image, _ = self.formula(state, joint)
+        pending, found = [(name, is_image) for name in formula.names], set[str]()
+        while pending:
+            what, turned, _ = self.named(*pending.pop())
+            if isinstance(what, str):
+                found.add(what)
+            else:
+                pending += [(name, turned) for name in what.names]
+        return found
+
+    def read(self, box: Box) -> Box:
+        """Returns what formulas read of a box: the nearer end of a range where it goes beyond."""
+        clipped = dict(box)
+        for name, (low, high) in self.readings.items():
+            first, last = (min(max(end, low), high) for end in box[name])
+            clipped[name] = first, last
+        return clipped
+
+
+def sections(text: str) -> dict[str, list[str]]:
+    """Cuts a file at the titles of its sections; the header has the title ""."""
+    lines: list[str] = []
+    found = {"": lines}
+    for line in text.split("\n"):
+        bare = line.partition("#")[0].rstrip(" ")
+        if TITLE.fullmatch(bare):
+            refuse_unless(bare not in found, f"{bare!r} stands twice")
+            found[bare] = lines = []
+        else:
+            lines.append(bare)
+    kinds = {title.partition(" ")[0] for title in found} - {"", "definitions"}
+    refuse_unless(len(kinds) == 1, "formulas serve every state, or one each")
+    return found
+
+
+def assignments(lines: list[str]) -> Iterator[tuple[str, str]]:
+    """Splits statements into names and formulas; an indented line goes on with the one above."""
+    whole = re.sub(r"\n+ ", " ", "\n".join(filter(None, lines)))
+    for line in filter(None, whole.split("\n")):
+        found = re.fullmatch(rf"({WORD}(?:\.{WORD})?) *=(?!=)(.*)", line)
+        refuse_unless(found, f"{line[:40]!r} is no line of a formula file")
+        if found:
+            yield found[1], found[2]
+
+
+def parse(text: str) -> Formula:
+    """Parses a formula, of which every token and every node is known."""
+    at, names, text = 0, set[str](), text.strip(" ")
+    while at < len(text):
+        token = TOKEN.match(text, at)
+        if token is None:
+            raise RefusedError(f"{text[at : at + 20]!r} does not belong in a formula")
+        at, word = token.end(), token[0].strip(" ")
+        is_function = word in FUNCTIONS and text[at:].lstrip(" ").startswith("(")
+        names |= {word} if re.match(WORD, word) and not is_function else set()
+    try:
+        tree = ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
+        raise RefusedError(f"{text[:40]!r} is no formula") from error
+    depth, factors = measured(tree)
+    refuse_unless(depth <= DEEPEST, f"a formula is nested more than {DEEPEST} deep")
+    refuse_unless(factors <= MOST_FACTORS, "a formula multiplies too often")
+    return Formula(tree, frozenset(names))
+
+
+def measured(node: ast.expr) -> tuple[int, int]:
+    """Returns how deep a formula is nested, and the factors of its longest product."""
+    match node:
+        case ast.Constant(value=int(value) | float(value)):
+            refuse_unless(abs(value) <= 1e30, f"{value:g} is too large a number")
+            return 1, 1
+        case ast.Name() | ast.Attribute():
+            return 1, 1
+        case ast.UnaryOp(operand=inner):
+            return 1 + measured(inner)[0], measured(inner)[1]
+        case ast.Call(func=ast.Name(id=name), args=[inner], keywords=[]):
+            refuse_unless(name in FUNCTIONS, f"{name[:40]!r} does not belong in a formula")
+            return 1 + measured(inner)[0], 1
+        case ast.BinOp(left=left, op=op, right=right):
+            (one, a), (other, b) = measured(left), measured(right)
+            if isinstance(op, ast.Pow):
+                refuse_unless(isinstance(right, ast.Constant), "a power is no number")
+                return 1 + one, a * int(getattr(right, "value", 0))
+            return 1 + max(one, other), a + b if isinstance(op, ast.Mult) else max(a, b)
+    raise RefusedError("a formula holds what it must not")
+
+
+def ranges_of(said: Any, names: list[str]) -> dict[str, tuple[float, float]]:
+    """Returns the ranges in which quantities are read, which are given by kind."""
+    refuse_unless(isinstance(said, dict), "the policy's readings are none")
+    ends, used = dict[str, tuple[float, float]](), set[str]()
+    for name in names:
+        head, _, member = name.partition(".")
+        kind = "h" if head == "h" else f"{head}.{member.rpartition('_')[2]}"
+        if kind in said and head != "a" and name != "cmd.t":
+            sound = is_row(said[kind], 2) and said[kind][0] < said[kind][1]
+            refuse_unless(sound, f"the range of {kind} is none")
+            low, high = map(float, said[kind])
+            even = name not in TURNED or low == -high
+            refuse_unless(even, f"the range of {kind} has another in the mirror")
+            # Of right hips, whose angles have the other sign, it is the image of the left ones'.
+            ends[name] = (-high, -low) if re.search(r"\.[FR]R_hip$", name) else (low, high)
+            used.add(kind)
+    refuse_unless(used == {*said}, "the policy's readings are of what is not observed")
+    return ends
+
+
+def check_machine(said: Any) -> None:
+    """Refuses a machine of other keys, or without what proofs need."""
+    keys = {*said} if isinstance(said, dict) else set()
+    refuse_unless(MACHINE <= keys <= MACHINE | {"faults"}, "the machine has other keys")
+    states, dwell, edges = said["states"], said["dwell"], said["transitions"]
+    names = isinstance(states, list) and all(isinstance(state, str) for state in states)
+    names = names and 1 <= len({*states}) == len(states) <= MOST_STATES
+    refuse_unless(names, "the machine names no states")
+    whole = is_row(dwell, 2) and all(type(own) is int for own in dwell)
+    refuse_unless(whole and 1 <= dwell[0] <= dwell[1] <= 1000, "the machine has no dwell")
+    for key in ("max_speed", "max_yaw_rate"):
+        refuse_unless(is_number(said[key]) and 0 < said[key] <= 100, f"the machine has no {key}")
+    ends = {end for edge in edges for end in (edge["from"], edge["to"])} | {said["initial"]}
+    refuse_unless(ends <= {*states}, "the machine has other states")
+
+
+def is_mirror(machine: dict[str, Any], image: Any) -> bool:
+    """Returns whether a machine in the mirror is itself, its states renamed to their images."""
+    states, faults = machine["states"], machine.get("faults", [])
+    numbers = is_row(image, len(states)) and all(type(own) is int for own in image)
+    if not numbers or sorted(image) != [*range(len(states))]:
+        return False
+    leaving, mirrored = set(), set()
+    for edge in machine["transitions"]:
+        ends = states.index(edge["from"]), states.index(edge["to"])
+        rest = edge.get("dwell", 1.0), edge.get("grace", 0)
+        leaving.add((*ends, fires(edge["when"]), *rest))
+        mirrored.add((*(image[end] for end in ends), fires(edge["when"], True), *rest))
+    alike = all((states[a] in faults) == (states[b] in faults) for a, b in enumerate(image))
+    return alike and leaving == mirrored and all(image[image[own]] == own for own in image)
+
+
+def fires(condition: Any, mirrored: bool = False) -> tuple[bool, ...]:
+    """Returns in which stances a transition fires, such as by FL & ~RR, or by its mirror image."""
+    plain = isinstance(condition, str) and re.fullmatch(r"[FLR&|~() ]{1,1000}", condition)
+    refuse_unless(plain, "a transition has no condition")
+
+    def holds(node: ast.expr, feet: dict[str, bool]) -> bool:
+        match node:
+            case ast.Name(id=leg):
+                return feet[MIRRORED[leg] if mirrored else leg]
+            case ast.UnaryOp(op=ast.Invert(), operand=inner):
+                return not holds(inner, feet)
+            case ast.BinOp(left=left, op=op, right=right):
+                one, other = holds(left, feet), holds(right, feet)
+                return one and other if isinstance(op, ast.BitAnd) else one or other
+        raise RefusedError(f"{condition!r} is no condition")
+
+    tree = ast.parse(condition.strip(), mode="eval").body
+    return tuple(holds(tree, feet) for feet in STANCES)
