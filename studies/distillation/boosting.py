@@ -1,6 +1,6 @@
-"""Students of a library's models, one a joint: boosted trees and explainable boosting."""
+"""Students of a library's models, one for each joint: boosted trees and explainable boosting."""
 
-from collections.abc import Callable
+from abc import abstractmethod
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Self
 
@@ -23,9 +23,24 @@ from glassgait.studies.distillation.students import StudentSettings
 Depth = Annotated[Count, Le(16)]
 """Depth of a tree: compiled trees are complete, and of this depth have 65,536 leaves."""
 
+Bins = Annotated[Count, Ge(3)]
+"""Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
+
 
 @checked
-class GbmSettings(StudentSettings):
+class EnsembleSettings(StudentSettings):
+    """Settings of a library's model of one joint."""
+
+    policy: ClassVar[type[BoostedTreesPolicy] | type[AdditivePolicy]]
+    """Class of the policies that the models are compiled to."""
+
+    @abstractmethod
+    def regressor(self, n_observations: int, seed: int) -> Any:
+        """Makes the library's model, not yet fitted."""
+
+
+@checked
+class GbmSettings(EnsembleSettings):
     """Settings of scikit-learn's gradient boosting.
 
     The paper uses the library's defaults: 100 trees of depth 3, of all samples and observations.
@@ -39,6 +54,7 @@ class GbmSettings(StudentSettings):
     """
 
     title: ClassVar[str] = "distillation: gbm"
+    policy: ClassVar[type[BoostedTreesPolicy]] = BoostedTreesPolicy
 
     n_trees: Count = 140
     depth: Depth = 7
@@ -46,9 +62,20 @@ class GbmSettings(StudentSettings):
     subsample: Share = 0.25
     feature_share: Share = 0.3
 
+    def regressor(self, n_observations: int, seed: int) -> GradientBoostingRegressor:
+        """Makes scikit-learn's model, not yet fitted."""
+        return GradientBoostingRegressor(
+            n_estimators=self.n_trees,
+            max_depth=self.depth,
+            learning_rate=self.learning_rate,
+            subsample=self.subsample,
+            max_features=self.feature_share,
+            random_state=seed,
+        )
+
 
 @checked
-class HistogramGbmSettings(StudentSettings):
+class HistogramGbmSettings(EnsembleSettings):
     """Settings of scikit-learn's histogram gradient boosting, the fast one.
 
     Attributes:
@@ -60,6 +87,7 @@ class HistogramGbmSettings(StudentSettings):
     """
 
     title: ClassVar[str] = "distillation: histogram_gbm"
+    policy: ClassVar[type[BoostedTreesPolicy]] = BoostedTreesPolicy
 
     n_trees: Count = 300
     round_trees: Count = 150
@@ -71,45 +99,21 @@ class HistogramGbmSettings(StudentSettings):
         """Returns the settings of the students that collect samples: fewer trees."""
         return replace(self, n_trees=min(self.round_trees, self.n_trees))
 
-
-def boosting_regressor(settings: GbmSettings, seed: int) -> GradientBoostingRegressor:
-    """Makes scikit-learn's model of one joint, not yet fitted."""
-    return GradientBoostingRegressor(
-        n_estimators=settings.n_trees,
-        max_depth=settings.depth,
-        learning_rate=settings.learning_rate,
-        subsample=settings.subsample,
-        max_features=settings.feature_share,
-        random_state=seed,
-    )
-
-
-def _fit_gbm_joint(
-    observations: Array, target: Array, seed: int, settings: GbmSettings
-) -> GradientBoostingRegressor:
-    return boosting_regressor(settings, seed).fit(observations, target)
-
-
-def _fit_histogram_gbm_joint(
-    observations: Array, target: Array, seed: int, settings: HistogramGbmSettings
-) -> HistGradientBoostingRegressor:
-    return HistGradientBoostingRegressor(
-        max_iter=settings.n_trees,
-        max_depth=settings.depth,
-        max_leaf_nodes=settings.leaves,
-        learning_rate=settings.learning_rate,
-        # The stubs know of "auto" alone.
-        early_stopping=False,  # pyright: ignore[reportArgumentType]
-        random_state=seed,
-    ).fit(observations, target)
-
-
-Bins = Annotated[Count, Ge(3)]
-"""Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
+    def regressor(self, n_observations: int, seed: int) -> HistGradientBoostingRegressor:
+        """Makes scikit-learn's model, not yet fitted."""
+        return HistGradientBoostingRegressor(
+            max_iter=self.n_trees,
+            max_depth=self.depth,
+            max_leaf_nodes=self.leaves,
+            learning_rate=self.learning_rate,
+            # The stubs only know "auto".
+            early_stopping=False,  # pyright: ignore[reportArgumentType]
+            random_state=seed,
+        )
 
 
 @checked
-class EbmSettings(StudentSettings):
+class EbmSettings(EnsembleSettings):
     """Settings of interpret's explainable boosting.
 
     Attributes:
@@ -129,6 +133,7 @@ class EbmSettings(StudentSettings):
     """
 
     title: ClassVar[str] = "distillation: ebm"
+    policy: ClassVar[type[AdditivePolicy]] = AdditivePolicy
 
     outer_bags: Count = 4
     round_bags: Count = 1
@@ -159,58 +164,43 @@ class EbmSettings(StudentSettings):
         """Returns the settings of the fit that is scored by the paper's split, of fewer bags."""
         return replace(self, outer_bags=min(self.round_bags, self.outer_bags))
 
-
-def additive_regressor(
-    settings: EbmSettings, n_observations: int, seed: int
-) -> ExplainableBoostingRegressor:
-    """Makes interpret's model of one joint, not yet fitted."""
-    return ExplainableBoostingRegressor(
-        # One-hot observations are numbers to every student alike.
-        feature_types=["continuous"] * n_observations,
-        outer_bags=settings.outer_bags,
-        interactions="5x" if settings.interactions is None else settings.interactions,
-        max_bins=settings.max_bins,
-        max_interaction_bins=settings.max_interaction_bins,
-        max_rounds=settings.max_rounds,
-        learning_rate=settings.learning_rate,
-        smoothing_rounds=settings.smoothing_rounds,
-        interaction_smoothing_rounds=settings.interaction_smoothing_rounds,
-        n_jobs=1,
-        random_state=seed,
-    )
-
-
-def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmSettings) -> Any:
-    return additive_regressor(settings, observations.shape[1], seed).fit(observations, target)
-
-
-FitJoint = Callable[[Array, Array, int, Any], Any]
-"""Fits the model of a joint: `fit_joint(observations, target, seed, settings)`."""
-
-LIBRARY_MODELS: dict[str, tuple[FitJoint, Callable[..., Policy]]] = {
-    "gbm": (_fit_gbm_joint, BoostedTreesPolicy.compile),
-    "histogram_gbm": (_fit_histogram_gbm_joint, BoostedTreesPolicy.compile),
-    "ebm": (_fit_ebm_joint, AdditivePolicy.compile),
-}
-"""How a student's model of a joint is fitted, and how its models become a policy."""
+    def regressor(self, n_observations: int, seed: int) -> ExplainableBoostingRegressor:
+        """Makes interpret's model, not yet fitted."""
+        return ExplainableBoostingRegressor(
+            # One-hot observations are numbers to every student alike.
+            feature_types=["continuous"] * n_observations,
+            outer_bags=self.outer_bags,
+            interactions="5x" if self.interactions is None else self.interactions,
+            max_bins=self.max_bins,
+            max_interaction_bins=self.max_interaction_bins,
+            max_rounds=self.max_rounds,
+            learning_rate=self.learning_rate,
+            smoothing_rounds=self.smoothing_rounds,
+            interaction_smoothing_rounds=self.interaction_smoothing_rounds,
+            n_jobs=1,
+            random_state=seed,
+        )
 
 
 def fit_models(
-    kind: str, samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
+    samples: TrainingSet, settings: EnsembleSettings, *, seed: int, n_jobs: int
 ) -> list[Any]:
     """Fits a library's models of all joints, some at once."""
-    fit_joint, _ = LIBRARY_MODELS[kind]
-    jobs = (
-        delayed(fit_joint)(samples.observations, samples.actions[:, joint], seed + joint, settings)
+    calls = (
+        delayed(_fit_joint)(samples.observations, samples.actions[:, joint], settings, seed + joint)
         for joint in range(quadruped.N_JOINTS)
     )
-    return list(run_parallel(jobs, n_jobs))
+    return list(run_parallel(calls, n_jobs))
+
+
+def _fit_joint(observations: Array, target: Array, settings: EnsembleSettings, seed: int) -> Any:
+    return settings.regressor(observations.shape[1], seed).fit(observations, target)
 
 
 def fit_ensemble(
-    kind: str, samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
+    samples: TrainingSet, settings: EnsembleSettings, *, seed: int, n_jobs: int
 ) -> Policy:
     """Fits a library's models of all joints, and compiles them to a policy."""
-    models = fit_models(kind, samples, settings, seed=seed, n_jobs=n_jobs)
-    _, compile_models = LIBRARY_MODELS[kind]
-    return compile_models(samples.gait, samples.observation_names, models, samples.robot)
+    models = fit_models(samples, settings, seed=seed, n_jobs=n_jobs)
+    names = samples.observation_names
+    return settings.policy.compile(samples.gait, names, models, samples.robot)

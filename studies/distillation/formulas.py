@@ -10,6 +10,7 @@ from glassgait.models.certificates.box import measured_box
 from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.numbers import numbers_of, with_numbers
 from glassgait.models.formulas.quantities import (
     COURSE,
     GATES,
@@ -200,7 +201,8 @@ def readable(formulas: Sequence[Expression], values: Array, targets: Array) -> l
 
 def rounded(formula: Expression, digits: int = DIGITS) -> Expression:
     """Rounds the numbers of a formula to so many significant digits, in canonical form."""
-    return canonical(_rounded(formula, digits))
+    short = (float(f"{number:.{digits}g}") for number in numbers_of(formula))
+    return canonical(with_numbers(formula, short))
 
 
 def short_numbers(policy: FormulaPolicy) -> FormulaPolicy:
@@ -208,15 +210,6 @@ def short_numbers(policy: FormulaPolicy) -> FormulaPolicy:
     file = policy.to_file()
     formulas = {place: rounded(formula) for place, formula in file.formulas.items()}
     return FormulaPolicy.from_file(replace(file, formulas=formulas), policy.robot)
-
-
-def _rounded(formula: Expression, digits: int) -> Expression:
-    if formula.operator == "constant":
-        return constant(float(f"{formula.value:.{digits}g}"))
-    if not formula.operands:
-        return formula
-    operands = tuple(_rounded(operand, digits) for operand in formula.operands)
-    return Expression(formula.operator, operands)
 
 
 def _raised(formula: Expression, by: float) -> Expression:

@@ -76,9 +76,6 @@ if TYPE_CHECKING:
 else:
     StudentKind = Literal[tuple(STUDENTS)]
 
-OTHER = Student("", "#1b1f24", "X")
-"""The colour and marker of the expert, and of policies of a person's own."""
-
 
 def student_title(name: str) -> str:
     """Returns the title of a student; other policies are called by their name."""
@@ -88,16 +85,6 @@ def student_title(name: str) -> str:
 def policy_title(name: str) -> str:
     """Returns the title of the expert or a student; other policies are called by their name."""
     return "Neural expert" if name == "expert" else student_title(name)
-
-
-def policy_color(name: str) -> str:
-    """Returns the colour of a policy in all figures."""
-    return STUDENTS.get(name, OTHER).color
-
-
-def policy_marker(name: str) -> str:
-    """Returns the marker that distinguishes a policy without colours too."""
-    return STUDENTS.get(name, OTHER).marker
 
 
 def paper_students() -> tuple[str, ...]:

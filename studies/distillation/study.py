@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_metrics, write_table
-from glassgait.studies.distillation.boosting import LIBRARY_MODELS, fit_ensemble
+from glassgait.studies.distillation.boosting import fit_ensemble
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
 from glassgait.studies.distillation.dataset import Dataset, TrainingSet, r2_scores
@@ -49,7 +48,7 @@ from glassgait.studies.distillation.symbolic import fit_statewise_symbolic, fit_
 FITS: dict[str, Callable[..., Policy]] = {
     "linear": fit_linear,
     "statewise_linear": fit_statewise_linear,
-    **{kind: partial(fit_ensemble, kind) for kind in LIBRARY_MODELS},
+    **dict.fromkeys(("gbm", "histogram_gbm", "ebm"), fit_ensemble),
     "symbolic": fit_symbolic,
     "statewise_symbolic": fit_statewise_symbolic,
     "sparse_formula": fit_sparse_formula,

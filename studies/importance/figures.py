@@ -1,4 +1,4 @@
-"""Additive policies as interpret's models, so that its explanations and its dashboard read them."""
+"""The paper's figures of students: importance maps, trees, dependences, functions and terms."""
 
 import textwrap
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def interpret_model(
     """Rebuilds the fitted model of a joint: its target, by quantities in the robot's units.
 
     Its `explain_global` and `explain_local` return interpret's explanation objects, which
-    `interpret.show` takes. Quantities have the names that pages of formulas call them by.
+    `interpret.show` takes. Quantities have the names of formula files.
 
     Args:
         policy: The additive policy.
@@ -83,7 +83,7 @@ def interpret_model(
 
 
 def _with_unit(policy: Policy, index: int) -> str:
-    """Labels an axis with what a policy observes, its unit below."""
+    """Returns an axis label: an observation's symbol, its unit below."""
     entry = entry_of(policy.observation_names[index])
     return f"{entry.symbol}\n({entry.unit})" if entry.unit else entry.symbol
 
@@ -207,7 +207,7 @@ def dependence_figure(
         observations: Samples (m, n).
         columns: Observations to vary.
         generator: Source of randomness, for the samples whose curves are drawn.
-        n_curves: Number of those.
+        n_curves: Number of these samples.
     """
     figure, panels = subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
     quantities = RobotUnits.of(policy.robot, policy.observation_names).quantities(observations)
@@ -236,14 +236,14 @@ def dependence_figure(
 
 
 class _JointRegressor(RegressorMixin, BaseEstimator):
-    """One joint of a policy, as scikit-learn's inspection wants to see it."""
+    """One joint of a policy as a regressor of scikit-learn, for its partial dependence."""
 
     def __init__(self, policy: Policy, joint: int) -> None:
         self.policy = policy
         self.joint = joint
 
     def fit(self, X: Array, y: None = None) -> "_JointRegressor":
-        """Notes the number of observations; the policy is fitted already."""
+        """Stores the number of observations; the policy is fitted already."""
         self.n_features_in_ = X.shape[1]
         return self
 
@@ -259,7 +259,7 @@ def _level(node: int) -> int:
 
 
 def _place(node: int) -> tuple[float, float]:
-    """Where a node of a complete binary tree, numbered breadth-first, stands."""
+    """Returns the place of a node of a complete binary tree, numbered breadth-first."""
     level = _level(node)
     return (node + 1.5 - 2**level) / 2**level, -float(level)
 
@@ -388,14 +388,14 @@ N_PAIRS = 2
 def student_figures(
     gait: str, kind: str, student: Policy, joint: int, observations: Array, seed: int = 0
 ) -> dict[str, Figure]:
-    """Draws what the shape of a student's model says about a joint.
+    """Draws the model of a student's joint.
 
     Boosted trees: one tree, and the partial dependence on the three most important observations.
     Additive models: the terms' importances, functions of one observation with their bands, and of
-    two as maps.
+    two as maps. Other students have no such figures.
 
     Args:
-        gait: The gait.
+        gait: Name of the gait.
         kind: Kind of student.
         student: The student.
         joint: Index of the joint.

@@ -1,12 +1,14 @@
-"""Observations merged over legs, as the paper's table names them."""
+"""Importances: permutation, groups of observations, and the table beside the paper's."""
 
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.files import read_yaml
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, indices_of
@@ -14,7 +16,7 @@ from glassgait.studies.distillation.dataset import Dataset, r2_scores
 
 
 def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
-    """Groups observations that differ by leg alone: columns by merged name, in order."""
+    """Groups observations that differ only by leg: columns by merged name, in order."""
     merged = [entry.merged_name for entry in entries_of(names)]
     return {
         group: np.flatnonzero([name == group for name in merged]) for group in dict.fromkeys(merged)
@@ -49,7 +51,7 @@ def permutation_importance(
     """Measures how much R² each joint loses when one observation is shuffled.
 
     The entries of the machine's state are shuffled together, so that each sample keeps exactly one
-    state. What is lost without them is divided equally among them.
+    state. Their loss is divided equally among them.
 
     Args:
         policy: The student.
@@ -77,80 +79,17 @@ def permutation_importance(
 
 N_TOP = 3
 
-_HIP, _THIGH, _CALF = "Prev Action Hip", "Prev Action Thigh", "Prev Action Calf"
-_STATE, _ITERS, _FOOT, _X = "RM State", "RM Iters", "Foot Height", "Command X"
-
-PAPER_TOP = {
-    "impurity": {
-        "walk": {
-            "hip": ({_HIP}, {_STATE}, {_ITERS, "DoF Pos Calf", _CALF, _FOOT}),
-            "thigh": ({_THIGH}, {_STATE, _ITERS, "DoF Pos Thigh"}, {_HIP, _X}),
-            "calf": ({_HIP, _CALF}, {_ITERS, _HIP, _CALF}, {_HIP, _THIGH}),
-        },
-        "trot": {
-            "hip": ({_HIP}, {_STATE, _ITERS, _HIP, _THIGH}, {_ITERS, _CALF}),
-            "thigh": ({_HIP, _THIGH}, {_ITERS, _X, _THIGH, _CALF}, {_ITERS, _STATE, _FOOT}),
-            "calf": ({_HIP, _CALF}, {_CALF, _HIP, _STATE}, {_HIP, _THIGH}),
-        },
-        "pace": {
-            "hip": (
-                {_HIP, "DoF Vel Hip", _ITERS, _FOOT},
-                {"DoF Pos Thigh", "DoF Vel Thigh", _STATE, _ITERS},
-                {_HIP, _FOOT, "DoF Vel Calf"},
-            ),
-            "thigh": ({_HIP, _ITERS, _FOOT}, {_FOOT, _HIP}, {"DoF Vel Hip", "DoF Vel Thigh", _X}),
-            "calf": (
-                {_HIP, _THIGH},
-                {_THIGH, _CALF, _ITERS, _FOOT},
-                {_ITERS, "DoF Pos Thigh", "DoF Vel Thigh"},
-            ),
-        },
-        "bound": {
-            "hip": ({_HIP}, {_HIP, _THIGH}, {_CALF, "Base Lin Vel Z"}),
-            "thigh": ({_THIGH}, {_THIGH, _CALF, _ITERS}, {_FOOT, _X, _HIP, _CALF}),
-            "calf": ({_CALF, _HIP}, {_CALF, _HIP}, {_HIP, _THIGH}),
-        },
-    },
-    "permutation": {
-        "walk": {
-            "hip": ({_HIP}, {_STATE, _FOOT}, {_ITERS, _STATE, _CALF}),
-            "thigh": ({_THIGH}, {_STATE, _ITERS, _X}, {_HIP, _X}),
-            "calf": ({_HIP, _CALF}, {_CALF, _HIP, _STATE}, {_HIP, _THIGH}),
-        },
-        "trot": {
-            "hip": ({_HIP}, {_STATE, _ITERS, _HIP, _CALF}, {_ITERS, _THIGH, _CALF}),
-            "thigh": ({_HIP, _THIGH}, {_ITERS, _X, _THIGH, _CALF}, {_ITERS, _STATE, _FOOT}),
-            "calf": ({_HIP, _CALF}, {_CALF, _HIP, _STATE}, {_HIP, _THIGH}),
-        },
-        "pace": {
-            "hip": (
-                {_FOOT, _HIP, _ITERS},
-                {_HIP, "DoF Pos Hip", _ITERS, "DoF Vel Calf"},
-                {_HIP, _THIGH, "DoF Vel Thigh", _STATE},
-            ),
-            "thigh": ({_HIP, _ITERS, _FOOT}, {_FOOT, _HIP}, {"DoF Vel Hip", "DoF Vel Thigh", _X}),
-            "calf": (
-                {_HIP, _THIGH},
-                {_THIGH, _CALF, _ITERS, _FOOT},
-                {_ITERS, "DoF Pos Thigh", "DoF Vel Thigh"},
-            ),
-        },
-        "bound": {
-            "hip": ({_HIP}, {_HIP, _THIGH}, {_CALF, _STATE}),
-            "thigh": ({_THIGH}, {_X, _HIP}, {_STATE, _ITERS, _THIGH, _CALF}),
-            "calf": ({_CALF, _HIP}, {_CALF, _HIP, "Base Lin Vel Z"}, {_HIP, _CALF}),
-        },
-    },
-}
+PAPER_TOP: dict[str, dict[str, dict[str, list[list[str]]]]] = read_yaml(
+    Path(__file__).with_name("paper_table_1.yaml")
+)
 """The paper's Table I by method, gait and joint type: first, second and third observations."""
 
 
 def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, list[list[str]]]:
     """Lists the first, second and third observations of each joint type.
 
-    The rule: importances are added up over observations that differ by leg alone; each of a type's
-    four joints names its own first, second and third; a place lists what any of the four named,
-    the most frequent first.
+    Importances are added up over observations that differ only by leg. Each of a type's four joints
+    names its first, second and third; a place lists the names of all four, the most frequent first.
 
     Args:
         importances: Importances (12, n).
@@ -186,7 +125,7 @@ def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str
     rows = []
     for kind, places in top_observations(importances, names).items():
         row = {"gait": gait, "joint type": kind}
-        theirs = paper.get(kind, (set(),) * N_TOP)
+        theirs = paper.get(kind, [[]] * N_TOP)
         for title, ours, known in zip(("1st", "2nd", "3rd"), places, theirs, strict=True):
             row[title] = ", ".join(name + ("*" if name in known else "") for name in ours)
             row[f"{title} (paper)"] = ", ".join(sorted(known)) or "–"

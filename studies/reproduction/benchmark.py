@@ -33,7 +33,7 @@ from glassgait.studies.common.run_folder import (
     refuse_run,
 )
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.boosting import LIBRARY_MODELS, fit_models
+from glassgait.studies.distillation.boosting import EnsembleSettings, fit_models
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import StudentsSettings
 from glassgait.studies.distillation.dataset import Dataset
@@ -206,9 +206,10 @@ def library_times(samples: Dataset, found: Policies, settings: StudentsSettings)
     settings = replace(settings, **{"ebm": few})
     training_set = samples.training_set(gait, expert)
     rows = []
-    for kind, (_, compile_models) in LIBRARY_MODELS.items():
-        models = fit_models(kind, training_set, settings.of(kind), seed=0, n_jobs=2)
-        compiled = compile_models(expert.gait, expert.observation_names, models)
+    for kind in ("gbm", "histogram_gbm", "ebm"):
+        fitted: EnsembleSettings = getattr(settings, kind)
+        models = fit_models(training_set, fitted, seed=0, n_jobs=2)
+        compiled = fitted.policy.compile(expert.gait, expert.observation_names, models)
 
         def library(observations: Array, models: Any = models) -> Array:
             return np.stack([model.predict(observations) for model in models], axis=1)

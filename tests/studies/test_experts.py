@@ -1,6 +1,4 @@
-"""The shipped experts: their records, their page, and that they walk."""
-
-from pathlib import Path
+"""The shipped experts: their records, their symmetry, and that they walk."""
 
 import numpy as np
 import pandas as pd
@@ -14,10 +12,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts
-from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.training.record import read_config, trainings
-
-PAGE = Path(__file__).parents[2] / "studies" / "training" / "README.md"
 
 BUDGET = 12e6
 """Control steps that no gait's training may exceed, with those of what it began as."""
@@ -34,26 +29,6 @@ def test_records_hold_how_the_expert_was_made(gait):
     assert record["control_steps"] == curve["control_steps"].iloc[-1]
     runs = trainings(EXPERT_DIRECTORY / f"{gait}.yaml")
     assert sum(read_yaml(run)["control_steps"] for run in runs) <= BUDGET
-
-
-def test_page_shows_the_records():
-    rows = []
-    for path in sorted(EXPERT_DIRECTORY.glob("*.yaml")):
-        runs = [read_yaml(run) for run in trainings(path)]
-        record, steps = runs[-1], sum(run["control_steps"] for run in runs)
-        rows.append(
-            {
-                "gait": record["gait"],
-                "control steps": f"{steps / 1e6:.1f} M",
-                "of the paper's": f"{steps / 36.9e6:.0%}",
-                "simulated": f"{sum(run['simulated_hours'] for run in runs):.0f} h",
-                "wall time": f"{sum(run['wall_minutes'] for run in runs):.0f} min",
-                "rhythm kept": f"{record['final']['rhythm']:.2f}",
-                "reward a step": f"{record['final']['reward']:.2f}",
-                "plain reward a step": f"{record['final']['plain_reward']:.4f}",
-            }
-        )
-    assert to_markdown(pd.DataFrame(rows)) in PAGE.read_text()
 
 
 @pytest.mark.parametrize("gait", shipped_experts())

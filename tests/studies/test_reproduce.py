@@ -15,7 +15,6 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.boosting import additive_regressor, boosting_regressor
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings, rounds
 from glassgait.studies.distillation.students import paper_students
 from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings
@@ -94,11 +93,11 @@ def test_students_are_those_of_their_libraries_defaults(paper, generator):
     x = generator.normal(size=(200, 5))
     y = x[:, 0] + np.sin(3 * x[:, 1])
     settings = paper.distillation.settings
-    ours = boosting_regressor(settings.of("gbm"), seed=3).fit(x, y)
+    ours = settings.gbm.regressor(5, seed=3).fit(x, y)
     default = GradientBoostingRegressor(random_state=3).fit(x, y)
     np.testing.assert_array_equal(ours.predict(x), default.predict(x))
     default = ExplainableBoostingRegressor().get_params()
-    ours = additive_regressor(settings.of("ebm"), 5, seed=3).get_params()
+    ours = settings.ebm.regressor(5, seed=3).get_params()
     changed = {name for name in default if ours[name] != default[name]}
     assert changed == {"feature_types", "n_jobs", "random_state"}
     formulas = settings.of("symbolic")
