@@ -258,14 +258,13 @@ def test_a_missing_or_damaged_checkpoint_or_that_of_another_run_is_refused(start
         start(tmp_path, resume=True)
 
 
-@pytest.mark.parametrize("robot", ["a1", pytest.param("go2", marks=pytest.mark.slow)])
 def test_an_actor_begins_as_another_expert_while_its_critic_learns(
-    robot, trained, start, tiny_training, tmp_path
+    trained, start, tiny_training, tmp_path
 ):
     ppo = replace(tiny_training.ppo, critic_updates=1)
     started = tmp_path / "start.safetensors"
     started.write_bytes((trained / "trot.safetensors").read_bytes())
-    settings = {"robot": robot, "warm_start": str(started), "ppo": ppo}
+    settings = {"warm_start": str(started), "ppo": ppo}
     run = start(tmp_path, **settings)
     updated(run)
     assert_equal(weights(trained), weights(tmp_path))
