@@ -17,7 +17,7 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.contact import BoolArray, ContactTrust, believed_contacts
-from glassgait.models.estimation.imu import ImuReading
+from glassgait.models.estimation.imu import N_IMU, ImuReading
 from glassgait.models.estimation.odometry import Odometry, OdometryState
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
@@ -25,6 +25,10 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.observation import N_ESTIMATED, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
+
+NO_READING: Array = np.full(N_IMU, np.nan)
+"""Reading of a robot without an IMU."""
+NO_READING.flags.writeable = False
 
 
 class Sensors(NamedTuple):
@@ -34,13 +38,13 @@ class Sensors(NamedTuple):
         joint_position: Joint positions (..., 12; rad).
         joint_velocity: Joint velocities (..., 12; rad/s).
         touching: Whether each contact sensor reads a contact (..., 4).
-        imu: The IMU's reading (..., 9); only read where something needs it.
+        imu: The IMU's reading (..., 9), where something needs it.
     """
 
     joint_position: Array
     joint_velocity: Array
     touching: BoolArray
-    imu: Array
+    imu: Array = NO_READING
 
 
 class Memory(NamedTuple):

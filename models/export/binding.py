@@ -4,14 +4,13 @@ import ctypes
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError, brief
 from glassgait.models.estimation.imu import ImuReading
 from glassgait.models.estimation.odometry import OdometryState
@@ -59,23 +58,6 @@ class Step(NamedTuple):
     memory: Array
     targets: Array
     status: int
-
-
-@dataclass(frozen=True)
-class Sensors:
-    """The sensors that a controller reads.
-
-    Attributes:
-        joint_position: Joint positions (12; rad).
-        joint_velocity: Joint velocities (12; rad/s).
-        touching: Whether each foot presses on the ground (4).
-        imu: The IMU's reading (9); only controllers that have an IMU read it.
-    """
-
-    joint_position: Array
-    joint_velocity: Array
-    touching: NDArray[np.bool_]
-    imu: Array | None = None
 
 
 def unpacked_odometry(memory: Array) -> tuple[bool, OdometryState]:
@@ -159,9 +141,6 @@ class LoadedController:
             memory: The memory after the step before.
             sensors: The present readings.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
-
-        Raises:
-            ValueError: if it reads an IMU and gets no reading.
         """
         after, targets = self._unpacked(memory), self._targets()
         sensed = self._sensors(
@@ -177,8 +156,6 @@ class LoadedController:
     def _imu_parts(self, sensors: Sensors) -> tuple[tuple[float, ...], ...]:
         if not self.has_imu:
             return ()
-        if sensors.imu is None:
-            raise ValueError(f"controller {self.name}: it reads an IMU; give its reading")
         return tuple(tuple(part) for part in ImuReading.of(sensors.imu))
 
     def _unpacked(self, memory: Array) -> ctypes.Structure:

@@ -1,12 +1,10 @@
-"""The deployed loop in Python: what the C of a controller has to agree with."""
-
-from dataclasses import replace
+"""The control step in Python, with the memory of the exported C."""
 
 import numpy as np
 
 from glassgait.models.arrays import Array
+from glassgait.models.control import ControlStep, Memory, Sensors
 from glassgait.models.estimation.contact import ContactTrust
-from glassgait.models.estimation.imu import ImuReading
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.binding import (
     ACTION,
@@ -19,7 +17,6 @@ from glassgait.models.export.binding import (
     OK,
     READING,
     UNCHANGED,
-    Sensors,
     Step,
     unpacked_odometry,
 )
@@ -31,15 +28,11 @@ from glassgait.models.policies.controller import (
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command, sound_command
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import proprioception
 from glassgait.models.task.reward_machine import MachineState, RewardMachine
 
 
 class PythonController:
-    """A policy with all that stands between it and sensors; the caller keeps its memory.
-
-    It calls the functions that the systems diagram and the batch simulator call.
-    """
+    """Takes the control steps of a policy; the caller keeps its memory, as `Step` lays it out."""
 
     def __init__(self, gait: Gait, controller: AlternatingController) -> None:
         """
@@ -48,117 +41,56 @@ class PythonController:
                 gait's.
         """
         refuse_other_machine(controller, gait)
-        self._gait, self._machine = gait, RewardMachine(gait)
-        self._policy = controller.policy
-        self._estimator = estimator_in_loop(controller)
-        self._law = controller.joint_law
+        self._gait, self._policy = gait, controller.policy
+        self._control = ControlStep(
+            controller.robot,
+            RewardMachine(gait),
+            controller.joint_law,
+            estimator_in_loop(controller),
+            self._policy.layout.imu,
+        )
+        self._has_odometry = isinstance(self._control.estimator, Odometry)
 
     def initial(self) -> Array:
         """Returns the memory before the first step (27, or 50)."""
-        odometry = N_ODOMETRY if isinstance(self._estimator, Odometry) else 0
-        memory = np.zeros(N_MEMORY + odometry)
-        memory[READING], memory[UNCHANGED] = ContactTrust.begin()
-        memory[MACHINE] = np.ravel(self._machine.initial())
+        memory = self._packed(self._control.initial(self._policy.robot.default_stance))
+        memory[ODOMETRY] = 0.0
         return memory
 
     def step(self, memory: Array, sensors: Sensors, command: Command) -> Step:
         """Takes one step.
 
         Args:
-            memory: The memory after the step before, as `Step` lays it out.
+            memory: The memory after the step before.
             sensors: The present readings.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded. The
                 nearest command that the gait is made for is taken; where one is not finite the
                 robot steps on the spot.
         """
         within = sound_command(self._gait, command)
-        step = self._acted(memory, sensors, within)
         same = np.array_equal([*within.velocity, within.dwell], [*command.velocity, command.dwell])
-        return step if same or step.status else step._replace(status=COMMAND_LIMITED)
+        targets, after = self._control.step(self._unpacked(memory), sensors, within, self._policy)
+        return Step(self._packed(after), targets, OK if same else COMMAND_LIMITED)
 
-    def _acted(self, memory: Array, sensors: Sensors, command: Command) -> Step:
-        after, asked = self._observed(memory, sensors, command)
-        action = self._within(asked, memory[ACTION], sensors)
-        after[ACTION] = action
-        targets = self._policy.robot.joint_targets(action, limited=self._law.limited)
-        return Step(after, targets, OK)
+    def _unpacked(self, memory: Array) -> Memory | None:
+        """Returns what is remembered of the step before; None at the first step."""
+        control = self._control.initial(self._policy.robot.default_stance)
+        odometry = control.odometry
+        if self._has_odometry:
+            begun, odometry = unpacked_odometry(memory[ODOMETRY])
+            if not begun:
+                return None
+        trust = ContactTrust(memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64))
+        machine = MachineState(*memory[MACHINE].astype(np.int64))
+        estimate = np.concatenate([np.zeros(3), memory[FOOT_HEIGHT]])
+        return Memory(trust, machine, odometry, estimate, memory[ACTION])
 
-    def _observed(self, memory: Array, sensors: Sensors, command: Command) -> tuple[Array, Array]:
-        """Returns the memory after a step, except its action, and the policy's action (12)."""
-        reading, unchanged = memory[READING].astype(np.int8), memory[UNCHANGED].astype(np.int64)
-        before = ContactTrust(reading, unchanged)
-        trust = before.after(sensors.touching)
-        height = self._expected_height(memory, sensors)
-        contact = trust.believed(before.lasting(sensors.touching), height)
-        sensors = replace(sensors, touching=trust.believed(sensors.touching, height))
-        machine = self._machine.step(
-            MachineState(*memory[MACHINE].astype(np.int64)),
-            foot_contact=contact,
-            foot_height=memory[FOOT_HEIGHT],
-            commanded_dwell=command.dwell,
-        ).machine
-        own = proprioception(
-            self._policy.robot,
-            command=command.velocity,
-            joint_position=sensors.joint_position,
-            joint_velocity=sensors.joint_velocity,
-            previous_action=memory[ACTION],
-            rm_state=self._machine.one_hot(machine.state),
-            rm_iterations=machine.iterations.astype(float),
-            commanded_dwell=command.dwell,
-            imu=sensors.imu if self._policy.layout.imu else None,
-            limited=self._law.limited,
-        )
-        after = np.empty(len(memory))
-        match self._estimator:
-            case Odometry():
-                body, after[ODOMETRY] = self._measured(self._estimator, memory[ODOMETRY], sensors)
-            case network:
-                assert network is not None
-                body = network(own)
-        after[FOOT_HEIGHT] = body[-quadruped.N_LEGS :]
-        after[READING], after[UNCHANGED] = trust
-        after[MACHINE] = np.ravel(machine)
-        return after, self._policy(np.concatenate([own, body]))
-
-    def _within(self, action: Array, before: Array, sensors: Sensors) -> Array:
-        """Returns what limits leave of an action (12), given the one before."""
-        if self._law.limits is None:
-            return action
-        assert sensors.imu is not None
-        return self._law.limits.applied(
-            self._policy.robot,
-            action,
-            before=before,
-            position=sensors.joint_position,
-            gravity=ImuReading.of(sensors.imu).gravity,
-        )
-
-    def _measured(self, odometry: Odometry, memory: Array, sensors: Sensors) -> tuple[Array, Array]:
-        """Advances odometry; returns the body state (7) and what odometry then remembers (23)."""
-        robot, position = self._policy.robot, sensors.joint_position
-        begun, state = unpacked_odometry(memory)
-        if not begun:
-            state = odometry.begin(robot, position)
-        else:
-            assert sensors.imu is not None
-            state = odometry.advance(
-                robot,
-                state,
-                joint_position=position,
-                joint_velocity=sensors.joint_velocity,
-                imu=sensors.imu,
-                touching=sensors.touching,
-            )
-        kept = [np.ones(1), state.velocity, state.footholds.ravel(), state.touching, state.turning]
-        return odometry.body_state(robot, state, position), np.concatenate(kept)
-
-    def _expected_height(self, memory: Array, sensors: Sensors) -> Array:
-        """Returns how high the feet are (4; m) before it is known which of them touch."""
-        if not isinstance(self._estimator, Odometry):
-            return memory[FOOT_HEIGHT]
-        begun, before = unpacked_odometry(memory[ODOMETRY])
-        if not begun:
-            return np.zeros(quadruped.N_LEGS)
-        robot = self._policy.robot
-        return self._estimator.expected_heights(robot, before, sensors.joint_position)
+    def _packed(self, memory: Memory) -> Array:
+        packed = np.zeros(N_MEMORY + N_ODOMETRY * self._has_odometry)
+        packed[ACTION], packed[FOOT_HEIGHT] = memory.action, memory.estimate[-quadruped.N_LEGS :]
+        packed[READING], packed[UNCHANGED] = memory.trust
+        packed[MACHINE] = np.ravel(memory.machine)
+        if self._has_odometry:
+            parts = [np.ravel(part) for part in memory.odometry]
+            packed[ODOMETRY] = np.concatenate([np.ones(1), *parts])
+        return packed

@@ -29,6 +29,7 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
+from glassgait.models.control import Sensors
 from glassgait.models.export import binding
 from glassgait.models.export.contract import interface_of, read_contract
 from glassgait.models.robots import kinematics
@@ -130,7 +131,7 @@ class Robot:
         sensors: The latest readings, after the first `read` that returned True.
     """
 
-    sensors: binding.Sensors
+    sensors: Sensors
 
     def __init__(self, contract: dict[str, Any], domain: int, interface: str) -> None:
         self._domain = Domain(domain, CONFIGURATION.format(interface))
@@ -168,7 +169,7 @@ class Robot:
         position = np.array([motors[i].q for i in self._motors])
         velocity = np.array([motors[i].dq for i in self._motors])
         reading = np.concatenate([imu.gyroscope, change, gravity])
-        self.sensors = binding.Sensors(position, velocity, self._touching, reading)
+        self.sensors = Sensors(position, velocity, self._touching, reading)
         if not np.isfinite([*position, *velocity, *reading]).all():
             raise FaultError("a reading is not finite")
         if gravity[2] > -math.cos(math.radians(LEAN)):

@@ -10,9 +10,10 @@ import pandas as pd
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
+from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.imu import GRAVITY
-from glassgait.models.export.binding import ACTION, MACHINE, LoadedController, Sensors
+from glassgait.models.export.binding import ACTION, MACHINE, LoadedController
 from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import (
     AlternatingController,

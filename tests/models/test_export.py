@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.contact import UNCHANGED_STEPS
 from glassgait.models.estimation.odometry import Odometry
@@ -16,7 +16,6 @@ from glassgait.models.export.binding import (
     OK,
     UNCHANGED,
     LoadedController,
-    Sensors,
     has_compiler,
     load_controller,
     unpacked_odometry,
@@ -269,8 +268,8 @@ def test_stuck_contact_sensors_are_not_believed(trot, compiled_page):
     (moments, *_) = random_sequences(A1, trot, 200, 3)
     stuck = [
         moment._replace(
-            sensors=replace(
-                moment.sensors, touching=np.array([True, False, *moment.sensors.touching[2:]])
+            sensors=moment.sensors._replace(
+                touching=np.array([True, False, *moment.sensors.touching[2:]])
             )
         )
         for moment in moments

@@ -2,11 +2,11 @@
 
 import shutil
 import subprocess
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.contact import UNREAD
 from glassgait.models.estimation.imu import ImuReading
@@ -20,7 +20,6 @@ from glassgait.models.export.binding import (
     MACHINE,
     NOT_INITIALISED,
     READING,
-    Sensors,
     compile_c,
     has_compiler,
     load_controller,
@@ -327,7 +326,7 @@ def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, tr
     assert (memory[READING] == UNREAD).all()
     assert not np.delete(memory, READING).any()
     sensors, command, *_ = random_sequences(A1, trot, 1, 0)[0][0]
-    broken = replace(sensors, joint_position=np.full(12, np.nan))
+    broken = sensors._replace(joint_position=np.full(12, np.nan))
     step = compiled_page.step(memory, broken, command)
     np.testing.assert_array_equal(step.targets, A1.default_stance)
     assert step.memory[MACHINE].tolist() == [0, 0, 0]
