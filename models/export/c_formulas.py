@@ -15,9 +15,8 @@ from glassgait.models.export.c_language import (
 )
 from glassgait.models.export.c_policies import Code, Style, policy_code, reflection_arrays
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.quantities import Definition, Vocabulary
-from glassgait.models.formulas.readings import Readings
-from glassgait.models.formulas.text import Notation, written_lines
+from glassgait.models.formulas.grammar import Notation, written_lines
+from glassgait.models.formulas.quantities import Definition, Readings, Vocabulary
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, symbols_of

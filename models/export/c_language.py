@@ -11,7 +11,7 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.formulas.text import written_number
+from glassgait.models.formulas.grammar import written_number
 
 Real = Literal["double", "float"]
 """The type that a controller computes in."""

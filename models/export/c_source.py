@@ -21,7 +21,7 @@ from glassgait.models.export.c_language import (
     rendered,
 )
 from glassgait.models.export.c_policies import Code, Style, network_code, policy_code
-from glassgait.models.formulas.text import GLUE
+from glassgait.models.formulas.grammar import GLUE
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.neural import MirroredNetwork, Network
 from glassgait.models.policies.policy import Policy

@@ -5,15 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import sympy
-
 from glassgait.models.errors import InputError, shown
 
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cube")
 
 MAX_DEPTH = 100
-"""Greatest depth of a formula: what walks through formulas, or pickles them, calls itself."""
+"""Greatest depth of a formula: functions that walk through formulas are recursive."""
 
 MAX_NODES = 5000
 """Greatest number of nodes of a formula."""
@@ -23,10 +21,6 @@ LARGEST = 1e30
 
 MAX_TERMS = 1000
 """Greatest number of terms that products of sums are multiplied out to."""
-
-SIMPLIFIED_NESTING = 4
-"""Greatest number of functions inside one another that sympy is asked to simplify."""
-
 
 _ARITY = {"constant": 0, "variable": 0} | dict.fromkeys(BINARY, 2) | dict.fromkeys(UNARY, 1)
 
@@ -64,12 +58,6 @@ class Expression:
         return frozenset().union(*(operand.variables for operand in self.operands))
 
     @cached_property
-    def nesting(self) -> int:
-        """Number of functions that stand inside one another, the formula itself included."""
-        inner = max((operand.nesting for operand in self.operands), default=0)
-        return inner + (self.operator in UNARY)
-
-    @cached_property
     def n_terms(self) -> int:
         """Number of terms of the formula with all products of sums multiplied out."""
         counts = [operand.n_terms for operand in self.operands]
@@ -89,9 +77,8 @@ class Expression:
         return self._terms(multiply_out=self.n_terms <= MAX_TERMS)
 
     def _terms(self, multiply_out: bool) -> tuple["Expression", ...]:
-        operands = self.operands if self.operator in ("add", "sub", "neg", "mul") else ()
-        if self.operator == "mul" and not multiply_out:
-            operands = ()
+        splits = ("add", "sub", "neg", "mul") if multiply_out else ("add", "sub", "neg")
+        operands = self.operands if self.operator in splits else ()
         parts = [operand._terms(multiply_out) for operand in operands]
         match self.operator, parts:
             case "add", (left, right):
@@ -106,12 +93,15 @@ class Expression:
                 return (self,)
 
     def replaced(self, images: Mapping[int, "Expression"]) -> "Expression":
-        """Puts formulas in the place of variables; what holds none stays the same object."""
+        """Puts formulas in the place of variables; a part without any stays the same object."""
         if self.operator == "variable":
             return images.get(self.variable, self)
-        operands = tuple(operand.replaced(images) for operand in self.operands)
+        return self.with_operands(tuple(operand.replaced(images) for operand in self.operands))
+
+    def with_operands(self, operands: tuple["Expression", ...]) -> "Expression":
+        """Returns the formula with other operands; the same object if they are the same."""
         pairs = zip(operands, self.operands, strict=True)
-        same = all(own is before for own, before in pairs)
+        same = all(now is before for now, before in pairs)
         return self if same else Expression(self.operator, operands)
 
     def derivative(self, variable: int) -> "Expression":
@@ -134,55 +124,6 @@ class Expression:
             case operator, (inner,):
                 return times(_outer_slope(operator, self, inner), slopes[0])
         raise AssertionError(self.operator)
-
-    def to_text(self, names: tuple[str, ...], digits: int | None = None) -> str:
-        """Writes the formula with the given variable names, so that it can be read back.
-
-        Args:
-            names: Names of the variables.
-            digits: Digits of the constants; all by default, which read back as the same formula.
-        """
-        operands = [operand.to_text(names, digits) for operand in self.operands]
-        match self.operator:
-            case "constant":
-                value = float(self.value)
-                return repr(value) if digits is None else f"{value:.{digits}g}"
-            case "variable":
-                return names[self.variable]
-            case "neg":
-                return f"-({operands[0]})"
-            case operator if operator in BINARY:
-                return f"({operands[0]} {BINARY[operator]} {operands[1]})"
-            case operator:
-                bracketed = self.operands[0].operator in BINARY
-                return f"{operator}{operands[0]}" if bracketed else f"{operator}({operands[0]})"
-
-    def to_sympy(self, symbols: tuple[sympy.Symbol, ...]) -> sympy.Expr:
-        """Builds the formula in sympy, to be simplified or typeset."""
-        operands = [operand.to_sympy(symbols) for operand in self.operands]
-        match self.operator:
-            case "constant":
-                return sympy.Float(self.value)
-            case "variable":
-                return symbols[self.variable]
-            case "add":
-                return operands[0] + operands[1]
-            case "sub":
-                return operands[0] - operands[1]
-            case "mul":
-                return operands[0] * operands[1]
-            case "div":
-                return operands[0] / operands[1]
-            case "neg":
-                return -operands[0]
-            case "square":
-                return operands[0] ** 2
-            case "cube":
-                return operands[0] ** 3
-            case operator:
-                function = sympy.Abs if operator == "abs" else getattr(sympy, operator)
-                # Looking for a simpler form takes twice as long with every function inside.
-                return function(operands[0], evaluate=self.nesting <= SIMPLIFIED_NESTING)
 
 
 def constant(value: float) -> Expression:
@@ -223,11 +164,8 @@ def times(left: Expression, right: Expression) -> Expression:
 
 def negated(formula: Expression) -> Expression:
     """Negates a formula."""
-    return (
-        constant(-formula.value)
-        if formula.operator == "constant"
-        else Expression("neg", (formula,))
-    )
+    is_number = formula.operator == "constant"
+    return constant(-formula.value) if is_number else Expression("neg", (formula,))
 
 
 def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Expression:
@@ -249,11 +187,11 @@ def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Express
 
 
 def canonical(formula: Expression) -> Expression:
-    """Returns the formula in canonical form: of the same value, its minus signs in front.
+    """Returns the formula of the same value whose minus signs stand in front.
 
     Two trees may say the same, such as x + (-2)·y and x - 2·y. A formula in canonical form is the
-    tree that its own text reads back as. Nothing but signs moves, so that no value changes, not
-    even in its last digit; of a zero alone the sign may change, and so of what is divided by it.
+    tree that its text reads back as. Only signs move, so that no value changes, not even in its
+    last digit; only the sign of a zero may change, and so that of a quotient by it.
 
     Signs stand before what leads a product or a quotient, before divisors, or between terms; never
     before a right factor, and never before a sum.
@@ -271,13 +209,7 @@ def canonical(formula: Expression) -> Expression:
             return Expression("sub", (left, negative(right)))
         case "sub", (left, right) if is_negative(right):
             return Expression("add", (left, negative(right)))
-        case "variable", _:
-            return formula
-        case operator, _:
-            # What is canonical already stays the same object, with what it knows of itself.
-            pairs = zip(operands, formula.operands, strict=True)
-            same = all(own is before for own, before in pairs)
-            return formula if same else Expression(operator, operands)
+    return formula.with_operands(operands)
 
 
 def negative(formula: Expression) -> Expression:
@@ -311,7 +243,7 @@ def is_negative(formula: Expression) -> bool:
 
 
 def refuse_unfit(formula: Expression, n_variables: int) -> None:
-    """Refuses a formula that is too large, or no formula of so many variables.
+    """Refuses a formula that is too large, or is not one of so many variables.
 
     Raises:
         InputError: if it is.

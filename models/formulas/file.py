@@ -52,10 +52,9 @@ import yaml
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.grammar import written_lines, written_number
 from glassgait.models.formulas.mirror import FormulaMirror, Place, completed, without_images
-from glassgait.models.formulas.quantities import Definition, Vocabulary
-from glassgait.models.formulas.readings import Readings
-from glassgait.models.formulas.text import written_lines, written_number
+from glassgait.models.formulas.quantities import Definition, Readings, Vocabulary
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT

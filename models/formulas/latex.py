@@ -8,9 +8,9 @@ from glassgait.models.estimation.imu import GRAVITY
 from glassgait.models.estimation.odometry import SLIP, Odometry
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.grammar import SIGNS, Notation, formula_tokens, written_number
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import Vocabulary
-from glassgait.models.formulas.text import SIGNS, Notation, formula_tokens, written_number
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits

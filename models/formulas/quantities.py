@@ -1,11 +1,14 @@
-"""What formulas are written in: the observations in the robot's units, and what follows from them.
+"""Variables of formulas: observations in the robot's units, their ranges, and definitions.
 
 A policy observes scaled numbers. A formula speaks of quantities: joint angles and targets in rad,
-speeds in m/s, heights in m. Defined quantities are formulas of these, such as the error of the
-speed or where a foot is.
+speeds in m/s, heights in m. It may read them within ranges: where a sensor says more, it reads the
+nearer end, so that a stuck sensor moves a target no further than it did where robots were measured.
+Definitions are formulas of quantities, such as the error of the speed or the place of a foot.
 """
 
-from collections.abc import Iterable, Sequence
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Self
@@ -13,10 +16,36 @@ from typing import Self
 import numpy as np
 
 from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression, canonical, constant, variable
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import ObservationEntry, entries_of, symbols_of
+from glassgait.models.task.observation import (
+    Group,
+    ObservationEntry,
+    ObservationLayout,
+    entries_of,
+    symbols_of,
+)
+
+LIMITED: tuple[Group, ...] = (
+    "commanded velocity",
+    "joint position",
+    "joint velocity",
+    "angular velocity",
+    "foot height",
+)
+"""Groups that have a range by default: those of one sensor, and commands.
+
+Gravity's direction and the velocity have none. Robots whose formulas do not see how far a slope or
+a push has taken them fall more often.
+"""
+
+SENSED: tuple[Group, ...] = (*LIMITED, "gravity", "base velocity")
+"""Groups that may have a range: all but targets, counts and the machine's state."""
+
+DIGITS = 2
+"""Digits of a range's end behind the first digit of the range's width."""
 
 LATE = 4.0
 """Control steps in a state of the machine that are neither early nor late."""
@@ -25,7 +54,7 @@ LIFTED = 0.02
 """Height of a foot that is neither on the ground nor in the air (m)."""
 
 SENT = 0.2
-"""How far from its default stance a joint's last target is clearly to one side (rad)."""
+"""Distance from its default stance at which a joint's last target is clearly to one side (rad)."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +62,7 @@ class RobotUnits:
     """The affine map between observations and quantities.
 
     Attributes:
-        scale: What a quantity, less its offset, is multiplied by to be observed (n).
+        scale: Factor from a quantity, less its offset, to its observation (n).
         offset: The quantity where the observation is 0 (n).
         robot: The robot.
     """
@@ -77,14 +106,137 @@ def _offset(robot: Robot, entry: ObservationEntry) -> float:
     return float(robot.default_stance[quadruped.joint_index(joint)])
 
 
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Ranges in which formulas read quantities.
+
+    All legs share a range, and a quantity that changes its sign in a mirror that exchanges left and
+    right has a symmetric one. So ranges keep a policy's mirror symmetry.
+
+    Attributes:
+        ranges: Least and greatest value of each kind that has a range, such as "q.hip", in the
+            robot's units; of hips those of the left ones.
+    """
+
+    ranges: tuple[tuple[str, Range], ...]
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            InputError: if a range is empty or not finite, is given twice, or is not symmetric
+                where it must be.
+        """
+        # The order in which ranges are given makes no difference.
+        known = {kind: place for place, kind in enumerate(_KINDS)}
+        ordered = sorted(self.ranges, key=lambda named: known.get(named[0], len(known)))
+        ranges = tuple((kind, (float(low), float(high))) for kind, (low, high) in ordered)
+        object.__setattr__(self, "ranges", ranges)
+        if len(self._by_kind) < len(ranges):
+            raise InputError("a range is given twice; leave one out")
+        for kind, (low, high) in ranges:
+            if not -math.inf < low < high < math.inf:
+                raise InputError(
+                    f"{kind} is read from {low:g} to {high:g}; give the least, then the greatest"
+                )
+            if kind in _TURNING and low != -high:
+                most = max(-low, high)
+                raise InputError(
+                    f"{kind} is read from {low:g} to {high:g}, and in a mirror from {-high:g} to "
+                    f"{-low:g}; give a symmetric range, such as from {-most:g} to {most:g}"
+                )
+
+    @classmethod
+    def around(cls, names: Sequence[str], lower: Array, upper: Array) -> Self:
+        """Returns the ranges of `LIMITED` that hold a box, their ends rounded outward.
+
+        Args:
+            names: Names of the observations (n).
+            lower: Least quantities of the box (n), in the robot's units.
+            upper: Greatest ones (n).
+        """
+        hulls: dict[str, Range] = {}
+        for entry, low, high in zip(entries_of(names), lower, upper, strict=True):
+            if entry.group in LIMITED:
+                kind = _kind_of(entry)
+                ends = (-high, -low) if _is_turned(entry) else (low, high)
+                if kind in _TURNING:
+                    ends = min(ends[0], -ends[1]), max(-ends[0], ends[1])
+                known = hulls.get(kind, ends)
+                hulls[kind] = float(min(known[0], ends[0])), float(max(known[1], ends[1]))
+        return cls(tuple((kind, _outward(*hull)) for kind, hull in hulls.items()))
+
+    def ends(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Returns the least and the greatest of each quantity (n, n), infinite without a range.
+
+        Args:
+            names: Names of the observations (n).
+        """
+        ends = np.array([self._ends_of(entry) for entry in entries_of(names)])
+        return ends[:, 0], ends[:, 1]
+
+    def refuse_others(self, names: Sequence[str]) -> None:
+        """Refuses ranges of quantities that are not observed.
+
+        Raises:
+            InputError: if there is one.
+        """
+        known = {_kind_of(entry) for entry in entries_of(names)}
+        if other := [kind for kind in self._by_kind if kind not in known]:
+            imu = ", or add 'senses: imu' to the header" if other[0] in _KINDS else ""
+            raise InputError(f"nothing that is sensed is called {other[0]!r}; leave it out{imu}")
+
+    @cached_property
+    def _by_kind(self) -> Mapping[str, Range]:
+        return dict(self.ranges)
+
+    def _ends_of(self, entry: ObservationEntry) -> Range:
+        low, high = self._by_kind.get(_kind_of(entry), (-math.inf, math.inf))
+        return (-high, -low) if _is_turned(entry) else (low, high)
+
+
+def _kind_of(entry: ObservationEntry) -> str:
+    """Returns the name of an observation's range, such as "q.hip"; empty if it has none."""
+    if entry.group not in SENSED:
+        return ""
+    if entry.leg is None:
+        return entry.symbol
+    return re.sub(rf"\.{entry.leg}_?", ".", entry.symbol).rstrip(".")
+
+
+def _is_turned(entry: ObservationEntry) -> bool:
+    """Returns whether an observation is of a right leg, and of the other sign there."""
+    return entry.mirror_sign < 0.0 and entry.leg is not None and entry.leg.endswith("R")
+
+
+_ENTRIES = ObservationLayout(1, imu=True).entries
+_KINDS = tuple(dict.fromkeys(kind for entry in _ENTRIES if (kind := _kind_of(entry))))
+"""All kinds, in the order in which they are observed."""
+
+_TURNING = frozenset(
+    entry.symbol for entry in _ENTRIES if entry.leg is None and entry.mirror_sign < 0.0
+)
+"""Kinds that change their sign in the mirror, such as "g.y"."""
+
+
+def _outward(low: float, high: float) -> Range:
+    step = 10.0 ** (math.floor(math.log10(max(high - low, 1e-6))) - DIGITS)
+    # An end that is off the last digit only by rounding is on it.
+    first, last = math.floor(low / step + 1e-6), math.ceil(high / step - 1e-6)
+    # Formatting removes the digits that the product adds.
+    return float(f"{first * step:.12g}"), float(f"{last * step:.12g}")
+
+
 @dataclass(frozen=True)
 class Definition:
     """A formula of the observed quantities that has a name.
 
     Attributes:
         symbol: Its name in formulas, such as "e.v".
-        formula: What it is, of the observed quantities, in canonical form.
-        note: What it means, in words, with its unit if it has one.
+        formula: The formula of the observed quantities, in canonical form.
+        note: Its meaning, in words, with its unit if it has one.
     """
 
     symbol: str
@@ -94,7 +246,7 @@ class Definition:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """What the variables of formulas are: the observed quantities, then those that are defined.
+    """The variables of formulas: the observed quantities, then those that are defined.
 
     Attributes:
         names: Names of the observations (n).
@@ -119,11 +271,11 @@ class Vocabulary:
         return {first + i: definition.formula for i, definition in enumerate(self.definitions)}
 
     def variable(self, symbol: str) -> Expression:
-        """Returns the variable of a name that there is."""
+        """Returns the variable of a known name."""
         return variable(self.symbols.index(symbol))
 
     def expanded(self, formula: Expression) -> Expression:
-        """Puts in what defined quantities are; the observed ones are left."""
+        """Puts the formulas of defined quantities in; the observed ones stay."""
         return formula.replaced(self._defined)
 
     def using(self, formulas: Iterable[Expression]) -> tuple["Vocabulary", list[Expression]]:
@@ -170,22 +322,22 @@ def known_definitions(robot: Robot, names: tuple[str, ...]) -> tuple[Definition,
 
 
 GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
-"""Definitions of where in the gait the robot is.
+"""Definitions of the place in the gait.
 
 All are bounded. A product with the time itself would grow without bound where the robot is late.
 """
 
 COURSE = ("cmd.v", "v.y", "g.x", "w.y")
-"""How fast the robot is to go, how it drifts sideways, how the ground falls ahead, how it pitches.
+"""Commanded speed, sideways drift, slope of the ground ahead, and pitch rate.
 
-On real ground, and commanded to go forward as well as back, they change how all else counts.
+On real ground, and commanded to go forward as well as back, they change the effect of all others.
 """
 
 SENT_JOINTS = tuple(f"sent.{joint}" for joint in quadruped.JOINTS)
-"""To which side of its default stance each joint was last sent.
+"""Side of its default stance to which each joint was last sent.
 
-A network has no memory but its last targets, and those that learned on real ground answer to them
-as to switches.
+A network has no memory but its last targets, and networks that learned on real ground use them as
+switches.
 """
 
 
@@ -204,7 +356,7 @@ def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definitio
 
 
 def _sent(robot: Robot, leg: str, part: str, of: dict[str, Expression]) -> Definition:
-    """A hip's sides are out and in, so that a leg and its mirror image share what they mean."""
+    """A hip's sides are out and in, so that a leg and its mirror image have the same meaning."""
     joint = f"{leg}_{part}"
     slope = (float(robot.side[quadruped.LEGS.index(leg)]) if part == "hip" else 1.0) / SENT
     stance = float(robot.default_stance[quadruped.joint_index(joint)])
@@ -225,7 +377,7 @@ def _turning(quantity: Expression, *, slope: float, shift: float) -> Expression:
 def _foot_in_plane(
     robot: Robot, thigh: Expression, calf: Expression
 ) -> tuple[Expression, Expression]:
-    """Returns where a foot is from its hip, forward and up in the plane of the leg."""
+    """Returns the place of a foot from its hip, forward and up in the plane of the leg."""
     shank = Expression("add", (thigh, calf))
 
     def sum_of(function: str) -> Expression:

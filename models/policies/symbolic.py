@@ -17,12 +17,17 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import write_atomically
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, canonical, constant, refuse_unfit
 from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
-from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary, actions_of
-from glassgait.models.formulas.readings import Readings
-from glassgait.models.formulas.tape import Tape
-from glassgait.models.formulas.text import write_formula
+from glassgait.models.formulas.grammar import write_formula
+from glassgait.models.formulas.quantities import (
+    Definition,
+    Readings,
+    RobotUnits,
+    Vocabulary,
+    actions_of,
+)
 from glassgait.models.policies.policy import Contributions, FactoredTerm, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot

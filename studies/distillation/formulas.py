@@ -7,6 +7,7 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.box import measured_box
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import FormulaMirror, Place
@@ -15,12 +16,11 @@ from glassgait.models.formulas.quantities import (
     COURSE,
     GATES,
     SENT_JOINTS,
+    Readings,
     RobotUnits,
     Vocabulary,
     known_definitions,
 )
-from glassgait.models.formulas.readings import Readings
-from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot

@@ -14,8 +14,8 @@ import numpy as np
 from sklearn.linear_model import orthogonal_mp_gram
 
 from glassgait.models.arrays import Array
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, constant, plus, scaled, variable
-from glassgait.models.formulas.tape import Tape
 
 SPREAD = 1e-12
 """A term of a smaller standard deviation says nothing."""

@@ -12,10 +12,10 @@ from annotated_types import Ge
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import Vocabulary
-from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count, checked
 from glassgait.models.task.gait import Gait

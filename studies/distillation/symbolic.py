@@ -14,10 +14,10 @@ from pyoperon.sklearn import SymbolicRegressor
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, brief
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, scaled
+from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.formulas.mirror import Place
-from glassgait.models.formulas.tape import Tape
-from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, checked
 from glassgait.studies.common.parallel.loop import run_parallel

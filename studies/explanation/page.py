@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from glassgait.diagrams.rollout import Rollout
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, variable
-from glassgait.models.formulas.tape import Tape
-from glassgait.models.formulas.text import write_formula
+from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.policies.policy import Contributions, FactoredTerm, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

@@ -12,7 +12,7 @@ from pydrake.geometry import Meshcat
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.formulas.text import write_formula
+from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy

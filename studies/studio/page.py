@@ -16,7 +16,7 @@ from nicegui import ui
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait

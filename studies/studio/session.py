@@ -6,8 +6,8 @@ from pathlib import Path
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.file import write_formulas
+from glassgait.models.formulas.grammar import parse_formula, write_formula
 from glassgait.models.formulas.mirror import Place
-from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 

@@ -12,9 +12,8 @@ from sklearn.ensemble import GradientBoostingRegressor
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.formulas.readings import Readings
-from glassgait.models.formulas.text import parse_expression, variable_names
+from glassgait.models.formulas.grammar import parse_expression, variable_names
+from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy

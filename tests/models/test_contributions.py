@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.grammar import parse_expression, parse_formula, variable_names
 from glassgait.models.formulas.quantities import Vocabulary, known_definitions
-from glassgait.models.formulas.text import parse_expression, parse_formula, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped

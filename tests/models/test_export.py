@@ -36,8 +36,8 @@ from glassgait.models.export.contract import (
     read_contract,
 )
 from glassgait.models.export.reference import PythonController
+from glassgait.models.formulas.quantities import Readings
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy

@@ -8,8 +8,8 @@ import pytest
 from glassgait.models.certificates.checker import RefusedError
 from glassgait.models.certificates.checker.policy import FormulaFile
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.robots import quadruped
 

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import canonical
+from glassgait.models.formulas.grammar import parse_formula, write_formula
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
-from glassgait.models.formulas.tape import Tape
-from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import ZERO, canonical
+from glassgait.models.formulas.grammar import parse_formula
 from glassgait.models.formulas.numbers import (
     WeightedSum,
     numbers_of,
     with_numbers,
 )
-from glassgait.models.formulas.tape import Tape
-from glassgait.models.formulas.text import parse_formula
 from glassgait.models.policies.library import load_student
 
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, constant, variable
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import (
@@ -15,7 +16,6 @@ from glassgait.models.formulas.quantities import (
     actions_of,
     known_definitions,
 )
-from glassgait.models.formulas.tape import Tape
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot, robot_names
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception

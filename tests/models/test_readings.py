@@ -14,9 +14,8 @@ from glassgait.models.certificates.checker.certificate import Query as Asked
 from glassgait.models.certificates.checker.policy import FormulaFile
 from glassgait.models.certificates.targets import FormulaTargets, Query
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.formulas.readings import Readings
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

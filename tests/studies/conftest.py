@@ -14,7 +14,7 @@ import pytest
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.formulas.text import parse_expression, variable_names
+from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy

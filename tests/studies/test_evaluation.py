@@ -15,7 +15,7 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario, load_scenario, load_scenarios
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.text import parse_expression, variable_names
+from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy

@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from glassgait.diagrams.rollout import Rollout
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.file import formula_lines
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy

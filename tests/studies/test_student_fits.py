@@ -14,10 +14,10 @@ from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, canonical
+from glassgait.models.formulas.grammar import parse_formula, write_formula
 from glassgait.models.formulas.quantities import Vocabulary
-from glassgait.models.formulas.tape import Tape
-from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries

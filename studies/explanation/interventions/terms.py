@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from glassgait.models.formulas.expression import Expression, canonical, constant, times, variable
 from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import GATES, Vocabulary
-from glassgait.models.formulas.text import write_formula
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import Group, entries_of
 

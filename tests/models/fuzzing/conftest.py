@@ -12,7 +12,7 @@ import pytest
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import MAX_TERMS
-from glassgait.models.formulas.text import parse_expression, variable_names
+from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy

@@ -4,7 +4,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,37 +28,25 @@ _FUNCTIONS: dict[str, Callable[..., Array]] = {
 BLOCK = 2_048
 """Observations whose nodes are in memory at once; of long formulas each takes 10,000 numbers."""
 
-Index = NDArray[np.intp]
-
-
-class _Instruction(Protocol):
-    """One operator, applied to all nodes of a height at once."""
-
-    def row(self, values: Array) -> Array:
-        """Evaluates its nodes (k) for one robot, of the values of those before (size)."""
-        ...
-
-    def rows(self, values: Array) -> Array:
-        """Evaluates its nodes (k, m) for several robots, likewise (size, m)."""
-        ...
-
 
 @dataclass(frozen=True)
 class _Function:
-    """A function of one operand or of two."""
+    """A function of one operand or of two, of all nodes of a height."""
 
     function: Callable[..., Array]
-    operands: Index
+    operands: NDArray[np.intp]
 
     def row(self, values: Array) -> Array:
+        """Evaluates the nodes (k) for one robot, from the values before (size)."""
         return self.function(*values[self.operands])
 
     def rows(self, values: Array) -> Array:
+        """Evaluates the nodes (k, m) for several robots, from the values before (size, m)."""
         return self.function(*(values[operand] for operand in self.operands))
 
 
-class _Chains:
-    """Sums or products of any number of operands, taken from left to right.
+class _Products:
+    """Products of any number of operands, taken from left to right.
 
     So long as the order is kept, a chain has the same last digit for one robot as for many, and as
     in any other language.
@@ -69,18 +57,16 @@ class _Chains:
         Args:
             operands: Slots of each node's operands, the longest chain first.
         """
-        lengths = [len(own) for own in operands]
+        lengths = [len(chain) for chain in operands]
         self._flat = np.concatenate(operands).astype(np.intp)
         self._starts = np.cumsum([0, *lengths[:-1]])
         self._nodes = np.repeat(np.arange(len(operands)), lengths)
-        # Of each place in the chains the operands there are: the first nodes have one, not all.
+        # The operands at each place of the chains. Only the first nodes have one at the last place.
         self._places = [
-            np.array([own[place] for own in operands if len(own) > place], dtype=np.intp)
+            np.array([chain[place] for chain in operands if len(chain) > place], dtype=np.intp)
             for place in range(lengths[0])
         ]
 
-
-class _Products(_Chains):
     def row(self, values: Array) -> Array:
         return np.multiply.reduceat(values[self._flat], self._starts)
 
@@ -92,7 +78,9 @@ class _Products(_Chains):
         return product
 
 
-class _Sums(_Chains):
+class _Sums(_Products):
+    """Sums of any number of operands with signs, likewise."""
+
     def __init__(self, operands: Sequence[Sequence[int]], signs: Sequence[Sequence[float]]) -> None:
         """
         Args:
@@ -102,7 +90,7 @@ class _Sums(_Chains):
         super().__init__(operands)
         self._signs = np.concatenate(signs)
         self._signs_of_places = [
-            np.array([own[place] for own in signs if len(own) > place])[:, None]
+            np.array([chain[place] for chain in signs if len(chain) > place])[:, None]
             for place in range(len(signs[0]))
         ]
 
@@ -128,8 +116,8 @@ class _Nodes:
     A sum of sums is one node, and so is a product of products, where the order of evaluation stays.
 
     Attributes:
-        keys: Operator of each, and what it is applied to: the numbers of its operands, with their
-            signs in a sum; the value of a constant, the index of a variable.
+        keys: Operator of each, and its operands: their numbers, with their signs in a sum; the
+            value of a constant, the index of a variable.
         heights: Operators on the longest way down from each.
     """
 
@@ -160,13 +148,13 @@ class _Nodes:
 
     def _number(self, node: Expression) -> int:
         operator, operands, signs = self._chains[id(node)]
-        own = tuple(self._number_of_object[id(operand)] for operand in operands)
+        known = tuple(self._number_of_object[id(operand)] for operand in operands)
         leaf = {"variable": node.variable, "constant": node.value}
-        key = (operator, leaf.get(operator, (own, tuple(signs))))
+        key = (operator, leaf.get(operator, (known, tuple(signs))))
         if key not in self._number_of_key:
             self._number_of_key[key] = len(self.keys)
             self.keys.append(key)
-            self.heights.append(max((1 + self.heights[operand] for operand in own), default=0))
+            self.heights.append(max((1 + self.heights[operand] for operand in known), default=0))
         return self._number_of_key[key]
 
 
@@ -194,40 +182,24 @@ def _chain(formula: Expression) -> tuple[str, list[Expression], list[float]]:
             return operator, list(formula.operands), []
 
 
-@dataclass(frozen=True)
-class Line:
-    """An operator that is applied to some nodes, as any language may write it.
-
-    Attributes:
-        operator: "sum", "product", or the name of a function.
-        operands: Slots of each node's operands, from left to right.
-        signs: Their signs in a sum, 1 or -1; none otherwise.
-    """
-
-    operator: str
-    operands: tuple[tuple[int, ...], ...]
-    signs: tuple[tuple[float, ...], ...]
-
-
 class Tape:
     """Formulas compiled to a short list of vectorised instructions.
 
     Nodes of all formulas that have the same operator and the same height are evaluated together,
     and a sub-formula that occurs twice is evaluated once. Every value has a slot: first come those
-    of the variables, then those of the constants, then those of each line's nodes.
+    of the variables, then those of the constants, then those of each instruction's nodes.
 
     Attributes:
         n_variables: Number of variables.
-        constants: The constants.
-        lines: What is evaluated, in order.
-        outputs: Slot of each formula's value.
+        instructions: What is evaluated, in order, and the slots of the values.
     """
 
     def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
         self.n_variables = n_variables
         nodes = _Nodes()
         roots = [nodes.add(expression) for expression in expressions]
-        # The slot of each node among the values: variables first, then constants, then the rest.
+
+        # Give variables and constants their slots, and collect the other nodes by height.
         slots = np.zeros(len(nodes.keys), dtype=np.intp)
         constants: list[float] = []
         by_height: dict[tuple[int, str], list[int]] = defaultdict(list)
@@ -239,60 +211,58 @@ class Tape:
                 constants.append(operands)
             else:
                 by_height[nodes.heights[number], operator].append(number)
-        self.constants = np.array(constants)
-        self._instructions: list[tuple[slice, _Instruction]] = []
-        lines: list[Line] = []
+        self._constants = np.array(constants)
+
+        # One instruction evaluates all nodes of a height and operator.
+        self.instructions: list[tuple[slice, _Function | _Products]] = []
         size = n_variables + len(constants)
         for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
             # The longest chain first; of functions all are as long.
             numbers.sort(key=lambda number: -len(nodes.keys[number][1][0]))
-            own = slice(size, size + len(numbers))
-            slots[numbers] = np.arange(own.start, own.stop)
+            places = slice(size, size + len(numbers))
+            slots[numbers] = np.arange(places.start, places.stop)
             operands = [slots[list(nodes.keys[number][1][0])] for number in numbers]
             signs = [nodes.keys[number][1][1] for number in numbers]
-            self._instructions.append((own, _instruction(operator, operands, signs)))
-            whole = tuple(tuple(of_node.tolist()) for of_node in operands)
-            lines.append(Line(operator, whole, tuple(map(tuple, signs))))
-            size = own.stop
-        self.lines = tuple(lines)
+            self.instructions.append((places, _instruction(operator, operands, signs)))
+            size = places.stop
         self._size = size
-        self.outputs = slots[roots]
+        self._outputs = slots[roots]
 
     def __call__(self, observation: Array) -> Array:
         """Evaluates all formulas (..., k) on observations (..., n)."""
         if observation.ndim == 1:
             return self._of_row(observation)
         rows = observation.reshape(math.prod(observation.shape[:-1]), self.n_variables)
-        found = np.empty((len(rows), len(self.outputs)))
+        found = np.empty((len(rows), len(self._outputs)))
         for start in range(0, len(rows), BLOCK):
             found[start : start + BLOCK] = self._of_rows(rows[start : start + BLOCK])
-        return found.reshape(*observation.shape[:-1], len(self.outputs))
+        return found.reshape(*observation.shape[:-1], len(self._outputs))
 
     def _of_rows(self, rows: Array) -> Array:
         # Nodes along the first axis, so that an instruction writes one block of memory.
         values = np.empty((self._size, len(rows)))
         values[: self.n_variables] = rows.T
         first = self.n_variables
-        values[first : first + len(self.constants)] = self.constants[:, None]
+        values[first : first + len(self._constants)] = self._constants[:, None]
         with np.errstate(all="ignore"):
-            for own, instruction in self._instructions:
-                values[own] = instruction.rows(values)
-        return values[self.outputs].T
+            for places, instruction in self.instructions:
+                values[places] = instruction.rows(values)
+        return values[self._outputs].T
 
     def _of_row(self, observation: Array) -> Array:
         values = np.empty(self._size)
         values[: self.n_variables] = observation
         first = self.n_variables
-        values[first : first + len(self.constants)] = self.constants
+        values[first : first + len(self._constants)] = self._constants
         with np.errstate(all="ignore"):
-            for own, instruction in self._instructions:
-                values[own] = instruction.row(values)
-        return values[self.outputs]
+            for places, instruction in self.instructions:
+                values[places] = instruction.row(values)
+        return values[self._outputs]
 
 
 def _instruction(
     operator: str, operands: Sequence[Any], signs: Sequence[Sequence[float]]
-) -> _Instruction:
+) -> _Function | _Products:
     match operator:
         case "sum":
             return _Sums(operands, signs)

@@ -1,0 +1,385 @@
+"""The notation of formulas: text to tree and back, with the line and column of what is wrong.
+
+The grammar, in printable ASCII characters and line feeds:
+
+    formula  = term { ("+" | "-") term }
+    term     = factor { ("*" | "/") factor }
+    factor   = { "+" | "-" } power
+    power    = atom [ "**2" | "**3" ]
+    atom     = number | name | function "(" formula ")" | "(" formula ")"
+    number   = ( digits [ "." [ digits ] ] | "." digits ) [ ("e" | "E") [ "+" | "-" ] digits ]
+    name     = word [ "." word ]
+    function = "sin" | "cos" | "tanh" | "exp" | "log" | "sqrt" | "abs"
+    word     = ( letter | "_" ) { letter | digit | "_" }
+
+Operators of equal rank are applied from left to right. Whole parts of numbers do not begin with
+needless zeros, no number is greater than 10^30, and brackets are at most 100 deep. Spaces may stand
+between all of these. The checker of certificates reads the same grammar with separate code.
+"""
+
+import re
+import textwrap
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+
+from glassgait.models.errors import InputError, shown
+from glassgait.models.formulas.expression import (
+    BINARY,
+    LARGEST,
+    MAX_DEPTH,
+    UNARY,
+    Expression,
+    canonical,
+    constant,
+    refuse_unfit,
+    variable,
+)
+
+LINE_LENGTH = 100
+"""Characters of a line."""
+
+GLUE = "\N{NO-BREAK SPACE}"
+"""Stands for a space at which no line ends."""
+
+MOST_NAMED = 16
+"""Names that a refusal lists."""
+
+_COMMENT = re.compile("#[^\n]*")
+
+_DIGITS = r"(?:0|[1-9][0-9]*)"
+_WORD = r"[A-Za-z_][A-Za-z0-9_]*"
+_TOKEN = re.compile(
+    rf" *(?:(?P<number>(?:{_DIGITS}(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)(?![A-Za-z0-9_.])"
+    rf"|(?P<name>{_WORD}(?:\.{_WORD})?)(?!\.)"
+    r"|(?P<power>\*\* *[23])(?![A-Za-z0-9_.])"
+    r"|(?P<sign>\*(?!\*)|/(?!/)|[-+()]))"
+)
+
+_UNPRINTABLE = re.compile(r"[^\n -~]")
+
+SIGNS = (" + ", " - ")
+"""Signs between terms, as they are written."""
+
+_OPERATORS = {sign: operator for operator, sign in BINARY.items()}
+_EXPONENTS = {"square": 2, "cube": 3}
+_FUNCTIONS = frozenset(UNARY) - {*_EXPONENTS, "neg"}
+_SUM, _PRODUCT, _SIGN, _POWER = range(4)
+_BINDING = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SIGN}
+
+
+class TextError(InputError):
+    """An error in a text.
+
+    Attributes:
+        line: Line, counted from 1.
+        column: Column, counted from 1.
+    """
+
+    def __init__(self, message: str, line: int, column: int) -> None:
+        super().__init__(message)
+        self.line, self.column = line, column
+
+
+def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
+    """Reads a formula.
+
+    Args:
+        text: The formula, on one line or several, with comments after #.
+        symbols: Names of the variables, in order.
+
+    Returns:
+        The formula, in canonical form.
+
+    Raises:
+        TextError: if the text is anything else; line and column are counted within it.
+    """
+    # On one line each character keeps its place.
+    flat = _COMMENT.sub(lambda comment: " " * len(comment[0]), text).replace("\n", " ")
+    try:
+        refuse_unprintable(flat, "a formula")
+        formula = _Parser(flat.rstrip(" "), symbols, _FUNCTIONS).read()
+        refuse_unfit(formula, len(symbols))
+        formula = canonical(formula)
+        # A sign that has moved may stand one deeper.
+        refuse_unfit(formula, len(symbols))
+    except TextError as error:
+        before = text[: error.column - 1]
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        raise TextError(str(error), line, column) from error
+    except InputError as error:
+        raise TextError(str(error), 1, 1) from error
+    return formula
+
+
+def variable_names(count: int) -> tuple[str, ...]:
+    """Returns the names of variables that engines of symbolic regression use: x0, x1, ..."""
+    return tuple(f"x{i}" for i in range(count))
+
+
+def parse_expression(text: str, names: Sequence[str]) -> Expression:
+    """Reads a formula as engines of symbolic regression write it.
+
+    Powers may be x ^ 2 as well, and every name in `UNARY` is a function.
+
+    Returns:
+        The tree as it stands, which need not be in canonical form.
+
+    Raises:
+        InputError: if the text is anything else.
+    """
+    try:
+        formula = _Parser(text.replace("^", "**"), names, UNARY).read()
+    except TextError as error:
+        raise InputError(f"formula {shown(text)} cannot be read; fit it again") from error
+    refuse_unfit(formula, len(names))
+    return formula
+
+
+def refuse_unprintable(text: str, whole: str) -> None:
+    """Refuses all characters but printable ASCII ones and line feeds.
+
+    What a person cannot see, or takes for another character, must not change what a robot does.
+
+    Args:
+        whole: Name of the text in the error.
+
+    Raises:
+        TextError: with line and column of the first that does not belong.
+    """
+    if found := _UNPRINTABLE.search(text):
+        before = text[: found.start()]
+        raise TextError(
+            f"{shown(found[0])} does not belong in {whole}; write printable ASCII characters, and "
+            "end lines by a line feed",
+            before.count("\n") + 1,
+            len(before) - before.rfind("\n"),
+        )
+
+
+class _Parser:
+    """Reads a formula on one line by recursive descent."""
+
+    def __init__(self, code: str, symbols: Sequence[str], functions: Collection[str]) -> None:
+        self.index = {name: i for i, name in enumerate(symbols)}
+        self.functions, self.depth, self.at = functions, 0, 0
+        # Each token's kind, text and place.
+        self.tokens: list[tuple[str, str, int]] = []
+        end = 0
+        while end < len(code.rstrip(" ")):
+            token = _TOKEN.match(code, end)
+            if token is None:
+                place = end + len(code[end:]) - len(code[end:].lstrip(" "))
+                raise TextError(f"{shown(code[place])} does not belong here", 1, place + 1)
+            kind, end = str(token.lastgroup), token.end()
+            self.tokens.append((kind, token[kind], token.start(kind)))
+        self.tokens.append(("end", "", len(code)))
+
+    def read(self) -> Expression:
+        if len(self.tokens) == 1:
+            raise TextError("there is no formula", 1, 1)
+        formula = self._sum()
+        if self.tokens[self.at][0] != "end":
+            raise self._misplaced()
+        return formula
+
+    def _take(self, *wanted: str) -> str:
+        """Takes the next token if it is one of these."""
+        text = self.tokens[self.at][1]
+        if text not in wanted:
+            return ""
+        self.at += 1
+        return text
+
+    def _sum(self) -> Expression:
+        formula = self._product()
+        while sign := self._take("+", "-"):
+            formula = Expression(_OPERATORS[sign], (formula, self._product()))
+        return formula
+
+    def _product(self) -> Expression:
+        formula = self._factor()
+        while sign := self._take("*", "/"):
+            formula = Expression(_OPERATORS[sign], (formula, self._factor()))
+        return formula
+
+    def _factor(self) -> Expression:
+        minus = 0
+        while sign := self._take("+", "-"):
+            minus += sign == "-"
+        formula = self._atom()
+        kind, text, _ = self.tokens[self.at]
+        if kind == "power":
+            self.at += 1
+            formula = Expression("square" if text[-1] == "2" else "cube", (formula,))
+        for _ in range(minus):
+            is_number = formula.operator == "constant"
+            formula = constant(-formula.value) if is_number else Expression("neg", (formula,))
+        return formula
+
+    def _atom(self) -> Expression:
+        kind, text, place = self.tokens[self.at]
+        is_call = kind == "name" and self.tokens[self.at + 1][1] == "("
+        if kind == "number":
+            if not float(text) <= LARGEST:
+                raise TextError(f"a number must be from {-LARGEST:g} to {LARGEST:g}", 1, place + 1)
+            self.at += 1
+            return constant(float(text))
+        if kind == "name" and not is_call:
+            if text not in self.index:
+                known = _known(text, self.index)
+                raise TextError(f"nothing is called {shown(text)}; {known}", 1, place + 1)
+            self.at += 1
+            return variable(self.index[text])
+        if is_call and text in self.functions:
+            self.at += 1
+        if not self._take("("):
+            raise self._misplaced()
+        formula = self._in_brackets()
+        return Expression(text, (formula,)) if is_call else formula
+
+    def _in_brackets(self) -> Expression:
+        """Reads what follows a bracket, and the other bracket."""
+        place = self.tokens[self.at - 1][2]
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise TextError(f"brackets are more than {MAX_DEPTH} deep", 1, place + 1)
+        formula = self._sum()
+        if self.tokens[self.at][0] == "end":
+            raise TextError("this bracket is never closed", 1, place + 1)
+        if not self._take(")"):
+            raise self._misplaced()
+        self.depth -= 1
+        return formula
+
+    def _misplaced(self) -> TextError:
+        kind, text, place = self.tokens[self.at]
+        if kind == "end":
+            message = "the formula ends before it is complete"
+        elif text == ")" and not self.depth:
+            message = "this bracket was never opened"
+        else:
+            message = f"{shown(text)} does not belong here"
+        return TextError(message, 1, place + 1)
+
+
+def _known(name: str, names: Iterable[str]) -> str:
+    """Names what begins as the unknown name does, or the beginnings that there are."""
+    start = name.partition(".")[0]
+    alike = [known for known in names if known.partition(".")[0] == start]
+    if not alike:
+        alike = [f"{known.partition('.')[0]}.…" if "." in known else known for known in names]
+    listed = [*dict.fromkeys(alike)]
+    more = ["…"] if len(listed) > MOST_NAMED else []
+    return f"there are {', '.join([*listed[:MOST_NAMED], *more])}"
+
+
+def written_number(value: float) -> str:
+    """Writes a number in as few digits as distinguish it from all others."""
+    short = f"{value:.6g}"
+    return short if float(short) == value else repr(float(value))
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How a language writes formulas.
+
+    Attributes:
+        number: Writes a number.
+        function: Names a function.
+        has_powers: Whether x**2 is a square and x**3 a cube; else both are functions.
+    """
+
+    number: Callable[[float], str] = written_number
+    function: Callable[[str], str] = str
+    has_powers: bool = True
+
+
+OWN_NOTATION = Notation()
+"""The notation that is read here."""
+
+
+def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
+    """Writes a formula in canonical form so that it reads back as the same tree."""
+    return "".join(formula_tokens(formula, symbols))
+
+
+def written_lines(
+    start: str,
+    formula: Expression,
+    symbols: Sequence[str],
+    notation: Notation = OWN_NOTATION,
+    *,
+    width: int = LINE_LENGTH,
+    indent: int = 0,
+) -> list[str]:
+    """Writes a formula in lines that end only before a sign between terms.
+
+    Args:
+        start: Beginning of the first line, such as "FL_hip = ".
+        formula: The formula, in canonical form.
+        symbols: Names of the variables, in order.
+        notation: How the language writes it, in the order in which a policy evaluates it.
+        width: Greatest number of characters of a line, where names allow.
+        indent: Spaces before the first line; the others have four more.
+    """
+    tokens = formula_tokens(formula, symbols, notation)
+    glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
+    lines = textwrap.wrap(
+        start.replace(" ", GLUE) + glued,
+        width,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent + 4),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace(GLUE, " ") for line in lines]
+
+
+def formula_tokens(
+    formula: Expression, symbols: Sequence[str], notation: Notation = OWN_NOTATION
+) -> list[str]:
+    """Writes a formula in canonical form as tokens, whose join is its text."""
+    tokens: list[str] = []
+    _write(formula, symbols, notation, tokens)
+    return tokens
+
+
+def _write(
+    formula: Expression, symbols: Sequence[str], notation: Notation, tokens: list[str]
+) -> None:
+    binding = _binding(formula, notation)
+
+    def operand(of: Expression, least: int) -> None:
+        """Writes an operand, in brackets where it binds less than its operator asks for."""
+        loose = _binding(of, notation) < least
+        tokens.extend("(" * loose)
+        _write(of, symbols, notation, tokens)
+        tokens.extend(")" * loose)
+
+    match formula:
+        case Expression("constant", value=value):
+            tokens.append(notation.number(value))
+        case Expression("variable", variable=index):
+            tokens.append(symbols[index])
+        case Expression("neg", (inner,)):
+            tokens.append("-")
+            operand(inner, _POWER)
+        case Expression(operator, (left, right)):
+            operand(left, binding)
+            tokens.append(f" {BINARY[operator]} " if binding == _SUM else BINARY[operator])
+            operand(right, binding + 1)
+        case Expression(operator, (inner,)) if binding == _POWER:
+            operand(inner, _POWER + 1)
+            tokens.append(f"**{_EXPONENTS[operator]}")
+        case Expression(operator, (inner,)):
+            tokens.append(f"{notation.function(operator)}(")
+            _write(inner, symbols, notation, tokens)
+            tokens.append(")")
+
+
+def _binding(formula: Expression, notation: Notation) -> int:
+    if formula.operator == "constant" and formula.value < 0.0:
+        return _SIGN
+    if formula.operator in _EXPONENTS and notation.has_powers:
+        return _POWER
+    return _BINDING.get(formula.operator, _POWER + 1)
