@@ -1,14 +1,11 @@
-"""What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
+"""Fixtures of all tests: gaits, policies that need no training, and helpers for leaf systems."""
 
 import os
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import reduce
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,13 +19,10 @@ from glassgait.models.arrays import Array
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.binding import LoadedController, has_compiler, load_controller
 from glassgait.models.export.c_source import ControllerSource, write_controller
-from glassgait.models.formulas.expression import plus
-from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.formula import parse_formula
@@ -40,16 +34,13 @@ from glassgait.studies.common.exit_codes import BAD_INPUT
 A1 = load_robot()
 
 
-# How long an example takes says how busy the machine is, nothing else.
+# Deadlines would fail on a busy machine.
 settings.register_profile("fast", deadline=None, max_examples=50)
 settings.register_profile("thorough", deadline=None, max_examples=300)
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
-    # A shell's job in the background ignores Ctrl-C, and so would every process that a test starts.
+    # Background jobs of a shell ignore Ctrl-C, and so would every process that a test starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-LONGEST = ("test_wheel", "test_killed", "test_parallel_clusters", "test_road")
-"""Files that take longest: side by side with others they come first, lest one be waited for."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -57,10 +48,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Runs folders in two processes, and files that are named in the one that reads this."""
+    """Runs folders in two processes, and single files in this one."""
     if config.args and all(Path(name.partition("::")[0]).is_file() for name in config.args):
         return 0
-    # Each on a thread of its own but for Drake's batches, or they would share two cores.
+    # One thread each, except for Drake's batches: the processes share the cores.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     os.environ.setdefault("DRAKE_NUM_THREADS", "2")
     return min(2, os.cpu_count() or 1)
@@ -71,7 +62,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
-    items.sort(key=lambda item: item.path.stem not in LONGEST)
 
 
 @pytest.fixture
@@ -144,12 +134,6 @@ def make_policy() -> Callable[..., LinearPolicy]:
 
 
 @pytest.fixture(scope="session")
-def odometry_expert() -> NeuralPolicy:
-    """The trot's expert that ships: odometry estimates what it observes, and it has an IMU."""
-    return load_expert("trot")
-
-
-@pytest.fixture(scope="session")
 def imu_expert() -> NeuralPolicy:
     """A network of small random weights that observes an IMU, and moves all joints of a trot."""
     layout, generator = ObservationLayout(2, imu=True), np.random.default_rng(2)
@@ -182,30 +166,6 @@ def make_learned_expert() -> Callable[[Gait], NeuralPolicy]:
 def learned_expert(make_learned_expert: Callable[[Gait], NeuralPolicy]) -> NeuralPolicy:
     """Such networks for a trot."""
     return make_learned_expert(load_gait("trot"))
-
-
-@pytest.fixture(scope="session")
-def shorten() -> Callable[[FormulaPolicy], FormulaPolicy]:
-    """Keeps the first five terms of each formula: as many kinds of terms, not hundreds."""
-
-    def run(policy: FormulaPolicy) -> FormulaPolicy:
-        file = policy.to_file()
-        formulas = {
-            place: reduce(plus, formula.terms()[:5]) for place, formula in file.written().items()
-        }
-        if file.mirror is not None:
-            formulas = FormulaMirror.of(file.vocabulary, file.mirror).complete(formulas)
-        return FormulaPolicy.from_file(file.with_formulas(formulas))
-
-    return run
-
-
-@pytest.fixture(scope="session")
-def short_page(shorten: Callable[[FormulaPolicy], FormulaPolicy]) -> FormulaPolicy:
-    """The trot's page of formulas, shortened."""
-    page = load_student("trot", "sparse_formula")
-    assert isinstance(page, FormulaPolicy)
-    return shorten(page)
 
 
 @pytest.fixture(scope="session")
@@ -270,27 +230,6 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[[list[str]], str]:
     return run
 
 
-class Browsers:
-    """A Meshcat that browsers show, one of them with a gamepad."""
-
-    def __init__(self, meshcat: Meshcat) -> None:
-        self.meshcat, self.n_browsers = meshcat, 1
-        self.gamepad = SimpleNamespace(index=None, axes=[])
-
-    def hold(self, *axes: float) -> None:
-        """Has the gamepad reported, with its sticks there."""
-        self.gamepad = SimpleNamespace(index=0, axes=list(axes))
-
-    def GetGamepad(self) -> SimpleNamespace:  # noqa: N802
-        return self.gamepad
-
-    def GetNumActiveConnections(self) -> int:  # noqa: N802
-        return self.n_browsers
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.meshcat, name)
-
-
 @pytest.fixture(scope="module")
 def server() -> Meshcat:
     """A Meshcat that several tests share."""
@@ -302,9 +241,3 @@ def meshcat(server: Meshcat) -> Iterator[Meshcat]:
     """The same, without controls at a test's beginning."""
     yield server
     server.DeleteAddedControls()
-
-
-@pytest.fixture
-def browsers(meshcat: Meshcat) -> Browsers:
-    """The same, shown by browsers with a gamepad."""
-    return Browsers(meshcat)

@@ -1,7 +1,7 @@
 """Refinement: formulas as a network, its candidates, and the command."""
 
 import re
-from functools import cache
+from functools import cache, reduce
 
 import numpy as np
 import pandas as pd
@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
-from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
+from glassgait.models.formulas.expression import ZERO, Expression, constant, plus, variable
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.numbers import without_zeros
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
@@ -50,6 +51,28 @@ PAGE = load_student("trot", "sparse_formula")
 def seen(gait, policy):
     data = collect_alone(load_gait(gait), load_expert(gait), policy, n_robots=6, n_steps=30, seed=3)
     return data.observations, torch.from_numpy(data.observations).float()
+
+
+@pytest.fixture(scope="session")
+def shorten():
+    """Keeps the first five terms of each formula: as many kinds of terms, not hundreds."""
+
+    def run(policy):
+        file = policy.to_file()
+        formulas = {
+            place: reduce(plus, formula.terms()[:5]) for place, formula in file.written().items()
+        }
+        if file.mirror is not None:
+            formulas = FormulaMirror.of(file.vocabulary, file.mirror).complete(formulas)
+        return FormulaPolicy.from_file(file.with_formulas(formulas))
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def short_page(shorten):
+    """The trot's page of formulas, shortened."""
+    return shorten(load_student("trot", "sparse_formula"))
 
 
 @pytest.fixture

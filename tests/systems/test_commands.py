@@ -1,5 +1,7 @@
 """Commands: drawn, from sliders and a gamepad, and from a planner."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,33 @@ from glassgait.systems.commands import (
 )
 
 SLIDERS = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
+
+
+class Browsers:
+    """A Meshcat that browsers show, one of them with a gamepad."""
+
+    def __init__(self, meshcat):
+        self.meshcat, self.n_browsers = meshcat, 1
+        self.gamepad = SimpleNamespace(index=None, axes=[])
+
+    def hold(self, *axes):
+        """Has the gamepad reported, with its sticks there."""
+        self.gamepad = SimpleNamespace(index=0, axes=list(axes))
+
+    def GetGamepad(self):  # noqa: N802
+        return self.gamepad
+
+    def GetNumActiveConnections(self):  # noqa: N802
+        return self.n_browsers
+
+    def __getattr__(self, name):
+        return getattr(self.meshcat, name)
+
+
+@pytest.fixture
+def browsers(meshcat):
+    """Meshcat, shown by browsers with a gamepad."""
+    return Browsers(meshcat)
 
 
 def commanded(system, context):
