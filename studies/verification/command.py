@@ -1,16 +1,25 @@
-"""`glassgait verify`: proves what a policy can never do, and checks such proofs."""
+"""`glassgait verify`: proves what a policy of formulas can never do, and checks such proofs."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import numpy as np
 import pandas as pd
 import tyro
+from joblib import Parallel, delayed
 
-from glassgait.diagrams.scenario import load_scenarios
-from glassgait.models.certificates.box import ObservationBox, load_box, operating_box
+from glassgait.diagrams.scenario import Scenario, load_scenarios
+from glassgait.models.arrays import Array
+from glassgait.models.certificates.box import (
+    MARGIN,
+    ObservationBox,
+    load_box,
+    measured_box,
+    operating_box,
+)
 from glassgait.models.certificates.certificate import (
     OUTCOME_WORDS,
     certificate,
@@ -18,23 +27,23 @@ from glassgait.models.certificates.certificate import (
     shipped_certificates,
 )
 from glassgait.models.certificates.claims import Claim, claim_files, load_claims
-from glassgait.models.certificates.prover import Prover, Verdict
+from glassgait.models.certificates.prover import Prover
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import FEW, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar
+from glassgait.studies.common.episode import episode
+from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.rollouts import RolloutConfig
-from glassgait.studies.common.run_folder import digest_of_files, open_run
-from glassgait.studies.common.sweep import WorkersConfig
+from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students import OnePolicy
-from glassgait.studies.verification.measurement import measure_box
+from glassgait.studies.distillation.students.library import OnePolicy
 
-BOX_NAME = "box.yaml"
 CERTIFICATE_NAME = "certificate.json"
 
 
@@ -45,12 +54,10 @@ class Prove(OnePolicy):
     Attributes:
         policy: A kind of student made of formulas, or path of a policy file; by default the
             student whose actions are sums of the fewest terms.
-        claims: YAML file of claims of your own, besides those that ship.
+        claims: YAML file of further claims, besides those that ship.
         box: File of the operating box; the gait's shipped one by default.
         measure: Measure the operating box anew, in all scenarios, before anything is proved.
         rollouts: How robots are rolled out to measure it.
-        workers: Where they are.
-        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/verify/prove/<gait>/<policy> by default.
     """
 
@@ -62,8 +69,6 @@ class Prove(OnePolicy):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_robots=4, n_steps=100, n_seeds=1)
     )
-    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
-    resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
@@ -71,8 +76,7 @@ class Prove(OnePolicy):
         if self.box and self.measure:
             raise InputError("--box: is not read where the box is measured; leave out one of both")
         found, name = self.find()
-        gait = found.gait
-        path, policy = found.file(name), found.policy(name)
+        gait, path, policy = found.gait, found.file(name), found.policy(name)
         if isinstance(policy, FormulaPolicy) and policy.machine is None:
             raise InputError(
                 f"{path}: holds no machine, so that no certificate of it could be checked; write "
@@ -80,96 +84,127 @@ class Prove(OnePolicy):
             )
         claims = self._claims(gait, policy)
         folder = self.output or found.output(self.title) / Path(name).stem
-        inputs = {
-            "gait": gait.digest(),
-            "policy": digest(path),
-            "claims": digest_of_files(
-                [*claim_files(imu=policy.layout.imu), *([self.claims] if self.claims else [])]
-            ),
-        }
-        run = {"study": self.title, "settings": self, "resume": self.resume}
-        with open_run(folder, **run, inputs=inputs):
-            box = self._box(found, folder)
-            started = time.perf_counter()
-            prover = Prover(policy, gait, box)
-            verdicts = _proved(prover, claims)
-            seconds = time.perf_counter() - started
-            _write(prover, verdicts, path, folder, seconds)
+        inputs = {"gait": gait.digest(), "policy": digest(path)}
+        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=False):
+            prover, started, verdicts = (
+                Prover(policy, gait, self._box(found, folder)),
+                time.time(),
+                [],
+            )
+            with progress_bar(len(claims)) as (progress, bar):
+                for claim in claims:
+                    progress.update(bar, text=claim.name)
+                    verdicts += filter(None, [prover.decide(claim)])
+                    progress.update(bar, advance=1)
+            table = pd.DataFrame(
+                {
+                    "claim": [verdict.claim.name for verdict in verdicts],
+                    "outcome": [OUTCOME_WORDS[verdict.outcome] for verdict in verdicts],
+                    "worst": [verdict.worst for verdict in verdicts],
+                    "claimed": [verdict.claimed for verdict in verdicts],
+                    "where": [verdict.where for verdict in verdicts],
+                }
+            )
+            write_table(table, folder / "claims")
+            counts = {
+                word: int((table["outcome"] == word).sum()) for word in OUTCOME_WORDS.values()
+            }
+            metrics = {**counts, "seconds": time.time() - started}
+            write_metrics(metrics, folder / "metrics.json")
+            text = certificate_text(certificate(prover, verdicts, path))
+            write_atomically(folder / CERTIFICATE_NAME, text)
+        print_table(f"{gait.name}: what {path.name} can never do", table)
+        console.print(", ".join(f"{count} {word}" for word, count in counts.items()))
         console.print(f"written to {folder}")
 
     def _claims(self, gait: Gait, policy: Policy) -> tuple[Claim, ...]:
         imu, about = policy.layout.imu, (policy.robot, policy.joint_law)
         shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path, *about)]
-        own = load_claims(self.claims, *about) if self.claims else ()
-        taken = {claim.name for claim in shipped}
-        for claim in own:
-            if claim.name in taken:
-                raise InputError(
-                    f"{self.claims}: {claim.refused_as()}: a claim that ships is called so; rename "
-                    "it"
-                )
+        further = load_claims(self.claims, *about) if self.claims else ()
+        for claim in further:
+            if claim.name in {one.name for one in shipped}:
+                name = f"{self.claims}: {claim.refused_as()}"
+                raise InputError(f"{name}: a claim that ships has this name; rename yours")
             try:
                 claim.refuse_unknown(gait, imu=imu)
             except InputError as error:
                 raise InputError(f"{self.claims}: {error}") from error
-        return *shipped, *own
+        return *shipped, *further
 
     def _box(self, policies: Policies, folder: Path) -> ObservationBox:
-        gait, measured = policies.gait, folder / BOX_NAME
-        if self.box:
-            return load_box(self.box, gait, policies.robot)
-        if not self.measure:
-            return operating_box(gait, policies.robot)
-        if not (self.resume and measured.exists()):
-            box, how = measure_box(
-                gait,
-                policies.expert,
-                policies.students,
-                load_scenarios(("all",)),
-                self.rollouts,
-                processes=self.workers.processes,
-            )
-            box.save(measured, gait, how)
-        return load_box(measured, gait, policies.robot)
+        gait, robot = policies.gait, policies.robot
+        if self.measure:
+            expert = policies.expert
+            controllers = {"expert": alone(expert)}
+            controllers |= {kind: alone(own, expert) for kind, own in policies.students.items()}
+            box, how = measure_box(gait, controllers, load_scenarios(("all",)), self.rollouts)
+            box.save(folder / "box.yaml", gait, how)
+            return load_box(folder / "box.yaml", gait, robot)
+        return load_box(self.box, gait, robot) if self.box else operating_box(gait, robot)
 
 
-def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:
-    """Decides every claim that says something of the policy."""
-    verdicts = []
-    with progress_bar(len(claims)) as (progress, bar):
-        for claim in claims:
-            progress.update(bar, text=claim.name)
-            verdict = prover.decide(claim)
-            verdicts += [verdict] if verdict else []
+def measure_box(
+    gait: Gait,
+    controllers: Mapping[str, AlternatingController],
+    scenarios: Mapping[str, Scenario],
+    config: RolloutConfig,
+) -> tuple[ObservationBox, str]:
+    """Rolls out every controller in every scenario, and bounds what robots sense.
+
+    Robots that fall do not count. Scenarios of continuous plants, which take minutes a robot, are
+    left out.
+
+    Returns:
+        The operating box, and in words how it was measured.
+
+    Raises:
+        InputError: if no robot stays up.
+    """
+    stepped = [scenario for scenario in scenarios.values() if scenario.accuracy is None]
+    jobs = [
+        delayed(_sensed)(gait, controller, scenario, config)
+        for scenario in stepped
+        for controller in controllers.values()
+    ]
+    corners = []
+    with progress_bar(len(jobs)) as (progress, bar):
+        for found in Parallel(n_jobs=-1 if len(jobs) > 2 else 1, return_as="generator")(jobs):
+            corners += [] if found is None else [found]
             progress.update(bar, advance=1)
-    return verdicts
-
-
-def _claims_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
-    """Returns a row a claim: whether it holds, and what comes closest to breaking it."""
-    return pd.DataFrame(
-        {
-            "claim": [own.claim.name for own in verdicts],
-            "outcome": [OUTCOME_WORDS[own.outcome] for own in verdicts],
-            "worst": [own.worst for own in verdicts],
-            "claimed": [own.claimed for own in verdicts],
-            "where": [own.where for own in verdicts],
-        }
+    if not corners:
+        raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
+    lower, upper = (np.array(ends) for ends in zip(*corners, strict=True))
+    policy = next(iter(controllers.values())).policy
+    names = policy.observation_names
+    box = measured_box(gait, policy.robot, names, lower.min(axis=0), upper.max(axis=0))
+    how = (
+        f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
+        f"steps without a fall, in each of {len(stepped)} scenarios, led by each of "
+        f"{', '.join(controllers)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
+        "width on both sides; commands, counts and machine state at their true ranges"
     )
+    return box, how
 
 
-def _write(
-    prover: Prover, verdicts: Sequence[Verdict], path: Path, folder: Path, seconds: float
-) -> None:
-    claims = _claims_table(verdicts)
-    write_table(claims, folder / "claims")
-    counts = {word: int((claims["outcome"] == word).sum()) for word in OUTCOME_WORDS.values()}
-    write_metrics({**counts, "seconds": seconds}, folder / "metrics.json")
-    written = certificate(prover, verdicts, path)
-    write_atomically(folder / CERTIFICATE_NAME, certificate_text(written))
-    print_table(f"{prover.gait.name}: what {path.name} can never do", claims)
-    found = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
-    console.print(found)
+def _sensed(
+    gait: Gait, controller: AlternatingController, scenario: Scenario, config: RolloutConfig
+) -> tuple[Array, Array] | None:
+    """Returns the least and greatest observations (n, n) of the robots that stay up."""
+    scenario, observations = config.commanding(scenario), Observations()
+    ended = episode(
+        gait,
+        controller,
+        scenario,
+        n_robots=config.robots_in(scenario),
+        n_steps=config.n_steps,
+        seed=config.seed,
+        observers=[observations],
+    )
+    up = ended.fell == config.n_steps
+    if not up.any():
+        return None
+    kept = observations.array[:, up]
+    return kept.min(axis=(0, 1)), kept.max(axis=(0, 1))
 
 
 @checked
@@ -192,10 +227,7 @@ class Check(Settings):
         """Checks each, and reports what holds."""
         try:
             # Imported here: no other command needs what the checker computes with.
-            from glassgait.models.certificates.checker import (  # noqa: PLC0415
-                RefusedError,
-                check,
-            )
+            from glassgait.models.certificates.checker import RefusedError, check  # noqa: PLC0415
         except ImportError as error:
             raise InputError(str(error)) from error
         given = {"--policy": self.policy, "--robot": self.robot}

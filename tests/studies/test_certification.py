@@ -16,13 +16,14 @@ from glassgait.models.certificates.box import (
 )
 from glassgait.models.formulas.file import write_formulas
 from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import gait_lines, load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts import RolloutConfig
-from glassgait.studies.verification.measurement import measure_box
+from glassgait.studies.verification.command import measure_box
 
 A1 = load_robot()
 MACHINE = "".join(f"  {line}\n" for line in gait_lines(load_gait("trot")))
@@ -143,14 +144,8 @@ def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
     gait = load_gait("trot")
     expert, page = load_expert(gait), load_student("trot", "sparse_formula")
     config = RolloutConfig(n_robots=2, n_steps=15, n_seeds=1)
-    box, measured = measure_box(
-        gait,
-        expert,
-        {"sparse_formula": page},
-        {"training": load_scenario("training")},
-        config,
-        processes=1,
-    )
+    controllers = {"expert": alone(expert), "sparse_formula": alone(page, expert)}
+    box, measured = measure_box(gait, controllers, {"training": load_scenario("training")}, config)
     low, high = box.lower, box.upper
     names = list(expert.observation_names)
     # All robots stand still at first, in the default stance.
