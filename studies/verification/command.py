@@ -42,7 +42,7 @@ from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import OnePolicy
+from glassgait.studies.distillation.students import OnePolicy
 
 CERTIFICATE_NAME = "certificate.json"
 

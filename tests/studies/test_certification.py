@@ -286,8 +286,7 @@ def test_a_machine_that_favours_a_side_is_proved_of_without_its_mirror(policy, c
 
 def test_the_box_that_ships_is_of_the_machine_that_ships(tmp_path, monkeypatch, refused, capsys):
     monkeypatch.chdir(tmp_path)
-    text = load_student("trot", "sparse_formula").to_text()
-    Path("slow.formulas").write_text(text.replace("dwell: [6, 11]", "dwell: [1, 90]"))
+    Path("slow.formulas").write_text(FILE.replace("dwell: [6, 11]", "dwell: [5, 12]"))
     run = ["verify", "prove", "--gait", "slow.formulas", "--policy", "slow.formulas"]
     assert "differs in 'dwell'; add --measure" in refused([*run, "--output", "out"])
     box = str(BOX_DIRECTORY / "trot.yaml")
