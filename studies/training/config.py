@@ -153,8 +153,8 @@ class TrainingConfig(Settings):
         gait: Name of a gait, or path of a gait file; the command takes several.
         robot: Name of a robot that ships, or path of a `robot.yaml` of one's own.
         seed: Seed of all randomness.
-        warm_start: Expert of this robot, of a machine with as many states, that the actor begins as;
-            by default it begins anew.
+        warm_start: Expert of this robot, of a machine with as many states, as which the actor
+            begins; by default it begins anew.
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
         worlds: The randomised scenarios that they train in.

@@ -1,15 +1,39 @@
-"""Records of experts: how they were trained."""
+"""Records of experts: how they were trained, as recipes of a few lines."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
+from glassgait.studies.common.run_folder import to_plain
 from glassgait.studies.training.config import TrainingConfig
 
 
+def recipe(config: TrainingConfig) -> dict[str, Any]:
+    """Returns the settings that differ from the defaults, as `read_config` reads them."""
+    changed = _differences(to_plain(config), to_plain(TrainingConfig()))
+    return {"gait": config.gait, **changed}
+
+
+def _differences(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
+    found = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            value = _differences(value, defaults[key])
+        if value not in (defaults[key], {}):
+            found[key] = value
+    return found
+
+
+def _filled(values: Any, defaults: Any) -> Any:
+    if not isinstance(values, dict) or not isinstance(defaults, dict):
+        return values
+    return defaults | {key: _filled(value, defaults.get(key)) for key, value in values.items()}
+
+
 def read_config(path: Path) -> TrainingConfig:
-    """Reads from an expert's record how it was trained.
+    """Reads from an expert's record how it was trained; keys that it lacks have their defaults.
 
     A relative path of the expert that it began as is looked for from the record's folder, too, so
     that shipped records can be followed from anywhere.
@@ -20,7 +44,8 @@ def read_config(path: Path) -> TrainingConfig:
     record = read_yaml(path)
     if not isinstance(record, dict) or "config" not in record:
         raise InputError(f"{path}: is not an expert's record; it has no key 'config'")
-    config = TrainingConfig.from_plain(record["config"], str(path))
+    whole = _filled(record["config"], to_plain(TrainingConfig()))
+    config = TrainingConfig.from_plain(whole, str(path))
     start = config.warm_start
     if start is None or Path(start).exists():
         return config

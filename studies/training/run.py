@@ -40,6 +40,7 @@ from glassgait.studies.training.learner import (
     network_of,
     set_layers,
 )
+from glassgait.studies.training.record import recipe
 
 LINES_EVERY = 10
 """Updates between two printed lines where there is no terminal."""
@@ -247,7 +248,7 @@ class LearningRun(ABC):
             }
             | {"python": platform.python_version()},
             **({} if study is None else {study.title: to_plain(study)}),
-            "config": to_plain(self.config),
+            "config": recipe(self.config),
         }
         policy.save(self.folder / f"{name}{policy.suffix}")
         text = yaml.safe_dump(record, sort_keys=False)
