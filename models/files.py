@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.numpy import save
 
 from glassgait.models.errors import InputError
@@ -30,24 +30,11 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f]")
 
 _REMEDIES = {
     errno.ENOSPC: "free some space",
-    errno.EDQUOT: "free some space",
     errno.EISDIR: "give the path of a file, not of a folder",
     errno.ENOTDIR: "a part of the path is a file; choose another folder",
     errno.EEXIST: "a part of the path is a file; choose another folder",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
-
-# Which of these a damaged safetensors file raises depends on the byte that is hurt.
-_DAMAGE = (
-    SafetensorError,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    ArithmeticError,
-    RecursionError,
-    MemoryError,
-)
 
 
 def write_atomically(path: Path, data: bytes | str) -> None:
@@ -74,24 +61,16 @@ def write_atomically(path: Path, data: bytes | str) -> None:
 
 
 def digest(path: Path) -> str:
-    """Returns the SHA-256 of a file's bytes, in hexadecimal.
-
-    Raises:
-        InputError: if it cannot be read.
-    """
+    """Returns the SHA-256 of a file's bytes, in hexadecimal."""
     return hashlib.sha256(_read_bytes(path)).hexdigest()
 
 
 def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") -> str:
     """Reads a text file that a person wrote.
 
-    Args:
-        path: The file.
-        limit: Greatest size (bytes).
-        encoding: "utf-8" to read a byte order mark as a character.
-
     Raises:
-        InputError: if it cannot be read, is larger, is not UTF-8 or holds control characters.
+        InputError: if it cannot be read, is larger than `limit` bytes, is not UTF-8 or holds
+            control characters.
     """
     try:
         text = _read_bytes(path, limit).decode(encoding)
@@ -106,11 +85,7 @@ def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") 
 
 
 def read_yaml(path: Path) -> Any:
-    """Reads plain values from a YAML file.
-
-    Raises:
-        InputError: if it cannot be read, is not valid, or holds more than plain values.
-    """
+    """Reads plain values from a YAML file, as `parse_yaml` reads them from text."""
     text = read_text(path, YAML_BYTES)
     try:
         return parse_yaml(text)
@@ -150,7 +125,7 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         is_sound = is_sound and checksum in (None, _checksum(arrays, header))
     except OSError as error:
         raise _unreadable(path, error) from error
-    except _DAMAGE as error:
+    except Exception as error:  # which one depends on the byte that is damaged
         raise InputError(f"{path}: is damaged or was not written by this project") from error
     if not is_sound:
         raise InputError(f"{path}: is damaged, its checksum is of other contents; make it anew")
@@ -184,32 +159,19 @@ def read_record(path: Path, of: str | None = None) -> Any:
         values, theirs = record["values"], record["of"]
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew") from error
-    refuse_another(path, theirs, of)
-    return values
-
-
-def record_or_made(path: Path, make: Callable[[], Any], *, of: str) -> Any:
-    """Returns what a run kept before, or makes it and keeps it.
-
-    Raises:
-        InputError: if the file is damaged, or belongs to something else.
-    """
-    if not path.exists():
-        write_record(path, make(), of=of)
-    return read_record(path, of=of)
-
-
-def refuse_another(path: Path, theirs: Any, of: str | None) -> None:
-    """Refuses a file that is sound but belongs to something else, such as another run.
-
-    Raises:
-        InputError: if it belongs to `theirs` and not to `of`.
-    """
     if of is not None and theirs != of:
         raise InputError(
             f"{path}: is of another run, or of another part of this one; delete it, and --resume "
             "makes it anew"
         )
+    return values
+
+
+def record_or_made(path: Path, make: Callable[[], Any], *, of: str) -> Any:
+    """Returns what a run kept before, or makes it and keeps it."""
+    if not path.exists():
+        write_record(path, make(), of=of)
+    return read_record(path, of=of)
 
 
 def _checksum(arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:
