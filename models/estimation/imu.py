@@ -1,11 +1,11 @@
-"""What an inertial measurement unit (IMU) in the trunk measures over a control period.
+"""Readings of an inertial measurement unit (IMU) in the trunk over a control period.
 
 A reading is nine numbers: the gyroscope's angular velocity (3; rad/s), the accelerometer's reading
 summed over the control period, which is a change of velocity (3; m/s), and the direction of gravity
-that the unit's own filter makes of both (3; a unit vector). All are in the trunk's frame.
+that the unit's filter makes of both (3; a unit vector). All are in the trunk's frame.
 
-Drake's `Accelerometer` measures the acceleration of one instant. A discrete plant's is that of its
-last step, a tenth of a millisecond or ten; only its sum over the period is the same for all.
+Drake's `Accelerometer` measures the acceleration of the plant's last step, however long it is; only
+its sum over the period is the same for all plants.
 """
 
 from typing import Annotated, ClassVar, NamedTuple
@@ -33,7 +33,7 @@ MOST_DELAY = 5
 
 
 class ImuReading(NamedTuple):
-    """A reading, by its parts, in the trunk's frame.
+    """The parts of a reading, in the trunk's frame.
 
     Attributes:
         angular_velocity: Angular velocity (..., 3; rad/s).
@@ -54,7 +54,7 @@ class ImuReading(NamedTuple):
 
 @checked
 class ImuErrors(Settings):
-    """What is wrong with readings, besides their noise.
+    """Errors of readings, besides their noise.
 
     Attributes:
         gyroscope_bias: Greatest constant error of each angular velocity (rad/s).
@@ -80,17 +80,13 @@ class ImuErrors(Settings):
 def measure_imu(
     state: Array, velocity_before: Array, gravity: Array, period: float = CONTROL_PERIOD
 ) -> Array:
-    """Measures without errors.
+    """Returns the reading (..., 9) without errors.
 
     Args:
         state: The plant's state x (..., 37).
         velocity_before: The trunk's linear velocity one period before (..., 3; m/s, world frame).
         gravity: Acceleration by gravity (..., 3; m/s², world frame).
         period: Time over which the specific force is summed (s).
-
-    Returns:
-        The reading (..., 9): angular velocity (rad/s), change of velocity (m/s), gravity's
-        direction, in the trunk's frame.
     """
     to_trunk = kinematics.rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
     change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - period * gravity

@@ -33,11 +33,11 @@ SLIP = 1.0
 
 
 class OdometryState(NamedTuple):
-    """What odometry remembers between two control steps.
+    """The state of odometry between two control steps.
 
     Attributes:
         velocity: The trunk's velocity (..., 3; m/s, trunk frame).
-        footholds: Where each foot stands, or stood last (..., 4, 3; m, trunk frame).
+        footholds: Places where the feet stand, or stood last (..., 4, 3; m, trunk frame).
         touching: Which feet seemed to press on the ground (..., 4).
         turning: The trunk's angular velocity (..., 3; rad/s, trunk frame).
     """
@@ -62,11 +62,11 @@ class Odometry(Settings):
     gain: Annotated[float, Gt(0.0), Le(1.0)] = 0.15
 
     def digest(self) -> str:
-        """Returns what differs where two would not estimate alike."""
+        """Returns a digest of the settings."""
         return hashlib.sha256(json.dumps(asdict(self)).encode()).hexdigest()[:16]
 
     def begin(self, robot: Robot, joint_position: Array) -> OdometryState:
-        """Returns the state of robots (..., 12; rad) at rest, which stand on all feet."""
+        """Returns the state of robots at rest on all feet, from joint positions (..., 12; rad)."""
         feet = kinematics.foot_positions(robot, joint_position)
         nowhere = np.zeros(feet.shape[:-1], dtype=bool)
         rest = np.zeros((*feet.shape[:-2], 3))
@@ -82,13 +82,14 @@ class Odometry(Settings):
         imu: Array,
         touching: NDArray[np.bool_],
     ) -> OdometryState:
-        """Goes on by a control step.
+        """Advances by a control step.
 
-        A foot stands that touches now and did before, since one that has just come down still
-        moves, and that is nearly at rest by the predicted velocity, if any is: a foot that swings
-        or slips does not stand, though its sensor reads a contact.
+        A foot stands if it touches now and did before, since one that has just come down still
+        moves, and if it is nearly at rest by the predicted velocity, unless no foot is: a foot that
+        swings or slips does not stand, though its sensor reads a contact.
 
         Args:
+            robot: The robot.
             before: The state one control step before.
             joint_position: Measured joint positions (..., 12; rad).
             joint_velocity: Measured joint velocities (..., 12; rad/s).
@@ -117,30 +118,19 @@ class Odometry(Settings):
         return OdometryState(velocity, footholds, touching, turned_by)
 
     def expected_heights(self, robot: Robot, before: OdometryState, joint_position: Array) -> Array:
-        """Returns how high feet are (..., 4; m) before it is known which of them touch.
+        """Returns the heights of the feet (..., 4; m) before it is known which of them touch.
 
-        The ground is that of the state one control step before, carried along as the trunk then
-        moved.
-
-        Args:
-            joint_position: Measured joint positions (..., 12; rad).
+        The ground is that of the state one control step before, carried along as the trunk moved.
         """
         turned = cross(before.turning[..., None, :], before.footholds)
         carried = _carried(before.footholds, before.velocity, turned)
         return _heights(kinematics.foot_positions(robot, joint_position), carried)
 
     def body_state(self, robot: Robot, state: OdometryState, joint_position: Array) -> Array:
-        """Returns what is observed of the estimate.
+        """Returns the observed estimate (..., 7): velocity scaled by 2, and heights of the feet.
 
         The ground is the plane through the mean of the four footholds whose normal is the cross
-        product of their diagonals.
-
-        Args:
-            joint_position: Measured joint positions (..., 12; rad).
-
-        Returns:
-            Velocity scaled by 2 (m/s, trunk frame), and the feet's heights above the ground (m):
-            (..., 7).
+        product of their diagonals. Units are m/s in the trunk's frame, and m.
         """
         heights = _heights(kinematics.foot_positions(robot, joint_position), state.footholds)
         return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)
@@ -149,17 +139,14 @@ class Odometry(Settings):
 def _carried(footholds: Array, velocity: Array, turned: Array) -> Array:
     """Moves footholds (..., 4, 3; m) as the ground moves under the trunk in a control step.
 
-    Args:
-        footholds: Where they are.
-        velocity: The trunk's velocity (..., 3; m/s).
-        turned: How fast the trunk's turning alone moves them (..., 4, 3; m/s).
+    The trunk moves (..., 3; m/s), and its turning moves the footholds (..., 4, 3; m/s).
     """
     return footholds - CONTROL_PERIOD * (velocity[..., None, :] + turned)
 
 
 def _heights(feet: Array, footholds: Array) -> Array:
     """Returns the heights of feet (..., 4; m) above the plane of footholds (..., 4, 3; m)."""
-    # Of the front feet those of the rear ones on the other side.
+    # From each rear foot to the front foot on the other side.
     diagonals = footholds[..., :2, :] - footholds[..., :1:-1, :]
     normal = cross(diagonals[..., 1, :], diagonals[..., 0, :])
     normal = normal / np.sqrt(np.add.reduce(np.square(normal), axis=-1, keepdims=True))
@@ -168,7 +155,7 @@ def _heights(feet: Array, footholds: Array) -> Array:
 
 
 def _standing(stood: NDArray[np.bool_], over: Array) -> NDArray[np.bool_]:
-    """Returns which feet stand (..., 4), by which touch, and their velocities over the ground."""
+    """Returns which feet stand (..., 4): those that touch and are nearly at rest."""
     near = stood & (np.add.reduce(np.square(over), axis=-1) < SLIP * SLIP)
-    # Where none is near, it is the prediction that is wrong.
+    # If none is nearly at rest, the prediction is wrong.
     return np.where(near.any(axis=-1, keepdims=True), near, stood)

@@ -38,15 +38,14 @@ def sample_commands(
     *,
     straight: float = 0.0,
 ) -> Command:
-    """Draws commands.
+    """Draws commands, velocities (count, 2) and dwells (count,).
 
     Args:
         gait: The gait, for its ranges.
+        count: Number of commands.
+        generator: Source of randomness.
         speed_range: Least and greatest forward speed (m/s); the gait's whole range by default.
         straight: Share of the commands that ask for no turn.
-
-    Returns:
-        Velocities (count, 2) and dwells (count,).
     """
     slowest, fastest = speed_range or (-gait.max_speed, gait.max_speed)
     velocity = np.stack(

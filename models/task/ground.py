@@ -1,4 +1,4 @@
-"""The ground under robots: its height, how far feet are from it, and where robots stand."""
+"""The ground under robots: heights, distances of the feet, and standing poses."""
 
 import copy
 from collections.abc import Sequence
@@ -13,14 +13,13 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 
 DESCENTS = 120
-"""Steps in which a robot is let down onto the ground, each by its distance from it."""
+"""Greatest number of steps in which a robot is let down, each by its distance from the ground."""
 
 ABOVE = 1e-9
-"""How far above the ground a robot's lowest foot may be left (m)."""
-
+"""Height at which a robot's lowest foot may be left (m)."""
 
 FARTHEST = 1e9
-"""Number of the farthest cell from the origin that anything is in."""
+"""Number of the farthest cell from the origin."""
 
 
 class Ground:
@@ -70,10 +69,7 @@ class Ground:
         return ~np.array([terrain.is_plane for terrain in self._terrains])[self._which]
 
     def height(self, points: Array) -> Array:
-        """Returns the height (..., k; m) of the ground under points (..., k, 3; m).
-
-        It is that of the highest box there.
-        """
+        """Returns the height (..., k; m) of the highest box under points (..., k, 3; m)."""
         if self.is_level:
             return np.zeros(points.shape[:-1])
         points = points[..., :2]
@@ -94,12 +90,11 @@ class Ground:
     def clearance(self, centres: Array, radius: float) -> Array:
         """Returns the distance (..., k; m) of spheres from the ground, negative inside of it.
 
-        Exact for spheres that touch or nearly do: to the faces, edges and corners of the boxes
-        under and beside them.
+        It is exact for spheres that touch or nearly do, if they are smaller than half a cell.
 
         Args:
             centres: Their centres (..., k, 3; m).
-            radius: Their radius (m), less than half a cell.
+            radius: Their radius (m).
         """
         if self.is_level:
             return centres[..., 2] - radius
@@ -128,8 +123,8 @@ class Ground:
     ) -> kinematics.Clearances:
         """Returns `kinematics.clearances` above the ground under each lowest point.
 
-        The trunk's height is above the mean ground under the four feet: it says how far the legs
-        are bent, and does not change as the trunk passes over the edge of a block.
+        The trunk's height is above the mean ground under the feet, so that it does not change as
+        the trunk passes over the edge of a block.
         """
         found = kinematics.clearances(robot, positions, shank_share)
         if self.is_level:
@@ -146,21 +141,17 @@ class Ground:
         )
 
     def touching(self, robot: Robot, positions: Array) -> NDArray[np.bool_]:
-        """Returns which feet press on the ground (..., 4): whose spheres are inside of it.
+        """Returns which feet press on the ground (..., 4): their spheres are inside of it.
 
-        Drake's point contact presses there, so contact follows from the pose alone. Experts of the
-        trot and the walk, 4,800 looks each: it never differs from a normal force above 5 N on flat
-        ground, in up to 0.25 % of the looks on blocks of 4 and 6 cm, and on steps of 5 cm in 0.2
-        and 1.0 %, where edges are touched lightly.
+        Drake's point contact presses there. It differs from a normal force above 5 N in at most 1 %
+        of the steps, on edges that are touched lightly.
         """
         if self.is_level:
             return kinematics.foot_heights(robot, positions) < 0.0
         return self.clearance(kinematics.world_feet(robot, positions), robot.foot_radius) < 0.0
 
     def periods(self, positions: Array) -> Array:
-        """Returns how far robots are from the middle period (n, 3; m).
-
-        Whole periods along x and y, and what the ground has risen by there.
+        """Returns how far robots are from the middle period (n, 3; m): whole periods and the rise.
 
         Args:
             positions: The plant's positions q (n, 19), or its states x (n, 37).
@@ -174,10 +165,7 @@ class Ground:
         return np.concatenate([whole * self._period[own], rise[..., None]], axis=-1)
 
     def draw_places(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws where robots start (count, 2; m): anywhere in a period, on steps on a landing.
-
-        On a plane they start at the origin, and nothing is drawn.
-        """
+        """Draws where robots start (count, 2; m): anywhere in a period, on steps on a landing."""
         if self.is_level:
             return np.zeros((count, 2))
         drawn = generator.random((count, 2))
@@ -188,10 +176,7 @@ class Ground:
         return (drawn - 0.5) * size[self._which]
 
     def stand(self, robot: Robot, states: Array) -> Array:
-        """Returns states x (n, 37), or positions, let down until the lowest foot is just on ground.
-
-        Feet stay outside of the ground, beside the edges of higher cells too.
-        """
+        """Lowers robots, by states x (n, 37) or positions, until the lowest foot is on ground."""
         if self.is_level:
             return states
         states = states.copy()
@@ -227,7 +212,7 @@ class Ground:
         return number, middle, self._own(self._rise, points) * period[..., 0]
 
     def _own(self, values: NDArray, points: Array) -> NDArray:
-        """Returns each robot's own of the terrains' values, to go with points (..., k, d)."""
+        """Returns the values of each robot's terrain, to go with points (..., k, d)."""
         own, axes = self._which, points.ndim - 1 - self._which.ndim
         index = own.reshape(own.shape + (1,) * axes) if own.ndim else own
         return values[index]
@@ -238,7 +223,7 @@ LEVEL_GROUND = Ground([PLANE])
 
 
 class FootSense(NamedTuple):
-    """What the feet sense at one instant.
+    """Contacts and heights of the feet at one instant.
 
     Attributes:
         touching: Whether each foot presses on the ground at this instant (..., 4).
@@ -261,10 +246,11 @@ def sense_feet(
     """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
 
     Args:
+        robot: The robot.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         previously_touching: `touching` of the previous control step (..., 4).
-        touching: Whether each foot presses on the ground (..., 4); by default as its pose has it.
-        ground: What they stand on.
+        touching: Whether each foot presses on the ground (..., 4); by its pose by default.
+        ground: The ground.
     """
     height = ground.foot_heights(robot, positions)
     if touching is None:

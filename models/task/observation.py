@@ -337,14 +337,11 @@ def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def body_state(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Array:
-    """Returns the true values of what the estimator estimates.
+    """Returns the true base velocity, scaled by 2, and foot heights (..., 7; m/s, m).
 
     Args:
         state: The plant's state x (..., 37).
         ground: What they stand on.
-
-    Returns:
-        Base linear velocity in the trunk's frame, scaled by 2, and foot heights (..., 7; m/s, m).
     """
     linear, _ = kinematics.base_velocity(state)
     heights = ground.foot_heights(robot, state)

@@ -1,7 +1,7 @@
 """The reward machine of a gait, compiled to tables and stepped for any number of robots at once.
 
-A Mealy machine over the feet's contacts: it tracks which half of the gait a robot is in, and pays
-when the robot takes the stance that ends it (paper, Section II-A; DeFazio et al., 2024).
+It is a Mealy machine over the feet's contacts, which tracks the phase of the gait and pays when the
+robot takes the stance that ends it (paper, Section II-A; DeFazio et al., 2024).
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ BoolArray = NDArray[np.bool_]
 
 
 class MachineState(NamedTuple):
-    """Where the machine of each robot stands.
+    """The state of each robot's machine.
 
     Attributes:
         state: Index of the machine's state (...).
@@ -36,14 +36,14 @@ class MachineState(NamedTuple):
 
 
 class MachineStep(NamedTuple):
-    """What one control step does to the machine.
+    """The outcome of one control step.
 
     Attributes:
         machine: State after this step's propositions.
         fired: Whether a transition fired (...).
-        served_dwell: Share of the commanded iterations that the fired transition stands for
-            (...; control steps), 0 where none fired. Summed over an episode and divided by its
-            length this is the share of the commanded rhythm that the robot kept.
+        served_dwell: Commanded iterations that the fired transition stands for (...; control
+            steps), 0 where none fired. Their sum over an episode, divided by its length, is the
+            share of the commanded rhythm that the robot kept.
         multiplier: Factor on the plain reward (...).
     """
 
@@ -63,8 +63,7 @@ class RewardMachine:
         self._is_fault = np.array([state in gait.faults for state in gait.states])
         left = {transition.source for transition in gait.transitions}
         self._is_sink = self._is_fault & [state not in left for state in gait.states]
-        # The transition that a state takes in a stance; the last row of the arrays below stands
-        # for "none".
+        # The transition that a state takes in a stance; the last row of each array is for none.
         none = len(gait.transitions)
         self._edge = np.full((gait.n_states, N_STANCES), none)
         self._target = np.zeros(none + 1, dtype=np.int64)
@@ -133,8 +132,7 @@ class RewardMachine:
         )
 
     def in_sink(self, state: IntArray) -> BoolArray:
-        """Returns which states (...) are faults that no transition leaves: nothing is earned there
-        any more."""
+        """Returns which states (...) are faults that no transition leaves."""
         return self._is_sink[state]
 
     def one_hot(self, state: IntArray) -> Array:

@@ -1,6 +1,6 @@
-"""Left-right symmetry: what a gait, an observation and an action look like in a mirror.
+"""Left-right symmetry of gaits, observations and actions.
 
-The mirror is the robot's plane of forward and upward: the feet FL and FR change places, and so do
+The mirror is the plane of the robot's forward and upward axes: FL and FR change places, and so do
 RL and RR.
 """
 
@@ -27,11 +27,11 @@ _MIRRORED_STANCES = stance_code(STANCES[:, _LEG_ORDER])
 
 @dataclass(frozen=True)
 class Reflection:
-    """What a vector looks like in the mirror: its own image's image.
+    """The mirror image of a vector: its entries in another order (n), with signs (n).
 
     Attributes:
-        index: Where each entry of the image comes from (n).
-        sign: Factor on it, 1 or -1 (n).
+        index: Index of the entry that each entry of the image is taken from.
+        sign: Factor on it, 1 or -1.
     """
 
     index: NDArray[np.int64]
@@ -42,24 +42,20 @@ class Reflection:
         return values[..., self.index] * self.sign
 
     def split(self, count: int) -> tuple["Reflection", "Reflection"]:
-        """Returns the reflections of the first `count` entries and of the others.
-
-        No entry may have its image among those of the other part.
-        """
+        """Returns the reflections of the first `count` entries and of the others."""
         first = Reflection(self.index[:count], self.sign[:count])
         return first, Reflection(self.index[count:] - count, self.sign[count:])
 
 
 def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
-    """Finds what the states of a gait's reward machine stand for in the mirror.
+    """Finds the mirror image of each state of a gait's reward machine.
 
-    The machine is its own mirror image if its states can be renamed so that every transition has a
-    mirror image among the transitions: with FL and FR, RL and RR exchanged in its formula, and the
-    same dwell and grace. The state at an episode's start, which stands on all feet, may be renamed.
+    The machine is symmetric if its states can be renamed so that every transition has a mirror
+    image among the transitions: left and right feet exchanged in its formula, and the same dwell
+    and grace.
 
     Returns:
-        The index of each state's image (n_states), whose image is the state itself; or None, if
-        the machine favours a side.
+        Indices of the images (n_states), or None if the machine favours a side.
     """
     outgoing = {
         state: [edge for edge in gait.transitions if edge.source == state] for state in gait.states
@@ -72,11 +68,7 @@ def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
 
 
 def refuse_other_mirror(states: Sequence[int] | None, gait: Gait) -> None:
-    """Refuses states in the mirror that are not those of a gait's machine.
-
-    Args:
-        states: State that each state is said to be in the mirror; nothing is said by None.
-        gait: The gait. One of another number of states is refused for that, elsewhere.
+    """Refuses mirrored states, as a file states them, that are not those of the gait's machine.
 
     Raises:
         InputError: if the machine favours a side, or has other states in the mirror.
@@ -99,7 +91,7 @@ def refuse_other_mirror(states: Sequence[int] | None, gait: Gait) -> None:
 def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> dict[str, str] | None:
     """Follows all transitions from the initial state and from its image at once.
 
-    A machine is deterministic and reaches all its states, so that one pair decides all others.
+    A machine is deterministic and reaches all its states, so one pair decides all others.
     """
     images = {gait.initial: image}
     frontier = deque(images)
@@ -126,15 +118,7 @@ def _signature(edge: Transition, *, mirrored: bool = False) -> tuple:
 
 
 def reflect_observation(names: Sequence[str], states: Sequence[int]) -> Reflection:
-    """Returns the reflection of observations.
-
-    Args:
-        names: Names of the observations (n), in order.
-        states: `mirrored_states` of the gait.
-
-    Raises:
-        InputError: if a name is unknown.
-    """
+    """Returns the reflection of observations, by their names and the gait's `mirrored_states`."""
     entries = entries_of(names)
     places = {entry.name: i for i, entry in enumerate(entries)}
     index = [places[_image_name(entry, states)] for entry in entries]

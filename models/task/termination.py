@@ -1,4 +1,4 @@
-"""When an episode ends early: the falls and failures of a robot, by name."""
+"""Early ends of an episode: the falls and failures of a robot, by name."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -32,12 +32,11 @@ class TerminationLimits(Settings):
         trunk_height: Least height of the trunk's centre above the mean ground under the feet (m).
         action_change: Greatest squared change of the action in one step.
         foot_height: Greatest height of a foot (m).
-        joint_overrun: How far a joint may go past its range (rad); the plant's own limits give way
+        joint_overrun: Greatest angle of a joint beyond its range (rad); the plant's limits give way
             a little.
-        shank_share: Share of the calf, from the knee down, whose contact is a failure, other than
-            by the depth of its foot in the ground. The rest is the foot's, and may brush the edge
-            of a step. Of a share of 0 a calf may touch from the knee down.
-        lean: Greatest angle of the trunk to the mean ground (°); 180 is none.
+        shank_share: Share of the calf, from the knee down, whose contact is a failure; the rest may
+            brush the edge of a step.
+        lean: Greatest angle of the trunk to the mean ground (°); 180 is no bound.
     """
 
     title: ClassVar[str] = "limits"
@@ -51,7 +50,7 @@ class TerminationLimits(Settings):
 
 
 Falls = Literal["task", "physical"]
-"""Whether an episode ends by any of the task's failures, or by a physical fall alone."""
+"""Whether an episode ends by any of the task's failures, or only by a physical fall."""
 
 PHYSICAL_FALL = TerminationLimits(
     trunk_height=0.0,
@@ -61,7 +60,7 @@ PHYSICAL_FALL = TerminationLimits(
     shank_share=0.0,
     lean=60.0,
 )
-"""A robot has fallen that lies on its trunk or a thigh, or leans over 60°; else it walks on."""
+"""A robot has fallen if it lies on its trunk or a thigh, or leans over 60°."""
 
 
 def limits_of(falls: Falls, limits: TerminationLimits) -> TerminationLimits:
@@ -78,17 +77,17 @@ def failures(
     limits: TerminationLimits,
     ground: Ground = LEVEL_GROUND,
 ) -> NDArray[np.bool_]:
-    """Finds which failures robots show.
+    """Finds which failures robots show, a flag for each name in `FAILURES` (..., 7).
+
+    A state that is not finite only shows `not_finite`.
 
     Args:
+        robot: The robot.
         state: The plant's state x after the step (..., 37).
         action: Action held during the step (..., 12).
         previous_action: Action of the step before (..., 12).
-        ground: What they stand on; heights are as of `Ground.clearances`.
-
-    Returns:
-        One flag for each name in `FAILURES` (..., 7). A state that is not finite shows
-        `not_finite` alone.
+        limits: The bounds.
+        ground: The ground.
     """
     finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
     state = np.where(finite[..., None], state, 0.0)
