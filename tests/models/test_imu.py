@@ -1,10 +1,8 @@
 """What an IMU measures."""
 
 import numpy as np
-import pytest
 
-from glassgait.models.errors import InputError
-from glassgait.models.estimation.imu import GRAVITY, ImuErrors, ImuReading, measure_imu
+from glassgait.models.estimation.imu import GRAVITY, ImuReading, measure_imu
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 
@@ -49,23 +47,3 @@ def test_each_robot_feels_the_gravity_of_where_it_stands(standing):
     state = np.tile(standing, (2, 1))
     parts = ImuReading.of(measure_imu(state, np.zeros((2, 3)), lean))
     np.testing.assert_allclose(parts.gravity, lean / GRAVITY, atol=1e-12)
-
-
-def test_half_widths_of_biases_are_of_a_reading():
-    errors = ImuErrors(gyroscope_bias=0.1, accelerometer_bias=0.5, attitude_bias=0.03)
-    np.testing.assert_allclose(errors.half_widths, [0.1] * 3 + [0.01] * 3 + [0.03] * 3)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("gyroscope_bias", -0.1),
-        ("accelerometer_bias", float("nan")),
-        ("attitude_bias", 1.5),
-        ("delay", -1),
-        ("delay", 6),
-    ],
-)
-def test_errors_that_cannot_be_are_refused(key, value):
-    with pytest.raises(InputError, match=f"imu: {key}"):
-        ImuErrors(**{key: value})

@@ -108,10 +108,6 @@ def test_foot_velocities_are_the_differences_of_positions(random_states, generat
     np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-9)
 
 
-def test_gravity_points_down_in_a_level_trunk():
-    np.testing.assert_allclose(kinematics.gravity_direction(np.array([1.0, 0, 0, 0])), [0, 0, -1])
-
-
 def test_standing_robot_touches_with_its_lowest_foot(generator):
     joints = A1.default_stance * generator.uniform(0.8, 1.2, size=(20, 12))
     state = kinematics.standing_state(A1, joints)

@@ -12,7 +12,6 @@ from glassgait.models.task.observation import (
     entries_of,
     entry_of,
     indices_of,
-    machine_state_entries,
     overdue,
     proprioception,
 )
@@ -25,39 +24,6 @@ def test_sizes(n_states, size):
     layout = ObservationLayout(n_states)
     assert layout.size == len(set(layout.names)) == size
     assert layout.n_proprioceptive == size - 7
-
-
-def test_names_follow_the_papers_tables():
-    names = ObservationLayout(2).names
-    expected = ("Prev Action FL Hip", "RM State 0", "RM Iters", "Foot Height FL", "Base Lin Vel Z")
-    assert set(expected) <= set(names)
-    assert names[0] == "Command X"
-
-
-def test_every_entry_stands_under_its_name():
-    joints = np.arange(12.0)
-    values = proprioception(
-        A1,
-        command=np.array([0.5, -0.25]),
-        joint_position=A1.default_stance + joints,
-        joint_velocity=20.0 * joints,
-        previous_action=-joints,
-        rm_state=np.array([0.0, 1.0]),
-        rm_iterations=np.array(7),
-        commanded_dwell=np.array(9),
-    )
-    layout = ObservationLayout(2)
-    named = dict(zip(layout.names, values, strict=False))
-    assert len(values) == layout.n_proprioceptive
-    assert named["Command X"] == 0.5
-    assert named["Command Yaw"] == -0.25
-    assert named["DoF Pos FR Thigh"] == pytest.approx(4.0)
-    assert named["DoF Vel RR Calf"] == pytest.approx(11.0)
-    assert named["Prev Action RL Hip"] == -6.0
-    assert (named["RM State 0"], named["RM State 1"]) == (0.0, 1.0)
-    assert named["RM Iters"] == pytest.approx(0.7)
-    assert named["Command RM Iters"] == pytest.approx(0.9)
-    np.testing.assert_array_equal(values[machine_state_entries(layout.names)], [0.0, 1.0])
 
 
 def test_noise_is_in_radians_before_the_scales():
@@ -91,13 +57,6 @@ def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one()
     held = values[:, ObservationLayout(2).names.index("RM Iters")]
     np.testing.assert_allclose(held, [0.0, 0.8, 0.9, 1.1, 1.1])
     assert overdue(values, ObservationLayout(2).names).tolist() == [False, False, True, True, True]
-
-
-def test_body_state_is_scaled_velocity_and_foot_heights(standing):
-    state = standing.copy()
-    state[quadruped.LINEAR_VELOCITY] = [0.5, 0.0, -0.1]
-    np.testing.assert_allclose(body_state(A1, state)[:3], [1.0, 0.0, -0.2])
-    np.testing.assert_allclose(body_state(A1, state)[3:].min(), 0.0, atol=1e-12)
 
 
 def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
@@ -183,39 +142,7 @@ def test_entries_describe_each_number(name, group, leg, symbol, latex, scaled_un
     assert (entry.symbol, entry.latex, entry.scaled_unit(A1)) == (symbol, latex, scaled_unit)
 
 
-@pytest.mark.parametrize(
-    ("name", "merged"),
-    [
-        ("Prev Action FL Hip", "Prev Action Hip"),
-        ("DoF Vel RR Calf", "DoF Vel Calf"),
-        ("Foot Height RL", "Foot Height"),
-        ("RM State 1", "RM State"),
-        ("RM Iters", "RM Iters"),
-        ("Base Lin Vel Z", "Base Lin Vel Z"),
-    ],
-)
-def test_names_are_merged_over_legs_and_states(name, merged):
-    assert entry_of(name).merged_name == merged
-
-
-def test_symbols_of_entries_are_distinct():
-    entries = ObservationLayout(4).entries
-    assert len({entry.symbol for entry in entries}) == len({entry.latex for entry in entries}) == 51
-
-
-def test_stored_names_give_the_entries_of_their_layout():
-    layout = ObservationLayout(5)
-    assert entries_of(list(layout.names)) == layout.entries
-    assert entries_of(layout.names[3:1:-1]) == (layout.entries[3], layout.entries[2])
-    assert indices_of("iterations", layout.names) == (layout.names.index("RM Iters"),)
-
-
 @pytest.mark.parametrize("name", ["DoF Pos", "DoF Pos FL Knee", "RM State", "RM State 32", "Speed"])
 def test_names_of_no_entry_are_refused(name):
     with pytest.raises(InputError, match=f"no observation is called '{name}'; make the policy"):
         entries_of(("Command X", name))
-
-
-def test_observations_without_the_machine_have_no_state_to_find():
-    with pytest.raises(InputError, match="state"):
-        machine_state_entries(("Command X", "RM Iters"))

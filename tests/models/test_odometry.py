@@ -5,13 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.errors import InputError
 from glassgait.models.estimation.imu import GRAVITY, measure_imu
 from glassgait.models.estimation.odometry import Odometry, cross
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.observation import BASE_VELOCITY_SCALE, ObservationLayout
+from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 A1 = load_robot()
@@ -191,19 +190,6 @@ def test_robots_of_a_batch_do_not_look_at_each_other(generator):
     for i in range(5):
         alone = run(Odometry(), [{name: own[i] for name, own in step.items()}] * 4, pose[i])
         np.testing.assert_allclose(Odometry().body_state(A1, alone, pose[i]), together[i])
-
-
-def test_the_estimate_is_scaled_as_it_is_observed():
-    falling = measured(imu=np.array([0, 0, 0, 0, 0, 0, 0, 0, -1.0]), touching=~ALL)
-    state = run(Odometry(), [falling], A1.default_stance)
-    body = Odometry().body_state(A1, state, A1.default_stance)
-    assert body[2] == pytest.approx(-BASE_VELOCITY_SCALE * CONTROL_PERIOD * GRAVITY)
-
-
-@pytest.mark.parametrize("gain", [0.0, -0.1, 1.1, float("nan")])
-def test_gains_that_cannot_be_are_refused(gain):
-    with pytest.raises(InputError, match="odometry: gain"):
-        Odometry(gain)
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
-from glassgait.models.task.randomization import NOMINAL, Randomization
+from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import Terrain
 
 A1 = load_robot()
@@ -47,31 +46,3 @@ def test_pushes_are_horizontal_and_come_about_every_interval(generator):
     assert np.all(pushes[:, 2] == 0)
     assert abs(np.mean(pushes.any(axis=1)) - 0.1) < 0.01
     assert np.abs(pushes).max() <= 1.0
-
-
-def test_nominal_has_no_pushes(generator):
-    assert not NOMINAL.pushes(1000, generator).any()
-
-
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ({"joint_scale": (1.5, 0.5)}, "joint_scale is (1.5, 0.5); it must be the least, then"),
-        ({"friction": (-0.5, 1.0)}, "friction[0] is -0.5; it must be greater than or equal to 0"),
-        ({"friction": (0.5, np.inf)}, "friction[1] is inf; it must be a finite number"),
-        ({"base_velocity": -0.1}, "base_velocity is -0.1; it must be greater than or equal to 0"),
-        ({"push_speed": np.nan}, "push_speed is nan; it must be a finite number"),
-        (
-            {"push_interval": 0.01},
-            "push_interval is 0.01; it must be greater than or equal to 0.02",
-        ),
-        (
-            {"sensor_noise": -1.0},
-            "sensor_noise is -1.0; it must be greater than or equal to 0",
-        ),
-    ],
-)
-def test_ranges_that_cannot_be_drawn_from_are_refused(setting, message):
-    with pytest.raises(InputError) as refused:
-        Randomization(**setting)
-    assert str(refused.value).startswith(f"randomization: {message}")

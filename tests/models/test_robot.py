@@ -21,15 +21,6 @@ def test_joints_are_ordered_by_leg():
     assert len(quadruped.JOINTS) == 12
 
 
-def test_stance_is_inside_the_limits():
-    assert np.all(A1.default_stance > A1.lower_limits)
-    assert np.all(A1.default_stance < A1.upper_limits)
-
-
-def test_zero_action_asks_for_the_stance():
-    np.testing.assert_array_equal(A1.joint_targets(np.zeros(12)), A1.default_stance)
-
-
 def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
     action = generator.normal(size=(50, 12), scale=8.0)
     asked = A1.joint_targets(action)
@@ -114,11 +105,6 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
 def test_bad_files_are_refused_by_key(own, file, old, new, message):
     with pytest.raises(InputError, match=re.escape(message)):
         load_robot(own(file, old, new))
-
-
-def test_unknown_robots_are_refused_by_name():
-    with pytest.raises(InputError, match="unknown robot 'b2'; the robots are a1, go2"):
-        load_robot("b2")
 
 
 def test_a_folder_is_refused_and_the_file_in_it_named(tmp_path):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.termination import FAILURES, PHYSICAL_FALL, TerminationLimits, failures
@@ -38,16 +37,6 @@ def test_body_contact_when_lying_on_the_side(standing):
 def test_high_foot(standing):
     standing[6] += 0.26
     assert shown(standing) == {"high_foot"}
-
-
-def test_joint_limit(standing):
-    standing[quadruped.JOINT_POSITION][0] = 0.9
-    assert "joint_limit" in shown(standing)
-
-
-def test_abrupt_action(standing):
-    assert shown(standing, action=np.full(12, 2.3)) == {"abrupt_action"}
-    assert shown(standing, action=np.full(12, 2.2)) == set()
 
 
 def leaning(state, degrees):
@@ -96,13 +85,3 @@ def test_what_is_not_finite_shows_that_alone(standing, bad):
     assert shown(standing) == {"not_finite"}
     standing[20] = 0.0
     assert shown(standing, action=np.full(12, bad)) == {"not_finite"}
-
-
-@pytest.mark.parametrize(
-    "setting",
-    [{"trunk_height": np.nan}, {"action_change": 0.0}, {"shank_share": 1.1}, {"lean": 0.0}],
-)
-def test_limits_that_no_robot_can_keep_are_refused(setting):
-    (name,) = setting
-    with pytest.raises(InputError, match=f"limits: {name} is"):
-        TerminationLimits(**setting)

@@ -173,16 +173,6 @@ def test_gravity_leans_away_from_where_a_slope_rises(slope, direction):
     assert -gravity[:2] @ uphill / GRAVITY == pytest.approx(np.sin(np.radians(slope)))
 
 
-@pytest.mark.parametrize("name", ROUGH)
-def test_scaled_ground_keeps_its_shape(name):
-    terrain = ROUGH[name]
-    half = terrain.scaled(0.5)
-    np.testing.assert_allclose(grid_of(half).top, 0.5 * grid_of(terrain).top)
-    assert terrain.scaled(1.0) == terrain
-    assert np.abs(grid_of(terrain.scaled(0.0)).top).max() < 1e-3
-    assert Terrain(slope=8.0).scaled(0.25) == Terrain(slope=2.0)
-
-
 @pytest.mark.parametrize(
     ("settings", "key"),
     [
