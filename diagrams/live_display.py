@@ -1,17 +1,14 @@
-"""A walking robot in Meshcat with its command and, beside it, a translucent ghost."""
+"""A walking robot in Meshcat and, beside it, a translucent ghost."""
 
-import numpy as np
 from pydrake.geometry import (
-    Cylinder,
     IllustrationProperties,
     Meshcat,
-    MeshcatCone,
     MeshcatVisualizer,
     Rgba,
     Role,
     SceneGraph,
 )
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
@@ -27,28 +24,15 @@ from glassgait.models.task.terrain import PLANE, Terrain
 from glassgait.systems.gait_display import WORLD_PATH, GaitDisplay
 
 GHOST_PATH = f"{WORLD_PATH}/visualizer/ghost"
-ARROW_PATH = "command"
 
 LANE = 0.6
 """How far to the robot's left the ghost is drawn (m)."""
 
 GHOST_COLOR = Rgba(0.54, 0.58, 0.64, 0.4)
 
-ARROW_HEIGHT = 0.22
-"""Height of the command's arrow over the trunk (m)."""
-
-ARROW_SCALE = 0.5
-"""Length of the arrow of a command of 1 m/s (m)."""
-
-LEAST_ARROW = 0.02
-"""Arrows shorter than this are not drawn (m)."""
-
-AHEAD = 0.5
-"""How long the robot is taken to turn as commanded, for the arrow's direction (s)."""
-
 
 class LiveDisplay:
-    """Draws states as they come: the robot with its feet's contacts, the command, the ghost."""
+    """Draws states as they come: the robot with its feet's contacts, and the ghost."""
 
     def __init__(
         self, robot: Robot, gait: Gait, meshcat: Meshcat, *, terrain: Terrain = PLANE
@@ -57,7 +41,7 @@ class LiveDisplay:
         Args:
             robot: The robot.
             gait: Its gait.
-            meshcat: Where they are drawn; what stood there is deleted.
+            meshcat: The Meshcat that shows them; what it showed before is deleted.
             terrain: The ground.
         """
         self._meshcat = meshcat
@@ -81,9 +65,6 @@ class LiveDisplay:
         self._inputs = {name: self._diagram.GetInputPort(name) for name in names}
         self._context = self._diagram.CreateDefaultContext()
         self._own = self._plant.GetMyMutableContextFromRoot(self._context)
-        color = Rgba(0.0, 0.45, 0.70, 1.0)
-        meshcat.SetObject(f"{ARROW_PATH}/shaft", Cylinder(0.008, 1.0), color)
-        meshcat.SetObject(f"{ARROW_PATH}/tip", MeshcatCone(0.06, 0.025, 0.025), color)
         self._ground = Ground([terrain])
         meshcat.SetTransform(GHOST_PATH, RigidTransform([0.0, LANE, 0.0]))
 
@@ -93,7 +74,6 @@ class LiveDisplay:
         *,
         rm_state: Array,
         foot_contact: Array,
-        command: Array,
         ghost: Array | None = None,
     ) -> None:
         """Draws one moment.
@@ -101,11 +81,10 @@ class LiveDisplay:
         Args:
             state: The robot's state x (37).
             rm_state: The machine's state (n_states, one-hot).
-            foot_contact: Which feet touch (4).
-            command: Forward speed and yaw rate (2; m/s, rad/s).
-            ghost: The ghost's state x (37); none where there is no ghost.
+            foot_contact: Whether each foot touches (4).
+            ghost: The ghost's state x (37), if there is one.
         """
-        # Ground that repeats is laid around its middle period alone.
+        # Ground that repeats is only laid around its middle period.
         away = self._ground.periods(state)
         beside = kinematics.moved_by(state if ghost is None else ghost, -away)
         state = kinematics.moved_by(state, -away)
@@ -116,31 +95,6 @@ class LiveDisplay:
             self._plant.SetPositions(self._own, instance, pose[: quadruped.N_POSITIONS])
         self._diagram.ForcedPublish(self._context)
         self._meshcat.SetProperty(GHOST_PATH, "visible", ghost is not None)
-        self._point(state, command)
-
-    def _point(self, state: Array, command: Array) -> None:
-        """Draws the command over the trunk, to where it leads."""
-        forward = kinematics.rotation_matrix(state[quadruped.QUATERNION])[:, 0]
-        speed, yaw_rate = float(command[0]), float(command[1])
-        heading = float(np.arctan2(forward[1], forward[0])) + AHEAD * yaw_rate
-        length = ARROW_SCALE * abs(speed)
-        self._meshcat.SetProperty(ARROW_PATH, "visible", length >= LEAST_ARROW)
-        if length < LEAST_ARROW:
-            return
-        # Cylinders and cones stand along z; a robot that goes back is pointed at backwards.
-        turned = RotationMatrix.MakeZRotation(heading + (np.pi if speed < 0.0 else 0.0))
-        along = turned @ RotationMatrix.MakeYRotation(np.pi / 2)
-        base = state[quadruped.POSITION] + np.array([0.0, 0.0, ARROW_HEIGHT])
-        direction = along.matrix()[:, 2]
-        shaft = np.eye(4)
-        shaft[:3, :3] = along.matrix() @ np.diag([1.0, 1.0, length])
-        shaft[:3, 3] = base + 0.5 * length * direction
-        self._meshcat.SetTransform(f"{ARROW_PATH}/shaft", shaft)
-        # Meshcat's cone has its point at its origin, and opens along z.
-        tip = RigidTransform(
-            along @ RotationMatrix.MakeXRotation(np.pi), base + (length + 0.06) * direction
-        )
-        self._meshcat.SetTransform(f"{ARROW_PATH}/tip", tip)
 
 
 def _paint(plant: MultibodyPlant, scene_graph: SceneGraph, ghost: ModelInstanceIndex) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, EventStatus, System
+from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from glassgait.diagrams.station import WORLD_STATE
 from glassgait.models.arrays import Array
@@ -41,7 +41,7 @@ KEPT_STEPS = 3000
 """Control steps that a recording without an end keeps (one minute), the latest ones."""
 
 FALL_MONITOR = "fall_monitor"
-"""Name of the fall monitor, which knows the robot and its ground."""
+"""Name of the fall monitor."""
 
 _INSTANT_TOLERANCE = 1e-9
 """Rounding error of times that are sums of control periods (s)."""
@@ -71,65 +71,48 @@ class Rollout:
 def make_simulator(
     diagram: Diagram,
     *,
-    state: Array | None = None,
     seed: int = 0,
+    state: Array | None = None,
     accuracy: float | None = None,
     realtime_rate: float = 0.0,
 ) -> Simulator:
-    """Makes a simulator that is ready to advance.
+    """Makes a simulator of the robot's diagram, or of a larger one, that is ready to advance.
 
     Args:
-        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
+        diagram: The outermost diagram.
+        seed: Seed of all that the diagram draws at random except the robot's state.
         state: The plant's initial state x (37); standing at rest by default.
-        seed: Seed of all that the diagram draws at random but the robot's state.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
         realtime_rate: Greatest speed in wall time; 0 is as fast as can be.
 
     Raises:
-        InputError: if the diagram is a part of a larger one, or does not hold exactly one robot.
+        InputError: if the diagram does not hold exactly one robot, or its plant is continuous and
+            not in the outermost diagram.
     """
-    path = diagram.GetSystemPathname()
-    if path.count("::") > 1:
-        raise InputError(f"simulator: {path!r} is part of a larger diagram; give the outermost one")
-    context = diagram.CreateDefaultContext()
-    _begin(diagram, context, state, seed)
-    simulator = Simulator(diagram, context)
+    simulator = Simulator(diagram)
     if accuracy is not None:
-        use_error_control(simulator, accuracy)
+        if not diagram.HasSubsystemNamed("plant"):
+            raise InputError(
+                "simulator: Drake's error-controlled contact integrator needs the plant in the "
+                "outermost diagram; simulate the robot's diagram by itself, or a discrete plant"
+            )
+        config = SimulatorConfig(
+            integration_scheme="cenic", accuracy=accuracy, use_error_control=True
+        )
+        ApplySimulatorConfig(config, simulator)
     simulator.set_target_realtime_rate(realtime_rate)
-    simulator.Initialize()
+    begin_anew(simulator, seed=seed, state=state)
     return simulator
 
 
-def begin_anew(simulator: Simulator, *, state: Array | None = None, seed: int = 0) -> None:
-    """Puts a simulator back to time 0, as `make_simulator` makes it; fixed inputs stay fixed.
-
-    Args:
-        simulator: A simulator that `make_simulator` made.
-        state: As `make_simulator`'s.
-        seed: As `make_simulator`'s.
-    """
+def begin_anew(simulator: Simulator, *, seed: int = 0, state: Array | None = None) -> None:
+    """Puts a simulator back to time 0, as `make_simulator` makes it; fixed inputs stay fixed."""
     diagram, context = simulator.get_system(), simulator.get_mutable_context()
-    assert isinstance(diagram, Diagram)
     context.SetTime(0.0)
     diagram.SetDefaultContext(context)
-    _begin(diagram, context, state, seed)
+    diagram.SetRandomContext(context, RandomGenerator(seed))
+    set_plant_state(diagram, context, state)
     simulator.Initialize()
-
-
-def use_error_control(simulator: Simulator, accuracy: float) -> None:
-    """Advances a continuous plant by the error-controlled contact integrator.
-
-    Raises:
-        InputError: if the plant is not in the simulator's outermost diagram.
-    """
-    if not simulator.get_system().HasSubsystemNamed("plant"):
-        raise InputError(
-            "simulator: Drake's error-controlled contact integrator needs the plant in the "
-            "outermost diagram; simulate the robot's diagram by itself, or a discrete plant"
-        )
-    config = SimulatorConfig(integration_scheme="cenic", accuracy=accuracy, use_error_control=True)
-    ApplySimulatorConfig(config, simulator)
 
 
 def stop_at_falls(simulator: Simulator) -> None:
@@ -137,12 +120,6 @@ def stop_at_falls(simulator: Simulator) -> None:
 
     The status that `AdvanceTo` then returns has the reason `kReachedTerminationCondition` and names
     the failure. The simulator's monitor is replaced.
-
-    Args:
-        simulator: A simulator of what `MakeLocomotion` built, or of a larger diagram that holds it.
-
-    Raises:
-        InputError: if the simulator's diagram does not hold exactly one robot.
     """
     locomotion = find_locomotion(simulator.get_system())
     port = locomotion.GetOutputPort("failures")
@@ -170,10 +147,9 @@ def record(
     """Advances by control steps and records every output, from where the simulator is.
 
     Args:
-        simulator: A simulator of what `MakeLocomotion` built, or of a larger diagram that holds it,
-            at a control instant.
-        n_steps: Control steps to take; None for no end but a failure or `stopped`, and then the
-            last `KEPT_STEPS` of them are kept.
+        simulator: A simulator that is at a control instant.
+        n_steps: Control steps to take. With None only a failure or `stopped` ends the recording,
+            and the last `KEPT_STEPS` are kept.
         stop_on_failure: Whether to end at the first failure.
         stopped: Asked after every step whether to end now. A monitor that ends the simulator's
             advance between two control instants ends the recording as well.
@@ -184,12 +160,12 @@ def record(
     """
     if n_steps is not None and n_steps < 0:
         raise InputError(f"record: n_steps is {shown(n_steps)}; it must be 0 or more")
-    locomotion, context = find_locomotion(simulator.get_system()), simulator.get_mutable_context()
-    own = locomotion.GetMyMutableContextFromRoot(context)
-    first = _control_step(context)
+    diagram, root = simulator.get_system(), simulator.get_mutable_context()
+    locomotion = find_locomotion(diagram)
+    context, first = locomotion.GetMyContextFromRoot(root), _control_step(root)
     if first is None:
         raise InputError(
-            f"record: the simulator is at {context.get_time():g} s; advance it to a multiple of "
+            f"record: the simulator is at {root.get_time():g} s; advance it to a multiple of "
             f"{CONTROL_PERIOD} s"
         )
     ports = {
@@ -207,21 +183,15 @@ def record(
         if step > 0:
             instant = (first + step) * CONTROL_PERIOD
             if repeats:
-                recenter(locomotion, own)
+                recenter(diagram, root)
             if simulator.AdvanceTo(instant).return_time() < instant:
                 break
-        times.append(context.get_time())
+        times.append(root.get_time())
         for name, port in ports.items():
-            recorded[name].append(port.Eval(own).copy())
+            recorded[name].append(port.Eval(context).copy())
         if stopped() or (stop_on_failure and recorded["failures"][-1].any()):
             break
     return Rollout(np.array(times), {name: np.array(values) for name, values in recorded.items()})
-
-
-def _begin(diagram: Diagram, context: Context, state: Array | None, seed: int) -> None:
-    """Draws what is drawn at random, and puts the robot into a state."""
-    diagram.SetRandomContext(context, RandomGenerator(seed))
-    set_plant_state(diagram, context, state)
 
 
 def _control_step(context: Context) -> int | None:
@@ -233,7 +203,7 @@ def _control_step(context: Context) -> int | None:
 
 
 def find_locomotion(diagram: Diagram) -> Diagram:
-    """Finds what `MakeLocomotion` built: the diagram itself, or a part of it at any depth.
+    """Finds the diagram that `MakeLocomotion` built: this one, or a part of it at any depth.
 
     Raises:
         InputError: if there is none, or more than one.
@@ -247,27 +217,32 @@ def find_locomotion(diagram: Diagram) -> Diagram:
     return found[0]
 
 
+def _locomotions(diagram: Diagram) -> Iterator[Diagram]:
+    # A larger diagram may give it another name; its fall monitor is always there.
+    if diagram.HasSubsystemNamed(FALL_MONITOR):
+        yield diagram
+    for system in diagram.GetSystems():
+        if isinstance(system, Diagram):
+            yield from _locomotions(system)
+
+
 def set_plant_state(diagram: Diagram, context: Context, state: Array | None = None) -> None:
     """Puts the robot into a state.
 
     Args:
-        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
-        context: Its own context, or the root context that its context is part of; to be changed.
+        diagram: A diagram that holds the robot.
+        context: The root context, to be changed.
         state: The plant's state x (37), wherever in the world; standing at rest by default.
-
-    Raises:
-        InputError: if the context is of another diagram.
     """
-    plant, plant_context = _find_plant(diagram, context)
-    monitor = _find_monitor(diagram)
+    robot = _Robot(diagram, context)
     if state is None:
-        state = monitor.ground.stand(monitor.robot, kinematics.standing_state(monitor.robot))
-    world = _find_world_state(diagram, context)
-    if world is not None:
-        away = monitor.ground.periods(state)
-        world[0].set_away(world[1], away)
+        standing = kinematics.standing_state(robot.monitor.robot)
+        state = robot.monitor.ground.stand(robot.monitor.robot, standing)
+    if robot.world is not None:
+        away = robot.monitor.ground.periods(state)
+        robot.world.set_away(robot.world.GetMyMutableContextFromRoot(context), away)
         state = kinematics.moved_by(state, -away)
-    plant.SetPositionsAndVelocities(plant_context, state)
+    robot.plant.SetPositionsAndVelocities(robot.plant_context, state)
 
 
 def recenter(diagram: Diagram, context: Context) -> None:
@@ -276,89 +251,44 @@ def recenter(diagram: Diagram, context: Context) -> None:
     What the diagram's outputs show stays as it is. On a plane nothing happens.
 
     Args:
-        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
-        context: Its own context, or the root context that its context is part of; to be changed,
-            at a control instant.
-
-    Raises:
-        InputError: if the context is of another diagram.
+        diagram: A diagram that holds the robot.
+        context: The root context at a control instant, to be changed.
     """
-    world = _find_world_state(diagram, context)
-    if world is None:
+    robot = _Robot(diagram, context)
+    if robot.world is None:
         return
-    system, own = world
-    plant, plant_context = _find_plant(diagram, context)
-    monitor = _find_monitor(diagram)
-    state = plant.GetPositionsAndVelocities(plant_context)
-    away = monitor.ground.periods(state)
+    state = robot.plant.GetPositionsAndVelocities(robot.plant_context)
+    away = robot.monitor.ground.periods(state)
     if np.isfinite(away).all() and away.any():
-        plant.SetPositionsAndVelocities(plant_context, kinematics.moved_by(state, -away))
-        system.set_away(own, system.away(own) + away)
+        moved = kinematics.moved_by(state, -away)
+        robot.plant.SetPositionsAndVelocities(robot.plant_context, moved)
+        own = robot.world.GetMyMutableContextFromRoot(context)
+        robot.world.set_away(own, robot.world.away(own) + away)
 
 
 def push(diagram: Diagram, context: Context, velocity: Array) -> None:
-    """Adds to the velocity of the robot's trunk.
+    """Adds a velocity (3; m/s, world frame) to that of the robot's trunk.
 
     Args:
-        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
-        context: Its own context, or the root context that its context is part of; to be changed.
-        velocity: What is added (3; m/s, world frame).
-
-    Raises:
-        InputError: if the context is of another diagram.
+        diagram: A diagram that holds the robot.
+        context: The root context, to be changed.
+        velocity: The velocity.
     """
-    plant, plant_context = _find_plant(diagram, context)
-    state = plant.GetPositionsAndVelocities(plant_context)
+    robot = _Robot(diagram, context)
+    state = robot.plant.GetPositionsAndVelocities(robot.plant_context)
     state[quadruped.LINEAR_VELOCITY] += velocity
-    plant.SetPositionsAndVelocities(plant_context, state)
+    robot.plant.SetPositionsAndVelocities(robot.plant_context, state)
 
 
-def _find_plant(diagram: Diagram, context: Context) -> tuple[MultibodyPlant, Context]:
-    """Finds the robot's plant and its part of the diagram's own context, or of the root's."""
-    plant = find_locomotion(diagram).GetSubsystemByName("plant")
-    assert isinstance(plant, MultibodyPlant)
-    return plant, _own_context(diagram, context, plant)
+class _Robot:
+    """The systems of the robot that a diagram holds, and its plant's part of the root context."""
 
-
-def _find_monitor(diagram: Diagram) -> FallMonitor:
-    """Finds what knows the robot and its ground."""
-    monitor = find_locomotion(diagram).GetSubsystemByName(FALL_MONITOR)
-    assert isinstance(monitor, FallMonitor)
-    return monitor
-
-
-def _find_world_state(diagram: Diagram, context: Context) -> tuple[WorldState, Context] | None:
-    """Finds what knows how far the robot has been moved back, on ground that repeats."""
-    locomotion = find_locomotion(diagram)
-    if not locomotion.HasSubsystemNamed(WORLD_STATE):
-        return None
-    world = locomotion.GetSubsystemByName(WORLD_STATE)
-    assert isinstance(world, WorldState)
-    return world, _own_context(diagram, context, world)
-
-
-def _own_context(diagram: Diagram, context: Context, system: System) -> Context:
-    """Returns a system's part of the diagram's own context, or of the root's."""
-    try:
-        diagram.ValidateContext(context)
-        return diagram.GetMutableSubsystemContext(system, context)
-    except RuntimeError:
-        pass
-    try:
-        return system.GetMyMutableContextFromRoot(context)
-    except RuntimeError as error:
-        raise InputError(
-            f"locomotion: the context is not of diagram {diagram.get_name()!r}; give its own "
-            "context, or the root's"
-        ) from error
-
-
-def _locomotions(diagram: Diagram) -> Iterator[Diagram]:
-    # A larger diagram may give it another name; its fall monitor is always there.
-    if diagram.HasSubsystemNamed(FALL_MONITOR) and isinstance(
-        diagram.GetSubsystemByName(FALL_MONITOR), FallMonitor
-    ):
-        yield diagram
-    for system in diagram.GetSystems():
-        if isinstance(system, Diagram):
-            yield from _locomotions(system)
+    def __init__(self, diagram: Diagram, context: Context) -> None:
+        locomotion = find_locomotion(diagram)
+        self.plant: MultibodyPlant = locomotion.GetSubsystemByName("plant")  # type: ignore[assignment]
+        self.plant_context = self.plant.GetMyMutableContextFromRoot(context)
+        # It knows the robot and its ground.
+        self.monitor: FallMonitor = locomotion.GetSubsystemByName(FALL_MONITOR)  # type: ignore[assignment]
+        self.world: WorldState | None = None
+        if locomotion.HasSubsystemNamed(WORLD_STATE):
+            self.world = locomotion.GetSubsystemByName(WORLD_STATE)  # type: ignore[assignment]

@@ -294,6 +294,5 @@ class LiveRobot:
             robot.state,
             rm_state=robot.rm_state,
             foot_contact=robot.foot_contact,
-            command=np.array([self.steering.speed, self.steering.yaw_rate]),
             ghost=ghost.state,
         )
