@@ -1,0 +1,82 @@
+"""Every command in small: it runs, and writes what it should."""
+
+import pytest
+
+from glassgait.models.export.binding import has_compiler
+from glassgait.studies.cli import COMMANDS, main
+
+ROBOTS = ["--n-robots", "2", "--n-steps", "20"]
+
+SEEDED = [*ROBOTS, "--n-seeds", "1", "--policy", "expert", "sparse_formula"]
+
+FORMULAS = ["--policy", "sparse_formula"]
+
+FAST = {
+    "gait": (["trot"], []),
+    "robot": (["a1"], []),
+    "evaluate scenarios": ([*SEEDED, "--scenario", "training"], ["metrics.json"]),
+    "evaluate alternation": ([*SEEDED, "--ratios", "1", "0"], ["return.png"]),
+    "explain formulas": (FORMULAS, []),
+    "explain page": ([*FORMULAS, "--n-steps", "20", "--step", "10"], ["index.html"]),
+    "view": ([*FORMULAS, "--n-steps", "20"], ["*.html", "*.png"]),
+}
+"""Settings of a command, and patterns of files that it writes."""
+
+TRAIN = ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"]
+
+REFINE = ["--n-robots", "4", "--worlds.n-groups", "2", "--worlds.fine-steps", "--updates", "2"]
+REFINE += ["--candidate-steps", "10", "--ppo.steps-per-update", "8", "--ppo.epochs", "1"]
+
+PUSHES = ["--n-directions", "4", "--speeds", "0.5", "1", "--n-phases", "1", "--n-steps", "50"]
+
+SLOW = {
+    "train": (TRAIN, ["trot.safetensors"]),
+    "distill": (
+        ["--students", "linear", "--episodes", "5", "--alone-rounds", "0", "--episode-steps", "30"],
+        ["linear.safetensors", "r2.csv"],
+    ),
+    "refine": (REFINE, ["*.formulas"]),
+    "evaluate pushes": ([*FORMULAS, *PUSHES], ["metrics.json"]),
+    "importance": (["--policy", "gbm", "--n-samples", "20", "--repeats", "1"], ["metrics.json"]),
+    "explain interventions": ([*FORMULAS, "--n-robots", "2"], ["*.csv"]),
+    "explain counterfactual": (FORMULAS, ["*.csv"]),
+    "export": ([*FORMULAS, "--n-steps", "20"], ["*.c", "deploy.yaml"]),
+    "verify prove": (FORMULAS, ["*"]),
+}
+
+ELSEWHERE = {
+    "demo": "test_reproduce.py",
+    "studio": "test_browser.py",
+    "verify check": "test_certification.py",
+    "reproduce paper": "test_reproduce.py",
+    "reproduce report": "test_reproduce.py",
+    "reproduce benchmark": "test_benchmark.py",
+}
+"""Where the other commands are tested."""
+
+
+def test_every_command_is_tested():
+    assert {*FAST, *SLOW, *ELSEWHERE} == {*COMMANDS}
+
+
+def run(command, arguments, patterns, folder):
+    output = ["--output", str(folder)] if patterns else []
+    main([*command.split(), *arguments, *output])
+    for pattern in patterns:
+        assert list(folder.rglob(pattern)), pattern
+
+
+@pytest.mark.parametrize("command", FAST)
+def test_a_command_writes_its_results(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run(command, *FAST[command], tmp_path / "run")
+    assert capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", SLOW)
+def test_a_long_command_writes_its_results(command, tmp_path, monkeypatch):
+    if command == "export" and not has_compiler():
+        pytest.skip("needs a C compiler, cc")
+    monkeypatch.chdir(tmp_path)
+    run(command, *SLOW[command], tmp_path / "run")
