@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from glassgait.models.arrays import Array
+from glassgait.models.certificates.polynomial import Monomial, Polynomial, PolynomialRing
 from glassgait.models.formulas.interval import FUNCTIONS, Interval
-from glassgait.models.formulas.polynomial import Monomial, Polynomial, PolynomialRing
 
 Element = tuple[int, int]
 """A factor and its power: what a relaxation takes for a variable of its own."""

@@ -10,11 +10,11 @@ import numpy as np
 
 from glassgait.models.certificates.box import ObservationBox
 from glassgait.models.certificates.maximum import Maximum, Region, maximize
+from glassgait.models.certificates.polynomial import Polynomial, PolynomialRing, combined
 from glassgait.models.certificates.relaxation import Relaxation
 from glassgait.models.certificates.rounding import formula_error
 from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, variable
-from glassgait.models.formulas.polynomial import Polynomial, PolynomialRing, combined
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

@@ -160,7 +160,7 @@ def write_formulas(file: FormulaFile) -> str:
     Raises:
         InputError: if the observations are not exactly those of the task.
     """
-    return "\n".join([*_header(file), *_formulas(file)]) + "\n"
+    return "\n".join([*header_lines(file), *_formulas(file)]) + "\n"
 
 
 def formula_lines(file: FormulaFile, place: Place) -> list[str]:
@@ -169,7 +169,12 @@ def formula_lines(file: FormulaFile, place: Place) -> list[str]:
     return written_lines(start, file.formulas[place], file.vocabulary.symbols)
 
 
-def _header(file: FormulaFile) -> Iterator[str]:
+def header_lines(file: FormulaFile) -> Iterator[str]:
+    """Writes a file's header.
+
+    Raises:
+        InputError: if the observations are not exactly those of the task.
+    """
     names, law = file.vocabulary.names, file.joint_law
     layout = ObservationLayout.of(names)
     if names != layout.names:

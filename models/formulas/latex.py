@@ -1,21 +1,19 @@
 """Whole controllers for people: a formula file as LaTeX, and the programs that its header names."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from glassgait.models.estimation.contact import LOW, UNCHANGED_STEPS
 from glassgait.models.estimation.imu import GRAVITY
 from glassgait.models.estimation.odometry import SLIP, Odometry
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.file import FormulaFile, header_lines
 from glassgait.models.formulas.grammar import SIGNS, Notation, formula_tokens, written_number
-from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 
 TERMS_OF_A_LINE = 4
@@ -96,10 +94,8 @@ def symbols_of(vocabulary: Vocabulary) -> tuple[str, ...]:
     return tuple(f"{{{own}}}" if "^" in own else own for own in (*observed, *defined))
 
 
-def to_latex(file: FormulaFile, robot: Robot) -> str:
+def to_latex(file: FormulaFile) -> str:
     """Writes a controller as a LaTeX document that needs amsmath."""
-    programs = programs_of(file)
-    limits = programs.pop("limits", None)
     lines = [
         f"% {file.gait}: the whole controller; joint targets in rad. Made from its formula file.",
         r"\documentclass{article}",
@@ -107,40 +103,21 @@ def to_latex(file: FormulaFile, robot: Robot) -> str:
         r"\usepackage{amsmath}",
         r"\allowdisplaybreaks",
         r"\begin{document}",
+        *_verbatim("header", header_lines(file)),
     ]
-    for title, program in programs.items():
+    for title, program in programs_of(file).items():
         lines += _verbatim(title, program)
-    if file.machine is not None:
-        lines += _machine(file.machine)
-    lines += [*_quantities(file), *_definitions(file), *_targets(file)]
-    if limits is not None:
-        lines += _verbatim("limits", limits)
-    return "\n".join([*lines, *_joints(file, robot), r"\end{document}", ""])
+    lines += [*_symbols(file), *_definitions(file), *_targets(file), r"\end{document}"]
+    return "\n".join(lines) + "\n"
 
 
-def _verbatim(title: str, program: Sequence[str]) -> list[str]:
-    size = r"\small"
-    return [_section(title), size, r"\begin{verbatim}", *program, r"\end{verbatim}", r"\normalsize"]
+def _verbatim(title: str, text: Iterable[str]) -> list[str]:
+    begin, end = r"{\small\begin{verbatim}", r"\end{verbatim}}"
+    return [_section(title), begin, *text, end]
 
 
-def _machine(machine: Gait) -> Iterator[str]:
-    shortest, longest = machine.dwell
-    yield _section("gait")
-    yield (
-        f"{_escaped(machine.description)} A state lasts for the commanded $n^*$, of {shortest} to "
-        f"{longest} control steps, and ends once feet are as stated; those in the air are "
-        f"{machine.clearance} m high or more. It begins in {_escaped(machine.initial)}."
-    )
-    yield r"\begin{itemize}"
-    for edge in machine.transitions:
-        when = edge.when.text.replace("&", r"\wedge").replace("|", r"\vee").replace("~", r"\neg ")
-        when = re.sub("[FR][LR]", lambda foot: rf"\mathrm{{{foot[0]}}}", when)
-        yield rf"\item {_escaped(edge.source)} to {_escaped(edge.target)} when ${when}$"
-    yield r"\end{itemize}"
-
-
-def _quantities(file: FormulaFile) -> Iterator[str]:
-    """Lists the symbols of what is observed and used, one of each kind, and the ranges."""
+def _symbols(file: FormulaFile) -> Iterator[str]:
+    """Lists the symbols of the quantities that formulas use, one of each kind."""
     symbols, kinds = symbols_of(file.vocabulary), dict[str, str]()
     formulas = [*(own.formula for own in file.vocabulary.definitions), *file.formulas.values()]
     used = frozenset().union(*(formula.variables for formula in formulas))
@@ -155,9 +132,6 @@ def _quantities(file: FormulaFile) -> Iterator[str]:
     yield "stretches the knee."
     yield r"\begin{itemize}"
     yield from (rf"\item {line}" for line in kinds.values())
-    for kind, ends in () if file.readings is None else file.readings.ranges:
-        low, high = map(written_number, ends)
-        yield rf"\item \texttt{{{_escaped(kind)}}} is read from ${low}$ to ${high}$"
     yield r"\end{itemize}"
 
 
@@ -165,13 +139,14 @@ def _definitions(file: FormulaFile) -> Iterator[str]:
     symbols, n = symbols_of(file.vocabulary), len(file.vocabulary.names)
     if file.vocabulary.definitions:
         yield _section("definitions")
-    for symbol, own in zip(symbols[n:], file.vocabulary.definitions, strict=True):
-        if own.note:
-            yield f"{_escaped(own.note)}:"
-        yield from _aligned(symbol, own.formula, symbols)
+    for symbol, definition in zip(symbols[n:], file.vocabulary.definitions, strict=True):
+        if definition.note:
+            yield f"{_escaped(definition.note)}:"
+        yield from _aligned(symbol, definition.formula, symbols)
 
 
 def _targets(file: FormulaFile) -> Iterator[str]:
+    """Writes all targets. Mirror images stand in full, and name the formula of the file."""
     symbols, held, state = symbols_of(file.vocabulary), file.written(), None
     mirror = None if file.mirror is None else FormulaMirror.of(file.vocabulary, file.mirror)
     yield _section("targets")
@@ -179,31 +154,12 @@ def _targets(file: FormulaFile) -> Iterator[str]:
         joint = _joint(quadruped.JOINTS[place[-1]])
         if len(place) > 1 and place[0] != state:
             state = place[0]
-            name = str(state) if file.machine is None else file.machine.states[state]
-            yield rf"\subsection*{{State {_escaped(name)}}}"
+            yield rf"\subsection*{{State {state}}}"
         if mirror is not None and place not in held:
-            yield f"The mirror image of {_place(mirror.place(place))}:"
+            *of_state, image = mirror.place(place)
+            where = f" in state {of_state[0]}" if of_state else ""
+            yield f"The mirror image of {_escaped(quadruped.JOINTS[image])}{where}:"
         yield from _aligned(rf"q^{{*}}_{{\mathrm{{{joint}}}}}", file.formulas[place], symbols)
-
-
-def _joints(file: FormulaFile, robot: Robot) -> Iterator[str]:
-    stiffness, damping = map(written_number, file.joint_law.gains_of(robot))
-    yield _section("joints")
-    yield rf"The torque of a joint is ${stiffness} \, (q^* - q) - {damping} \, \dot q$, N m."
-    yield r"\begin{itemize}"
-    for index, joint in enumerate(quadruped.JOINTS):
-        if joint[1] == "L":
-            low, high = robot.lower_limits[index], robot.upper_limits[index]
-            stance, effort = robot.default_stance[index], robot.effort[index]
-            yield (
-                rf"\item {_escaped(joint)}: from ${low:.4g}$ to ${high:.4g}$ rad, default stance "
-                f"${stance:.4g}$ rad, torque up to {effort:.4g} N m"
-            )
-    yield (
-        rf"\item thigh {robot.thigh_length} m, calf {robot.calf_length} m, radius of a foot "
-        f"{robot.foot_radius} m"
-    )
-    yield r"\end{itemize}"
 
 
 def _aligned(left: str, formula: Expression, symbols: Sequence[str]) -> Iterator[str]:
@@ -250,12 +206,6 @@ def _defined(symbol: str) -> str:
 
 _DEFINED = {"late": r"\ell", "phase": r"\varphi", "e.v": "e_v"}
 _OF_LEGS = {"lifted": "u", "x": "x", "z": "z"}
-
-
-def _place(place: Place) -> str:
-    *state, joint = place
-    where = f" in state {state[0]}" if state else ""
-    return f"{_escaped(quadruped.JOINTS[joint])}{where}"
 
 
 def _section(title: str) -> str:

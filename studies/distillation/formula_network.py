@@ -10,9 +10,14 @@ from torch import nn
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.evaluate import Tape
-from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.expression import (
+    Expression,
+    WeightedSum,
+    numbers_of,
+    with_numbers,
+    without_zeros,
+)
 from glassgait.models.formulas.mirror import FormulaMirror, Place
-from glassgait.models.formulas.numbers import WeightedSum, numbers_of, with_numbers, without_zeros
 from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.policies.symbolic import FormulaPolicy

@@ -8,10 +8,15 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.box import measured_box
 from glassgait.models.formulas.evaluate import Tape
-from glassgait.models.formulas.expression import Expression, canonical, constant
+from glassgait.models.formulas.expression import (
+    Expression,
+    canonical,
+    constant,
+    numbers_of,
+    with_numbers,
+)
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import FormulaMirror, Place
-from glassgait.models.formulas.numbers import numbers_of, with_numbers
 from glassgait.models.formulas.quantities import (
     COURSE,
     GATES,

@@ -232,7 +232,7 @@ class _Distillation:
             names, observations = student.observation_names, seen.observations
             ranges = readings_of(self.gait, student.robot, names, observations)
             student = student.with_readings(ranges).with_machine(self.gait)
-            latex = to_latex(student.to_file(), student.robot)
+            latex = to_latex(student.to_file())
             write_atomically(self.folder / f"{kind}.tex", latex)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         scores = r2_scores(student, held_out)

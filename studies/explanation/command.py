@@ -164,7 +164,7 @@ class ExplainFormulas(OnePolicy):
         found, name = self.find()
         student = found.formulas(name)
         if self.latex:
-            print(to_latex(student.to_file(), student.robot), end="")
+            print(to_latex(student.to_file()), end="")
             return
         if self.joint is not None:
             quadruped.joint_index(self.joint)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from glassgait.models.certificates import relaxation
 from glassgait.models.certificates.checker import bounds
 from glassgait.models.certificates.checker.bounds import Elimination
+from glassgait.models.certificates.polynomial import Polynomial, PolynomialRing
 from glassgait.models.certificates.relaxation import Relaxation
 from glassgait.models.formulas.expression import variable
-from glassgait.models.formulas.polynomial import Polynomial, PolynomialRing
 
 N = 6
 ENDS = st.tuples(st.integers(-8, 8), st.integers(0, 8))

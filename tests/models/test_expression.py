@@ -16,12 +16,15 @@ from glassgait.models.formulas.expression import (
     MAX_TERMS,
     UNARY,
     Expression,
+    WeightedSum,
     canonical,
     constant,
     is_negative,
     negative,
+    numbers_of,
     refuse_unfit,
     variable,
+    with_numbers,
 )
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 
@@ -216,3 +219,35 @@ def test_formulas_that_are_too_large_or_of_no_known_operator_are_refused():
     ):
         with pytest.raises(InputError, match=message):
             refuse_unfit(formula, N)
+
+
+def test_numbers_stand_from_left_to_right():
+    formula = read("0.5 - 0.25 * x0 + tanh(2.0 * x1 - 3.0)")
+    assert [*numbers_of(formula)] == [0.5, 0.25, 2.0, 3.0]
+    again = canonical(with_numbers(formula, iter([0.5, -0.25, 2.0, 3.0])))
+    assert again == canonical(read("0.5 + 0.25 * x0 + tanh(2.0 * x1 - 3.0)"))
+
+
+@pytest.mark.parametrize(
+    ("text", "terms", "rest"),
+    [
+        ("0.5 - 0.25*x0 + 3*tanh(x1)", ["1", "-x0", "tanh(x1)"], "0"),
+        ("x0*(0.5 + 2*x1) - 0.1/x1", ["x0", "x0*x1", "-(1/x1)"], "0"),
+        ("-(0.5 + x0) + (x1 - 2)*x1", ["1", "-x1"], "-x0 + x1*x1"),
+        ("x0 + sin(x1)/x0", [], "x0 + sin(x1)/x0"),
+    ],
+)
+def test_a_weighted_sum_holds_what_each_number_multiplies(text, terms, rest):
+    formula = canonical(read(text))
+    found = WeightedSum.of(formula)
+    assert found is not None and len(found.terms) == len(terms)
+    points = np.random.default_rng(1).uniform(0.5, 2.0, (20, N))
+    parts = values([*found.terms, found.rest], points)
+    np.testing.assert_allclose(parts, values([read(own) for own in (*terms, rest)], points))
+    whole = parts @ np.array([*numbers_of(formula), 1.0])
+    np.testing.assert_allclose(whole, values([formula], points)[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["tanh(2*x0)", "0.5*(x0 + 2)", "x0/(x1 + 1)", "x0 + (3*x1)**2"])
+def test_numbers_in_functions_and_products_are_no_weights(text):
+    assert WeightedSum.of(read(text)) is None

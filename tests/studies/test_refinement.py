@@ -9,9 +9,15 @@ import pytest
 import torch
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
-from glassgait.models.formulas.expression import ZERO, Expression, constant, plus, variable
+from glassgait.models.formulas.expression import (
+    ZERO,
+    Expression,
+    constant,
+    plus,
+    variable,
+    without_zeros,
+)
 from glassgait.models.formulas.mirror import FormulaMirror
-from glassgait.models.formulas.numbers import without_zeros
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
