@@ -14,12 +14,10 @@ from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.maximum import Maximum, Tree
 from glassgait.models.certificates.prover import Outcome, Place, Prover, Verdict
 from glassgait.models.certificates.targets import Query
-from glassgait.models.files import RECORD_BYTES, digest, read_text
+from glassgait.models.files import digest
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.symmetry import mirrored_states
-
-FORMAT = 1
 
 SHIPPED = Path(__file__).parent / "shipped"
 
@@ -31,34 +29,11 @@ def shipped_certificates() -> tuple[Path, ...]:
     return tuple(sorted(SHIPPED.rglob("*.json"), key=lambda path: (len(path.parts), path)))
 
 
-def shipped_outcomes(policy_digest: str) -> dict[str, Outcome] | None:
-    """Returns the outcome of each claim that a shipped certificate names, by the claim's name.
-
-    Args:
-        policy_digest: SHA-256 of the policy's file.
-
-    Returns:
-        The outcomes; None if no certificate of this file ships.
-    """
-    for path in shipped_certificates():
-        content = json.loads(read_text(path, RECORD_BYTES))
-        if content["policy"]["sha256"] == policy_digest:
-            return {claim["name"]: claim["outcome"] for claim in content["claims"]}
-    return None
-
-
 def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) -> dict[str, Any]:
-    """Returns the certificate of a policy.
-
-    Args:
-        prover: The prover, with all that it proved.
-        verdicts: The claims that were decided.
-        policy_file: The policy's file; the certificate holds its digest.
-    """
-    robot = prover.policy.robot.name
-    gait, images = prover.gait, mirrored_states(prover.gait)
+    """Returns the certificate of a policy, from its prover, the decided claims and its file."""
+    robot, gait, images = prover.policy.robot.name, prover.gait, mirrored_states(prover.gait)
     content = {
-        "format": FORMAT,
+        "format": 1,
         **({} if robot == DEFAULT_ROBOT else {"robot": robot}),
         "gait": gait.name,
         "states": list(gait.states),
@@ -103,14 +78,9 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 
 def _statement(key: tuple[Query, Place], found: Maximum, symbols: Sequence[str]) -> dict[str, Any]:
     query, place = key
-    written: dict[str, Any] = {
-        "of": query.of,
-        "state": query.state,
-        "joint": quadruped.JOINTS[query.joint],
-        "sign": query.sign,
-        "box": place.box,
-        "bound": found.bound,
-    }
+    written: dict[str, Any] = {"of": query.of, "state": query.state}
+    written |= {"joint": quadruped.JOINTS[query.joint], "sign": query.sign}
+    written |= {"box": place.box, "bound": found.bound}
     if query.observation >= 0:
         written["observation"] = symbols[query.observation]
     if place.stuck:

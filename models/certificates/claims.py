@@ -172,11 +172,8 @@ class Claim(Settings):
             )
         symbols = {entry.symbol for entry in entries} - states
         kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}
-        named = {_of_joint(name, 0) for name in self.observations}
-        if unknown := [
-            *sorted((named | {*self.stuck}) - symbols),
-            *sorted({*self.changes} - symbols - kinds),
-        ]:
+        named = {_of_joint(name, 0) for name in self.observations} | {*self.stuck}
+        if unknown := sorted((named - symbols) | ({*self.changes} - symbols - kinds)):
             raise InputError(
                 f"{self.refused_as()}: no observation is called {shown(unknown[0])}; the names are "
                 "those of formula files, such as q.FL_hip, or q.own"

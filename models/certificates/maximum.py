@@ -65,14 +65,7 @@ class Maximum:
 
 
 class _Cells(NamedTuple):
-    """Boxes of the search, one a row.
-
-    Attributes:
-        lower: Least quantities (m, n).
-        upper: Greatest quantities (m, n).
-        bound: An upper bound of the values in each cell (m).
-        label: Number of each cell in `_Search.leaves` (m).
-    """
+    """Boxes of the search, one a row: corners (m, n), bounds and numbers among the leaves (m)."""
 
     lower: Array
     upper: Array
@@ -98,9 +91,6 @@ def maximize(
     threshold: float | None = None,
 ) -> Maximum:
     """Bounds the greatest value of a function over a box, by branch and bound.
-
-    Cells with the greatest bounds are split first. A search that gives up returns a bound that
-    holds and is less tight.
 
     Args:
         function: Evaluates the function (m,) of quantities (m, n).
@@ -134,7 +124,7 @@ def maximize(
 
 
 class _Search:
-    """The search for a greatest value: its witness, and the tree of cells that bounds it.
+    """The search for a greatest value.
 
     Attributes:
         reached: Value at the witness.

@@ -31,18 +31,13 @@ to forty times the room of all the others."""
 FINE = 1e-7
 """The same in a second search, towards the limit of a claim (rad)."""
 
-REFUTED = 1e-8
-"""By how much a witness must break a claim (rad, or rad per unit): more than double precision can.
-"""
+REFUTED, SLACK = 1e-8, 1e-11
+"""By how much a witness must break a claim, and what is added to bounds (rad, or rad per unit).
 
-SLACK = 1e-11
-"""Added to bounds: the checker computes them in another way."""
+Double precision is off by less than the first; the checker computes bounds in another way."""
 
-SAMPLES = 1000
-"""Observations among which a policy is compared with its mirror image."""
-
-PAIRS = 5000
-"""Random pairs of observations among which a wide change of the action is sought."""
+SAMPLES = 5000
+"""Random observations among which a policy is compared with its mirror image, or changes most."""
 
 Outcome = Literal["proved", "refuted", "undecided"]
 
@@ -73,12 +68,7 @@ class Verdict:
 
 
 class Place(NamedTuple):
-    """The box of a bound.
-
-    Attributes:
-        box: Name of the box, "operating" or "physical".
-        stuck: Observations, by index, that may be anywhere in the physical box instead.
-    """
+    """A box by name, and the observations, by index, that may be anywhere in the physical one."""
 
     box: str
     stuck: tuple[int, ...] = ()
@@ -299,7 +289,7 @@ class Prover:
         counted = np.isin(np.arange(len(changes)), list(box.counted))
         # A hair less, so that two witnesses are not a rounding further apart than is claimed.
         changes = np.where(counted, np.floor(changes), (1.0 - 1e-12) * changes)
-        one = box.random(PAIRS, generator)
+        one = box.random(SAMPLES, generator)
         other = one + generator.choice([-1.0, 1.0], one.shape) * changes
         other = np.clip(other, box.lower, box.upper)
         actions = [self.policy(self._units.observed(pair))[..., joints] for pair in (one, other)]

@@ -15,16 +15,13 @@ from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.interval import OPERATORS, Interval
 from glassgait.models.formulas.quantities import RobotUnits
 
-UNIT = 2.0**-53
-"""Error of one operation, as a share of its result."""
+UNIT, LIBRARY = 2.0**-53, 16
+"""Error of one operation, as a share of its result, and that of a function, in such units.
 
-LIBRARY = 16
-"""The same of a function, in units: NumPy's and C libraries' are within 4 of the last place."""
+Functions of NumPy and of C libraries are within 4 units of the last place."""
 
-SMALLEST = 2.0**-1000
-"""More than is lost where a result is too small for all its digits."""
-
-GREATEST = 1e300
+SMALLEST, GREATEST = 2.0**-1000, 1e300
+"""More than is lost where a result is too small for all its digits, and the greatest result."""
 
 LARGEST_ERROR = 1e-9
 """Error of a target (rad) beyond which nothing is proved of it."""
@@ -40,13 +37,7 @@ Ranged = tuple[Interval, float]
 
 
 def formula_error(formula: Expression, joint: int, read: Region, units: RobotUnits) -> float:
-    """Bounds the error of a target that is a formula of observed quantities (rad).
-
-    Args:
-        formula: The formula.
-        joint: The joint.
-        read: The box of quantities.
-        units: The map from observations to quantities.
+    """Bounds the error of a joint's target that is a formula of observed quantities (rad).
 
     Raises:
         InputError: if the error may exceed `LARGEST_ERROR`, or the formula may divide by 0 or
