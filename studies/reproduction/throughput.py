@@ -1,4 +1,4 @@
-"""Training throughput against bare physics, and against gymnasium's processes."""
+"""Measures training throughput against bare physics and against gymnasium's processes."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -48,37 +48,30 @@ def throughput(
     pairs = pd.DataFrame(training_and_physics(config, checkpoint, n_updates, repeats))
     say("timing gymnasium's AsyncVectorEnv of DrakeGymEnv, 16 environments")
     processes = gymnasium_processes(16, gym_steps)
-    speeds = pairs.median()
-    shares = pairs[["late_physics", "physics"]].rdiv(pairs["training"], axis=0).median()
-    late, bare = (f"{share:.2f} of it" for share in shares)
+    training, bare = pairs["training"].median(), pairs["physics"].median()
+    share = (pairs["training"] / pairs["physics"]).median()
     rows = [
-        (f"PPO training, {config.n_robots} robots", speeds["training"], "1"),
-        ("its physics alone, latencies included", speeds["late_physics"], late),
-        (
-            "bare BatchEvalUniquePeriodicDiscreteUpdate, same states and targets",
-            speeds["physics"],
-            bare,
-        ),
+        (f"PPO training, {config.n_robots} robots", training, "1"),
+        ("BatchEvalUniquePeriodicDiscreteUpdate only, same states", bare, f"{share:.2f} of it"),
         (
             "AsyncVectorEnv of 16 DrakeGymEnv over the diagram, no learning",
             processes,
-            f"{speeds['training'] / processes:.1f} times it",
+            f"{training / processes:.1f} times it",
         ),
     ]
     table = pd.DataFrame(rows, columns=pd.Index(["what", "control steps/s", "training is"]))
-    return table.assign(**{"control steps/s": table["control steps/s"].round().astype(int)})
+    return table.round({"control steps/s": 0})
 
 
 def training_and_physics(
     config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
 ) -> list[dict[str, float]]:
-    """Times updates of PPO, and physics over the very same states and targets.
+    """Times updates of PPO, and Drake's physics over the same states and targets.
 
-    Physics is timed as training steps it, latencies included, and bare: Drake's, in all groups. All
-    are timed in turn, `repeats` times, so that they meet the machine's moods alike.
+    Both are timed in turn, so that they meet the same other load of the machine.
 
     Returns:
-        Control steps/s of `training`, `late_physics` and bare `physics`, a row a turn.
+        Control steps/s of `training` and bare `physics`, a row a turn.
     """
     config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
     with TemporaryDirectory() as temporary:
@@ -87,18 +80,15 @@ def training_and_physics(
         run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
     robot = load_robot(config.robot)
     stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
-    physics = _BarePhysics(robot, stations)
-    late_step, recorded = _record_steps(run)
+    physics, recorded = _BarePhysics(robot, stations), _record_steps(run)
     run.update()
     rows = []
     for _ in range(repeats):
         recorded.clear()
         n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
         training = _seconds(lambda: [run.update() for _ in range(n_updates)])
-        late = _seconds(lambda: [late_step(*pair, **delays) for *pair, delays in recorded])
-        bare = _seconds(lambda: [physics.step(*pair) for *pair, _ in recorded])
-        speeds = {"training": training, "late_physics": late, "physics": bare}
-        rows.append({name: n_steps / seconds for name, seconds in speeds.items()})
+        bare = _seconds(lambda: [physics.step(*pair) for pair in recorded])
+        rows.append({"training": n_steps / training, "physics": n_steps / bare})
     return rows
 
 
@@ -117,7 +107,7 @@ def gymnasium_processes(n_envs: int, n_processes_steps: int) -> float:
 
 
 class _BarePhysics:
-    """One call of Drake's batch evaluation a group and control step, and nothing else."""
+    """Calls Drake's batch evaluation for each group and control step, and nothing else."""
 
     def __init__(self, robot: Robot, stations: Sequence[StationConfig]) -> None:
         self._groups = []
@@ -145,22 +135,18 @@ class _BarePhysics:
             )
 
 
-_Step = tuple[Array, Array, dict[str, Array]]
-
-
-def _record_steps(run: TrainingRun) -> tuple[Callable[..., PhysicsStep], list[_Step]]:
-    """Returns what steps the run's physics, and a list that its steps are recorded in."""
+def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:
+    """Returns a list that records the states and targets of the run's physics from now on."""
     physics = run.environment.simulator.physics
-    recorded: list[_Step] = []
+    recorded: list[tuple[Array, Array]] = []
     step = physics.step
 
     def recording_step(states: Array, targets: Array, **late: Array) -> PhysicsStep:
-        delays = {name: values.copy() for name, values in late.items()}
-        recorded.append((states.copy(), targets.copy(), delays))
+        recorded.append((states.copy(), targets.copy()))
         return step(states, targets, **late)
 
     setattr(physics, "step", recording_step)  # noqa: B010
-    return step, recorded
+    return recorded
 
 
 def _drake_gym_env() -> gym.Env:
@@ -174,7 +160,7 @@ def _drake_gym_env() -> gym.Env:
         reward="reward",
         action_port_id="actions",
         observation_port_id="observations",
-        # Drake calls the handler with a seed that its own hint leaves out.
+        # Drake passes a seed, which its type hint leaves out.
         reset_handler=lambda simulator, context, seed=None: set_plant_state(diagram, context),
     )
 

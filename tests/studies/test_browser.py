@@ -28,6 +28,15 @@ def test_a_page_that_a_command_writes_can_be_read(kind, faults_of, tmp_path):
         assert faults_of(page) == []
 
 
+def test_the_explanation_shows_the_moment_of_its_address(browser, tmp_path):
+    main([*PAGES["explain page"], "--output", str(tmp_path / "run")])
+    address = (tmp_path / "run" / "index.html").as_uri()
+    browser.get(f"{address}#joint=FR_thigh&step=30")
+    assert browser.find_element("id", "local-title").text.startswith("FR thigh at step 30")
+    browser.find_element("tag name", "body").send_keys("\ue014")  # the right arrow
+    until(lambda: browser.current_url.endswith("joint=FR_thigh&step=31"), patience=30.0)
+
+
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
     """The studio's command: its address and its folder."""
