@@ -25,7 +25,7 @@ from glassgait.models.policies.symbolic import (
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot, robot_folder, robot_of
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.task.gait import Gait, check_gait_name, load_gait
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
 
 POLICY_CLASSES: dict[str, type[Policy]] = {
@@ -137,7 +137,6 @@ def find_gait(gait: str | Path, robot: str | None = None) -> Gait:
         robot_of(path, file.robot, load_robot(robot))
     if file.machine is None:
         raise InputError(f"{path}: has no key 'machine'; name a gait, or a gait file")
-    check_gait_name(file.gait, f"{path}: its header names the gait {shown(file.gait)}")
     return file.machine
 
 

@@ -43,14 +43,20 @@ MOST_STATES = 32
 """Greatest number of states; each is an entry of the observation."""
 
 
+def _name(name: str) -> str:
+    plain = name.isprintable() and name == name.strip() and not {*name} & {"/", "\\"}
+    # The file system counts bytes.
+    if not plain or name.startswith(".") or not 0 < len(os.fsencode(name)) <= LONGEST_NAME:
+        raise ValueError(f"printable, {LONGEST_NAME} bytes at most, and start with no dot")
+    if name in TAKEN_NAMES:
+        raise ValueError("another name, since a run keeps a file of its own under this one")
+    return name
+
+
 def _plain(text: str, longest: int) -> str:
     # In a formula file # begins a comment wherever it stands.
-    if (
-        not 0 < len(text) <= longest
-        or not text.isprintable()
-        or text != text.strip()
-        or "#" in text
-    ):
+    plain = text.isprintable() and text == text.strip() and "#" not in text
+    if not plain or not 0 < len(text) <= longest:
         raise ValueError(
             f"1 to {longest} printable characters without # and without spaces at the ends"
         )
@@ -111,7 +117,7 @@ class Gait(Settings):
 
     title: ClassVar[str] = "gait"
 
-    name: str
+    name: Annotated[str, AfterValidator(_name)]
     description: Description
     states: Annotated[tuple[StateName, ...], MinLen(2), MaxLen(MOST_STATES), DISTINCT]
     initial: str
@@ -155,40 +161,26 @@ def gait_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in GAIT_DIRECTORY.glob("*.yaml")))
 
 
-def gait_path(gait: str | Path) -> Path:
-    """Returns the file of a gait that ships with the project, or of one of one's own.
-
-    Args:
-        gait: Name of a gait that ships, or path of a gait file.
-
-    Raises:
-        InputError: if there is no such gait, or the file's name can name no gait.
-    """
-    path = Path(gait)
-    if path.suffix in (".yaml", ".yml"):
-        check_gait_name(path.stem, f"gait file {shown(str(path))}: the gait takes its name from it")
-        return path
-    if path.suffix == ".formulas":
-        raise InputError(
-            f"{path}: a formula file's machine is for the policy that it holds, whose 'machine' it "
-            "is in Python; for others copy the section to a .yaml file with a name of its own"
-        )
-    if str(gait) not in gait_names():
-        raise InputError(
-            f"unknown gait {shown(str(gait))}; the gaits are {', '.join(gait_names())}, "
-            "or give the path of a gait file ending in .yaml"
-        )
-    return GAIT_DIRECTORY / f"{gait}.yaml"
-
-
 def load_gait(gait: str | Path) -> Gait:
-    """Loads a gait by its name, or from a YAML file of one's own.
+    """Loads a gait that ships by its name, or a gait from the path of a YAML file.
 
     Raises:
         InputError: if there is no such gait, or its file breaks a rule; the message names the
             file, the key and the remedy.
     """
-    path = gait_path(gait)
+    path = Path(gait)
+    if path.suffix == ".formulas":
+        raise InputError(
+            f"{path}: a formula file's machine is for the policy that it holds, whose 'machine' it "
+            "is in Python; for others copy the section to a .yaml file with a name of its own"
+        )
+    if path.suffix not in (".yaml", ".yml"):
+        if str(gait) not in gait_names():
+            raise InputError(
+                f"unknown gait {shown(str(gait))}; the gaits are {', '.join(gait_names())}, "
+                "or give the path of a gait file ending in .yaml"
+            )
+        path = GAIT_DIRECTORY / f"{gait}.yaml"
     text = read_text(path, YAML_BYTES)
     try:
         loaded = parse_gait(text, name=path.stem)
@@ -197,20 +189,13 @@ def load_gait(gait: str | Path) -> Gait:
     shipped = GAIT_DIRECTORY / f"{path.stem}.yaml"
     if shipped.exists() and path.resolve() != shipped and loaded != shipped_gait(path.stem):
         # Policies know their gait by its name.
-        raise InputError(
-            f"{path}: is called like the gait {path.stem!r} that ships, and differs from it; give "
-            "the file another name"
-        )
+        raise InputError(f"{path}: has the name of a gait that ships; give the file another name")
     return loaded
 
 
 @cache
 def shipped_gait(name: str) -> Gait:
-    """Returns a gait that ships, read once.
-
-    Raises:
-        InputError: if there is none of this name.
-    """
+    """Returns a gait that ships, read once."""
     return load_gait(name)
 
 
@@ -218,8 +203,8 @@ def parse_gait(text: str, *, name: str) -> Gait:
     """Reads a gait from YAML text and checks its reward machine.
 
     Raises:
-        InputError: if a key is missing, unknown, of the wrong kind or out of range, a formula or
-            state is unknown, a state cannot be reached, or two transitions can fire together.
+        InputError: if a key is missing, unknown or out of range, a state is unknown or cannot be
+            reached, or two transitions can fire together.
     """
     data = parse_yaml(text)
     if not isinstance(data, dict):
@@ -255,28 +240,6 @@ def _edge(edge: Transition) -> str:
 def _yaml(value: Any) -> str:
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=inf)
     return text.removesuffix("\n").removesuffix("\n...")
-
-
-def check_gait_name(name: str, said: str) -> None:
-    """Refuses names that cannot name a gait and, after it, the files of its runs.
-
-    Args:
-        said: Where the name stands, as a message begins with.
-
-    Raises:
-        InputError: if it is such a name.
-    """
-    # The file system counts bytes.
-    sound = name.isprintable() and 0 < len(os.fsencode(name)) <= LONGEST_NAME
-    if not sound or name != name.strip() or name.startswith(".") or {*name} & {"/", "\\"}:
-        raise InputError(
-            f"{said}; give it one of printable characters, {LONGEST_NAME} bytes at most, that "
-            "starts with no dot"
-        )
-    if name in TAKEN_NAMES:
-        raise InputError(
-            f"{said}, and a run keeps a file of its own under the name {name!r}; give it another"
-        )
 
 
 def _check_states(gait: Gait) -> None:
