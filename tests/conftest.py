@@ -29,7 +29,7 @@ from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
-from glassgait.studies.common.exit_codes import BAD_INPUT
+from glassgait.studies.common.console import BAD_INPUT
 
 A1 = load_robot()
 

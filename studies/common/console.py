@@ -1,4 +1,4 @@
-"""What studies say on the terminal."""
+"""Progress and errors on the terminal."""
 
 import sys
 from collections.abc import Iterator
@@ -16,8 +16,13 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from glassgait.models.errors import InputError
+
 FILE_WIDTH = 160
 """Width of lines where the output goes to a file (characters)."""
+
+BAD_INPUT, INTERRUPTED = 2, 130
+"""Exit codes."""
 
 # Paths and the names of gaits are a person's own words: no brackets in them are markup.
 console = Console(
@@ -29,7 +34,7 @@ _notes = Console(stderr=True, markup=False, emoji=False, highlight=False, soft_w
 
 
 def note(line: str) -> None:
-    """Prints, beside what the command prints, what it chose where a person left it open."""
+    """Prints to standard error which choice was made where a person left it open."""
     _notes.print(Text.assemble(("·", "dim"), " ", line))
 
 
@@ -40,7 +45,7 @@ def say(line: str) -> None:
 
 @contextmanager
 def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, TaskID]]:
-    """Shows a bar with the time left; its task's `text` field is the study's own line."""
+    """Shows a bar with the time left; its task's `text` field is the study's line."""
     columns = (
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
@@ -50,3 +55,20 @@ def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, TaskID]]
     )
     with Progress(*columns, console=console, refresh_per_second=2) as progress:
         yield progress, progress.add_task("", total=total, completed=done, text="")
+
+
+@contextmanager
+def report_errors() -> Iterator[None]:
+    """Ends the process with one sentence: on bad input with exit code 2, on Ctrl-C with 130."""
+    try:
+        yield
+    except InputError as error:
+        sentence, code = str(error), BAD_INPUT
+    except KeyboardInterrupt:
+        sentence, code = "interrupted; what was finished is kept", INTERRUPTED
+    else:
+        return
+    # A path may hold line breaks, and codes that a terminal obeys.
+    plain = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in sentence)
+    print(f"glassgait: {''.join(plain)}", file=sys.stderr)
+    sys.exit(code)

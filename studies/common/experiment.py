@@ -1,8 +1,6 @@
-"""Experiments: what to measure and what to report; all else is done here, once for all of them.
+"""Experiments: policies that are measured in scenarios, side by side, and a report of them.
 
-An experiment is a frozen dataclass with two methods:
-
-    @dataclass(frozen=True)
+    @checked
     class Mine(Experiment):
         title: ClassVar[str] = "mine"
 
@@ -10,58 +8,59 @@ An experiment is a frozen dataclass with two methods:
 
         def report(self, table: pd.DataFrame) -> Report: ...
 
-`Mine().run()` and, from a file of one's own, `run_from_command_line(Mine)` find the policies, open
-the run's folder, measure every policy in every scenario with every seed side by side, keep each
-case as soon as it is done, continue a run that was stopped, and write and print the report.
+`Mine().run()` finds the policies, opens the run's folder, measures every policy in every scenario
+with every seed, keeps the table of each case as soon as it is measured, and writes the report.
+`run_from_command_line(Mine)` takes the settings from the command line.
+
+Libraries that take long to load are imported in the functions that need them, so that `--help` does
+not wait for Drake and PyTorch.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
-from itertools import product
-from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from __future__ import annotations
 
-import pandas as pd
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
 import tyro
 from annotated_types import MinLen
-from matplotlib.figure import Figure
+from joblib import delayed
 
-from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
-from glassgait.models.files import record_or_made, write_atomically
-from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.policies.library import find_gait
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed, checked
-from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.gait import Gait
-from glassgait.models.task.symmetry import mirrored_states
+from glassgait.models.files import read_record, write_atomically, write_record
+from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, checked
 from glassgait.models.task.termination import Falls, limits_of
-from glassgait.studies.common.cases import Case, refuse_commands, run_cases, slow_first
-from glassgait.studies.common.console import console, say
-from glassgait.studies.common.exit_codes import report_errors, take_signals
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.parallel.loop import parallel_backend
-from glassgait.studies.common.policies import (
-    ALL,
-    EXPERT,
-    Policies,
-    PolicySource,
-    find_policies,
-    is_file,
-)
-from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig, refuse_to_report
-from glassgait.studies.common.run_folder import open_run
-from glassgait.studies.common.sweep import (
-    ALL_GAITS,
+from glassgait.studies.common.console import console, note, progress_bar, report_errors, say
+from glassgait.studies.common.jobs import (
     Gaits,
     Seeds,
     WorkersConfig,
     gaits_named,
-    run_each,
+    parallel_backend,
+    run_parallel,
 )
-from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.common.run import default_folder, open_run
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from glassgait.diagrams.scenario import Scenario
+    from glassgait.models.policies.controller import AlternatingController
+    from glassgait.models.task.gait import Gait
+    from glassgait.studies.common.policies import Policies
+
+REPORTED_SEEDS = range(1000, 1005)
+"""Seeds of the rollouts that tables report, unless others are named."""
+
+SELECTION_SEEDS = range(500, 510)
+"""Seeds of the rollouts that choose among candidates.
+
+A choice among candidates by few robots takes luck for skill, so no table reports these seeds.
+"""
 
 PolicyNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of policies, as `Policies.controllers` takes them."""
@@ -69,20 +68,145 @@ PolicyNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 ScenarioNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of scenarios that ship, or `all` of them, and paths of scenario files."""
 
-Workers = Annotated[WorkersConfig, tyro.conf.arg(name="")]
+
+def refuse_to_report(seeds: Sequence[int]) -> None:
+    """Refuses to report rollouts of seeds that choose among candidates.
+
+    Raises:
+        InputError: if one of the seeds is kept for selection.
+    """
+    for seed in seeds:
+        if seed in SELECTION_SEEDS:
+            first, last = SELECTION_SEEDS[0], SELECTION_SEEDS[-1]
+            raise InputError(
+                f"--seed: leads to {seed}, but {first} to {last} choose among candidates; name "
+                "others"
+            )
+
+
+@checked
+class PolicySource(Settings):
+    """Settings of a command that takes policies.
+
+    Attributes:
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
+        source: Folder of a run of train, distill or refine to take policies from; by default those
+            that ship and, of a gait that does not ship, those of runs/distill/<gait> and
+            runs/train/<gait>.
+    """
+
+    robot: str | None = None
+    source: Path | None = None
+
+    def policies_of(self, gait: str, *, quiet: bool = False) -> Policies:
+        """Finds the policies of a gait, by its name or file, and prints where they are from.
+
+        Raises:
+            InputError: as `find_gait` and `find_policies`.
+        """
+        from glassgait.models.policies.library import find_gait
+        from glassgait.studies.common.policies import find_policies
+
+        return find_policies(find_gait(gait, self.robot), self.source, self.robot, quiet=quiet)
+
+
+@checked
+class OneGait(PolicySource):
+    """Settings of a command that takes policies of one gait.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+    """
+
+    gait: str = "trot"
+
+    def policies(self) -> Policies:
+        """Finds the policies, and prints where they are from.
+
+        Raises:
+            InputError: as `policies_of`.
+        """
+        return self.policies_of(self.gait)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One measurement: a controller in a scenario, with a seed.
+
+    Attributes:
+        labels: Columns that distinguish the case's rows from the others'.
+        gait: The gait.
+        controller: The controller.
+        scenario: The scenario.
+        seed: Seed of everything that is drawn.
+    """
+
+    labels: dict[str, Any]
+    gait: Gait
+    controller: AlternatingController
+    scenario: Scenario
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """The name in progress lines and of the file that keeps the case's table."""
+        return "_".join(map(str, self.labels.values())).replace("/", "-")
+
+
+def run_cases(
+    cases: Sequence[Case],
+    measure: Callable[[Case], pd.DataFrame],
+    folder: Path,
+    *,
+    n_workers: int = -1,
+) -> pd.DataFrame:
+    """Measures every case side by side, except those whose tables the folder holds already.
+
+    Args:
+        cases: The cases, the slowest best first.
+        measure: Measures one of them, in another process.
+        folder: Where each case's table is kept as soon as it is measured.
+        n_workers: Cases at once; -1 for as many as there are cores.
+
+    Returns:
+        The tables with their labels, in the order of the cases.
+
+    Raises:
+        InputError: if a table that the folder holds is damaged.
+    """
+    import pandas as pd
+
+    paths = [folder / f"{case.name}.json" for case in cases]
+    pending = [i for i, path in enumerate(paths) if not path.exists()]
+    work = (delayed(_measure)(i, measure, cases[i], paths[i]) for i in pending)
+    with progress_bar(len(cases), len(cases) - len(pending)) as (progress, bar):
+        for i in run_parallel(work, n_workers if len(pending) > 1 else 1, in_order=False):
+            progress.update(bar, advance=1, text=cases[i].name)
+    tables = []
+    for case, path in zip(cases, paths, strict=True):
+        table = pd.DataFrame(read_record(path))
+        for position, (name, value) in enumerate(case.labels.items()):
+            table.insert(position, name, value)
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _measure(index: int, measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) -> int:
+    write_record(path, measure(case).to_dict(orient="list"))
+    return index
 
 
 @dataclass(frozen=True)
 class Report:
-    """What an experiment found.
+    """The results of an experiment.
 
     Attributes:
         tables: Tables by name, written as CSV and Markdown.
-        metrics: What `metrics.json` holds.
+        metrics: The content of `metrics.json`.
         figures: Figures by name, written as PNG and PDF.
         shown: Tables that are printed, by title.
         lines: Sentences that are printed after them.
-        files: Further files by name: their text, or a function that writes one.
+        files: Texts of further files, by name.
     """
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
@@ -90,35 +214,26 @@ class Report:
     figures: Mapping[str, Figure] = field(default_factory=dict)
     shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     lines: Sequence[str] = ()
-    files: Mapping[str, str | Callable[[Path], None]] = field(default_factory=dict)
-
-    def joined(self, other: "Report") -> "Report":
-        """Puts another report behind this one; metrics of both are mappings, or None."""
-        return Report(
-            {**self.tables, **other.tables},
-            {**(self.metrics or {}), **(other.metrics or {})} or None,
-            {**self.figures, **other.figures},
-            {**self.shown, **other.shown},
-            [*self.lines, *other.lines],
-            {**self.files, **other.files},
-        )
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Writes tables, metrics, figures and files."""
+        from glassgait.studies.common.figures import save_figure
+        from glassgait.studies.common.tables import write_metrics, write_table
+
         for name, table in self.tables.items():
             write_table(table, folder / name)
         if self.metrics is not None:
             write_metrics(self.metrics, folder / "metrics.json")
         for name, figure in self.figures.items():
             save_figure(figure, folder / name)
-        for name, content in self.files.items():
-            if isinstance(content, str):
-                write_atomically(folder / name, content)
-            else:
-                content(folder / name)
+        for name, text in self.files.items():
+            write_atomically(folder / name, text)
 
     def show(self) -> None:
         """Prints the tables that are shown, and the sentences."""
+        from glassgait.studies.common.tables import print_table
+
         for title, table in self.shown.items():
             print_table(title, table)
         for line in self.lines:
@@ -135,7 +250,7 @@ class Experiment(PolicySource):
             paths of policy files.
         scenario: Scenarios: names of those that ship, `all` for every one of them, and paths of
             scenario files.
-        falls: What ends an episode: any of the `task`'s failures, or a `physical` fall alone, the
+        falls: What ends an episode: any of the `task`'s failures, or only a `physical` fall, the
             trunk or a thigh on the ground or a lean over 60°.
         n_robots: Number of robots for each seed.
         seed: First seed of all that is drawn.
@@ -143,64 +258,27 @@ class Experiment(PolicySource):
         workers: Where cases run.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/<title>/<gait> by default, followed by the policies
-            that are named.
+            that are named. Of several gaits each has its folder <gait> in it.
     """
 
     title: ClassVar[str] = "experiment"
 
-    together: ClassVar[bool] = False
-    """Whether one run is of all gaits, rather than of one, in a folder <gait> of its own."""
-
-    discrete: ClassVar[bool] = False
-    """Whether scenarios of continuous time are refused."""
-
-    mirrored: ClassVar[bool] = False
-    """Whether gaits whose machines favour a side are left out."""
-
-    of_students: ClassVar[bool] = False
-    """Whether experts are refused."""
-
-    by_expert: ClassVar[bool] = False
-    """Whether policies are measured beside their expert, which then must be there."""
-
-    one: ClassVar[tuple[str, ...]] = ()
-    """Settings, `policy` or `scenario`, of which one alone is taken."""
-
-    pooled: ClassVar[bool] = False
-    """Whether a case is of all seeds at once, which `measure` finds in `seeds`."""
-
-    axes: ClassVar[Mapping[str, str]] = {}
-    """Further labels of cases, each with the setting or property whose values it takes.
-
-    Of a mapping the keys are the labels, and `Case.values` holds what they stand for.
-    """
-
-    prepared: ClassVar[tuple[str, ...]] = ()
-    """Properties that are worked out before all cases; those that are cached go where cases are."""
-
-    inputs: ClassVar[Mapping[str, str]] = {}
-    """What else the run's record holds a digest of, each with the property that returns it."""
-
     gait: Gaits = ("trot",)
-    policy: PolicyNames = (ALL,)
-    scenario: ScenarioNames = (TRAINING,)
+    policy: PolicyNames = ("all",)
+    scenario: ScenarioNames = ("training",)
     falls: Falls = "task"
     n_robots: Count = 26
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Seeds = 1
-    workers: Workers = field(default_factory=WorkersConfig)
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
     resume: bool = False
     output: Path | None = None
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Measures one case; called in a process of its own.
-
-        Args:
-            case: A controller in a scenario, with a seed.
+        """Measures one case, in a process of its own.
 
         Returns:
-            Rows of the table, before which the case's labels are put; none where there is nothing
-            to measure.
+            Rows of the table, before which the case's labels are put.
         """
         raise NotImplementedError
 
@@ -208,103 +286,81 @@ class Experiment(PolicySource):
         """Turns the rows of all cases into tables, figures and metrics.
 
         Args:
-            table: What `measure` returned, with columns `gait`, `policy`, `scenario` and `seed`.
+            table: What `measure` returned, with the cases' labels: `gait`, `policy`, `scenario` and
+                `seed`.
         """
         raise NotImplementedError
 
-    def once(self, name: str, make: Callable[[], Any]) -> Any:
-        """Returns what the run's folder keeps, so that a run that is continued does not repeat it.
-
-        Args:
-            name: What the folder calls it.
-            make: Makes it, of what JSON can hold.
-        """
-        return record_or_made(self.folder / f"{name}.json", make, of=vars(self)["_place"][1])
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the run, while it runs."""
-        return vars(self)["_place"][0]
-
     def cases(self) -> list[Case]:
-        """Lists every policy in every scenario with every value of the axes and every seed."""
-        axes = [_labelled(getattr(self, setting)) for setting in self.axes.values()]
+        """Lists every policy in every scenario with every seed, the slow scenarios first.
+
+        In a scenario all policies meet the same initial states, commands and noise: robots can be
+        compared in pairs.
+
+        Raises:
+            InputError: if a scenario's command is beyond the gait's range, or a seed is kept for
+                selection.
+        """
+        refuse_to_report(self.seeds)
+        slow_first = sorted(self.scenarios.items(), key=lambda item: item[1].max_robots or math.inf)
+        for gait in self.gaits:
+            for scenario in self.scenarios.values():
+                scenario.command.check(gait)
         return [
             Case(
-                {
-                    "gait": gait.name,
-                    "policy": policy,
-                    "scenario": name,
-                    **{axis: label for axis, (label, _) in zip(self.axes, point, strict=True)},
-                    **({} if self.pooled else {"seed": seed}),
-                },
+                {"gait": gait.name, "policy": policy, "scenario": name, "seed": seed},
                 gait,
                 controller,
                 scenario,
                 seed,
-                values={axis: value for axis, (_, value) in zip(self.axes, point, strict=True)},
             )
-            for name, scenario in slow_first(self.scenarios)
+            for name, scenario in slow_first
             for gait in self.gaits
             for policy, controller in self.controllers[gait.name].items()
-            for point in product(*axes)
-            for seed in self.seeds[: 1 if self.pooled else None]
+            for seed in self.seeds
         ]
 
     def run(self) -> None:
-        """Runs the experiment, and writes and prints what it found."""
-        named = gaits_named(self.gait)
-        names = self._gaits_to_measure(named)
-        if self.together or len(named) == 1:
-            # The very same experiment holds the policies that it has found.
-            own = self if names == self.gait else replace(self, gait=names)
-            own._run_one(self.output or own.default_output(names))
+        """Runs the experiment of each gait, and writes and prints its report."""
+        names = gaits_named(self.gait)
+        if len(names) == 1:
+            self.run_in(self.output or self.default_output())
             return
+        for one in (replace(self, gait=(name,)) for name in names):
+            named = self.output and self.output / one.gaits[0].name
+            one.run_in(named or one.default_output())
 
-        def run_alone(name: str) -> None:
-            own = replace(self, gait=(name,))
-            own._run_one(
-                self.output / own.gaits[0].name if self.output else own.default_output((name,))
-            )
-
-        run_each(names, run_alone)
-
-    def _run_one(self, folder: Path) -> None:
-        refuse_to_report(self.seeds)
-        self._refuse()
-        with (
-            open_run(
-                folder, study=self.title, settings=self, inputs=self._inputs(), resume=self.resume
-            ) as identity,
-            parallel_backend(self.workers.backend),
-        ):
-            vars(self)["_place"] = folder.absolute(), identity
-            for name in self.prepared:
-                getattr(self, name)
-            table = run_cases(
-                self.cases(),
-                self.measure,
-                folder / "cases",
-                of=identity,
-                processes=self.workers.processes,
-            )
+    def run_in(self, folder: Path) -> None:
+        """Runs the experiment as a single run of all its gaits, in a folder."""
+        cases = self.cases()
+        for policies in self.policies.values():
+            note(policies.origin)
+        inputs = {
+            "gait": " ".join(gait.digest() for gait in self.gaits),
+            "scenario": " ".join(scenario.digest() for scenario in self.scenarios.values()),
+            "policy": " ".join(
+                policy.digest()
+                for controllers in self.controllers.values()
+                for controller in controllers.values()
+                for policy in controller.policies.values()
+            ),
+        }
+        run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
+        # Processes are sent a copy without the policies that this one has found.
+        measure = replace(self).measure
+        with open_run(folder, **run), parallel_backend(self.workers.backend):
+            table = run_cases(cases, measure, folder / "cases", n_workers=self.workers.n_workers)
             report = self.report(table)
             report.write(folder)
         report.show()
         console.print(f"written to {folder}")
 
-    def default_output(self, names: Sequence[str]) -> Path:
-        """Returns the folder of a run of gaits where none is named.
-
-        Policies stand in its name, where others are named than by default.
-        """
+    def default_output(self) -> Path:
+        """Returns the folder of a run where none is named."""
         others = () if self.policy == type(self).policy else self.policy
-        called = "_".join(Path(name).stem for name in (*names, *others))
-        if names == self.gait:
-            found = self.policies[self.gaits[0].name]
-        else:
-            found = self.policies_of(names[0], quiet=True)
-        return found.output(self.title).parent / called
+        called = "_".join(Path(name).stem for name in (*self.gait, *others))
+        first = self.policies[self.gaits[0].name]
+        return default_folder(self.title, first.robot.name) / called
 
     @property
     def seeds(self) -> range:
@@ -314,11 +370,15 @@ class Experiment(PolicySource):
     @cached_property
     def gaits(self) -> list[Gait]:
         """The gaits."""
+        from glassgait.models.policies.library import find_gait
+
         return [find_gait(name, self.robot) for name in gaits_named(self.gait)]
 
     @cached_property
     def scenarios(self) -> dict[str, Scenario]:
         """The scenarios by name."""
+        from glassgait.diagrams.scenario import load_scenarios
+
         return {
             name: replace(own, limits=limits_of(self.falls, own.limits))
             for name, own in load_scenarios(self.scenario).items()
@@ -327,158 +387,53 @@ class Experiment(PolicySource):
     @cached_property
     def policies(self) -> dict[str, Policies]:
         """Where each gait's policies are from, by the gait's name."""
+        from glassgait.studies.common.policies import find_policies
+
         return {
-            gait.name: find_policies(gait, self.source, self.robot, names=self.policy)
+            gait.name: find_policies(gait, self.source, self.robot, quiet=True)
             for gait in self.gaits
         }
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, AlternatingController]]:
-        """What acts, by the gait's name and the policy's.
+        """Each policy without the expert, by the gait's name and the policy's.
 
-        Of several gaits, and of policies that are not named, those are taken that there are.
+        Of several gaits, and of the default policies, those are taken that there are.
 
         Raises:
-            InputError: if there is no such policy, or it is neural where students are asked for, or
-                there is no expert where one is needed.
+            InputError: if there is no such policy.
         """
         found = {}
-        for gait in self.gaits:
-            policies = self.policies[gait.name]
+        for gait, policies in self.policies.items():
             names = policies.named(self.policy)
-            if self.by_expert:
-                # Raises where there is none, before anything is measured.
-                _ = policies.expert
+            there = [name for name in names if name in ("expert", *policies.files)]
             if len(self.gaits) > 1 or self.policy == type(self).policy:
-                names = tuple(own for own in names if own in (EXPERT, *policies.files)) or names
-            found[gait.name] = policies.controllers(names)
-            for name, controller in found[gait.name].items():
-                if self.of_students and isinstance(controller.policy, NeuralPolicy):
-                    raise InputError(
-                        f"--policy {name}: {self.title} is of students; name a kind of student"
-                    )
+                found[gait] = policies.controllers(there)
+            else:
+                found[gait] = policies.controllers(names)
+        if not any(found.values()):
+            raise InputError(
+                f"--policy {' '.join(self.policy)}: no gait has such a policy; name others, or one "
+                "gait and the run with --source"
+            )
         return found
 
     @property
     def scenario_titles(self) -> dict[str, str]:
-        """What people call each scenario."""
+        """The scenarios' titles by their names."""
         return {name: scenario.title for name, scenario in self.scenarios.items()}
 
-    def _gaits_to_measure(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Returns those gaits of which there are policies that are named.
+    def refuse_several_scenarios(self) -> None:
+        """Refuses several scenarios, for studies of one.
 
         Raises:
-            InputError: if there are none, a gait that is named has none, or files of one gait are
-                named for several.
+            InputError: if there are several.
         """
-        if self.mirrored:
-            names = _with_mirror_image(names)
-        if len(names) == 1:
-            return names
-        if self.source or any(map(is_file, self.policy)):
-            raise InputError(
-                "--gait: several gaits take no files of your own; name one gait for them"
-            )
-        kept = []
-        for name in names:
-            policies = self.policies_of(name, quiet=True)
-            lacks = [own for own in self.policy if own not in (ALL, EXPERT, *policies.files)]
-            if len(lacks) < len(self.policy):
-                kept.append(name)
-                if lacks:
-                    say(f"{name}: has no policy {', '.join(lacks)}; the others are measured")
-            elif ALL_GAITS not in self.gait:
-                policies.file(lacks[0])
-        if not kept:
-            raise InputError(
-                f"--policy {' '.join(self.policy)}: no gait ships with such a policy; name others, "
-                "or one gait and the run with --source"
-            )
-        return tuple(kept)
-
-    def _refuse(self) -> None:
-        """Refuses what the experiment cannot be made of, before anything is made.
-
-        Raises:
-            InputError: if there are several scenarios or policies and one is asked for, or a
-                scenario is continuous.
-        """
-        named = {"scenario": self.scenarios, "policy": max(self.controllers.values(), key=len)}
-        for name in self.one:
-            if len(named[name]) > 1:
-                raise InputError(f"--{name}: {self.title} is of one {name}; name one")
-        for name, scenario in self.scenarios.items():
-            if self.discrete and scenario.accuracy is not None:
-                raise InputError(
-                    f"--scenario {name}: is continuous; name a scenario of discrete time"
-                )
-
-    def _inputs(self) -> dict[str, str]:
-        """Returns digests of all that the run takes in, as its record holds them."""
-        parts = [
-            self.policies[gait.name].inputs(self.controllers[gait.name].items())
-            for gait in self.gaits
-        ]
-        inputs = {key: " ".join(dict.fromkeys(part[key] for part in parts)) for key in parts[0]}
-        inputs["scenario"] = " ".join(scenario.digest() for scenario in self.scenarios.values())
-        return inputs | {name: getattr(self, digest) for name, digest in self.inputs.items()}
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leaves out what is found again where it is needed: workers are sent what cases hold."""
-        kept = {*(own.name for own in fields(self)), *self.prepared, "_place"}
-        return {name: value for name, value in vars(self).items() if name in kept}
-
-
-@checked
-class RolloutExperiment(Experiment):
-    """Rolls robots out, and scores them.
-
-    Attributes:
-        n_steps: Control steps of a rollout.
-        speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
-            commands.
-    """
-
-    n_steps: Count = EPISODE_STEPS
-    speed_range: Range | None = None
-
-    def rollouts(self, case: Case) -> RolloutConfig:
-        """Returns how the robots of a case are rolled out."""
-        return RolloutConfig(self.n_robots, self.n_steps, case.seed, 1, self.speed_range)
-
-    def _refuse(self) -> None:
-        """Refuses commands that a gait is not made for, too."""
-        super()._refuse()
-        config = RolloutConfig(speed_range=self.speed_range)
-        for gait in self.gaits:
-            for scenario in self.scenarios.values():
-                refuse_commands(gait, scenario, config)
-
-
-def _labelled(values: Any) -> list[tuple[Any, Any]]:
-    """Returns the labels and values of an axis."""
-    return [*values.items()] if isinstance(values, Mapping) else [(own, own) for own in values]
-
-
-def _with_mirror_image(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Returns the gaits that have a mirror image.
-
-    Raises:
-        InputError: if none has.
-    """
-    kept = []
-    for name in names:
-        if mirrored_states(find_gait(name)) is None:
-            say(f"{name}: has no mirror image, since its machine favours a side; left out")
-        else:
-            kept.append(name)
-    if not kept:
-        raise InputError("--gait: no gait of these has a mirror image; name another")
-    return tuple(kept)
+        if len(self.scenarios) > 1:
+            raise InputError(f"--scenario: {self.title} is of one scenario; name one")
 
 
 def run_from_command_line(kind: type[Experiment]) -> None:
-    """Runs an experiment of one's own by the settings of the command line."""
-    take_signals()
+    """Runs an experiment by the settings of the command line."""
     with report_errors():
         tyro.cli(kind, config=(tyro.conf.FlagCreatePairsOff,)).run()

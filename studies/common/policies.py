@@ -1,8 +1,8 @@
 """Finding the policies of a gait: one rule for every command.
 
-What ships is taken, unless `--source` names the folder of a run of train, distill or
-refine. Of a gait that does not ship, the runs' default folders are taken: runs/train/<gait> and
-runs/distill/<gait>; of another robot than the default one runs/train/<robot>/<gait> and so on.
+What ships is taken, unless `--source` names the folder of a run of train, distill or refine. Of a
+gait that does not ship, the runs' default folders are taken: runs/distill/<gait>, or else
+runs/train/<gait>; of another robot than the default one runs/train/<robot>/<gait> and so on.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,13 +17,11 @@ from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
-    find_gait,
     load_expert,
     load_policy,
     load_student_of,
     naming,
     policy_path,
-    recorded_expert,
     shipped_expert,
     shipped_experts,
 )
@@ -32,11 +30,10 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.library import load_robot, robot_folder
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import Gait, gait_names
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.common.console import note
-from glassgait.studies.common.run_folder import CHECKPOINT_NAME, CONFIG_NAME, default_folder
+from glassgait.studies.common.run import CHECKPOINT_NAME, CONFIG_NAME, default_folder
 
 EXPERT = "expert"
 """Name of the expert."""
@@ -45,7 +42,7 @@ ALL = "all"
 """Name of the expert and all students together."""
 
 SHIPPED = "shipped"
-"""What records call the place of policies that ship."""
+"""The place of policies that ship."""
 
 ORDER = (
     "linear",
@@ -57,7 +54,7 @@ ORDER = (
     "statewise_symbolic",
     "sparse_formula",
 )
-"""Order of the kinds of students in tables; kinds that it does not name come last."""
+"""Order of the kinds of students in tables; other kinds come last."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +65,9 @@ class Policies:
         gait: The gait.
         robot: The robot.
         place: `shipped`, or the folder of a run.
-        expert_there: The expert; None where there is none, so that only policies act that need
-            none: files of formulas that hold odometry.
-        expert_place: Where the expert is from: `shipped`, or a file; where there is none, how to
-            make one.
+        expert_there: The expert; None where there is none, so that only files of formulas that hold
+            odometry can act.
+        expert_place: `shipped`, or the expert's file; where there is none, how to make one.
         files: Files of the students by kind, in the order of tables.
     """
 
@@ -98,6 +94,12 @@ class Policies:
         """The folder of the run; None of what ships."""
         return None if self.place == SHIPPED else Path(self.place)
 
+    @property
+    def origin(self) -> str:
+        """A sentence that says where the policies are from."""
+        expert = "not found" if self.expert_there is None else self.expert_place
+        return f"{self.gait.name}: policies from {self.place}, the expert {expert}"
+
     def output(self, study: str) -> Path:
         """Returns where a command's run of these policies is kept by default."""
         return default_folder(study, self.robot.name) / self.gait.name
@@ -122,28 +124,21 @@ class Policies:
         """
         if name == EXPERT:
             ships = shipped_expert(self.gait.name, self.expert.robot.name)
-            return ships if self.expert_place == SHIPPED else self._expert_file
+            return ships if self.expert_place == SHIPPED else Path(self.expert_place)
         if is_file(name):
             return Path(name)
         if self.expert_there is None:
             raise InputError(self.expert_place)
         if name not in self.files:
-            there = ", ".join((EXPERT, *self.files))
             of = f"--gait {self.gait.name}{self.robot.option}"
             remedy = f"; make it with 'glassgait distill {of} --students {name}'"
             raise InputError(
-                f"--policy {shown(name)}: there is no such policy of the "
-                f"{self.gait.name} of the {self.robot.name}; "
-                f"{self._where()} are {there}{remedy if name in ORDER else ''}; name one of them, "
-                f"the file of a policy ending in {' or '.join(POLICY_SUFFIXES)}, or another run "
-                "with --source"
+                f"--policy {shown(name)}: there is no such policy of the {self.gait.name} of the "
+                f"{self.robot.name} ({self.place}: {', '.join((EXPERT, *self.files))})"
+                f"{remedy if name in ORDER else ''}; name one of them, the file of a policy ending "
+                f"in {' or '.join(POLICY_SUFFIXES)}, or another run with --source"
             )
         return self.files[name]
-
-    @property
-    def _expert_file(self) -> Path:
-        place = Path(self.expert_place)
-        return policy_path(place, self.gait.name) if place.is_dir() else place
 
     def policy(self, name: str) -> Policy:
         """Loads a policy.
@@ -154,14 +149,15 @@ class Policies:
         Raises:
             InputError: if there is no such policy, or it does not fit gait and expert.
         """
+        path = self.file(name)
+        expert = self.expert_of(name)
         if name == EXPERT:
             policy = self.expert
-        elif self.expert_there is None:
-            policy = self._without_expert(self.file(name))
+        elif expert is not None:
+            policy = load_student_of(expert, path)
         else:
-            path = self.file(name)
-            policy = load_student_of(self._expert_of(path), path)
-        with naming(self.file(name)):
+            policy = self._without_expert(path)
+        with naming(path):
             policy.refuse_other_machine(self.gait)
         return policy
 
@@ -180,42 +176,40 @@ class Policies:
         return policy
 
     def controller(self, name: str) -> AlternatingController:
-        """Loads a policy that acts alone, with the estimator that it observes by.
+        """Loads a policy that acts without the expert, with the estimator that it observes by.
 
         A neural policy observes by its own estimator, and any other by its expert's, if there is
         one.
         """
         policy = self.policy(name)
-        if isinstance(policy, NeuralPolicy) or self.expert_there is None:
-            return alone(policy)
-        return alone(policy, self.expert_of(name))
+        return alone(policy, None if isinstance(policy, NeuralPolicy) else self.expert_of(name))
 
     def expert_of(self, name: str) -> NeuralPolicy | None:
-        """Returns the expert by whose estimator a policy observes that has none of its own.
+        """Returns the expert by whose estimator a policy observes that has none.
 
-        None where there is none, and the policy needs none.
+        It is the one that stands beside the policy's file, if there is one. None if there is no
+        expert.
 
         Raises:
             InputError: if there is no such policy.
         """
-        if self.expert_there is None:
-            return None
-        if name == EXPERT:
-            return self.expert
-        return self._expert_of(self.file(name))
+        kept = policy_path(self.file(name).parent, EXPERT)
+        if name == EXPERT or str(kept) == self.expert_place or not kept.exists():
+            return self.expert_there
+        return load_expert(self.gait, kept, self.robot)
 
     def controllers(self, names: Iterable[str]) -> dict[str, AlternatingController]:
-        """Loads policies that act alone, by the names that folders and tables call them.
+        """Loads policies that act without the expert, by their names in folders and tables.
 
         Args:
-            names: As `controller` takes them; `all` stands for the expert and every student.
+            names: Names as `controller` takes them; `all` stands for the expert and every student.
 
         Raises:
             InputError: if there is no such policy, or it does not fit.
         """
         found: dict[str, AlternatingController] = {}
         for name in self.named(names):
-            stem = policy_stem(name)
+            stem = Path(name).stem if is_file(name) else name
             # Of two files of one name the second is called by its path.
             found[name if stem in found else stem] = self.controller(name)
         return found
@@ -224,34 +218,6 @@ class Policies:
         """Returns names, in which `all` is replaced by the expert and every student there is."""
         given = tuple(names)
         return (EXPERT, *self.files) if ALL in given else given
-
-    def inputs(
-        self, controllers: Iterable[tuple[str, AlternatingController]] = ()
-    ) -> dict[str, str]:
-        """Returns digests of what a run takes from here, as its record holds them.
-
-        Args:
-            controllers: Names and policies that act; of the expert alone none.
-        """
-        pairs = list(controllers)
-        known = [] if self.expert_there is None else [self.expert_there]
-        experts = {own.digest() for own in (*known, *(own.expert for _, own in pairs))}
-        acting = (f"{name} {(own.student or own.expert).digest()}" for name, own in pairs)
-        return {
-            "gait": self.gait.digest(),
-            "source": self.place,
-            "expert": " ".join(sorted(experts)),
-            "policies": " ".join(acting),
-        }
-
-    def _expert_of(self, path: Path) -> NeuralPolicy:
-        """Loads the expert that a student observes by: the one its folder's record names."""
-        recorded = recorded_expert(path.parent)
-        if recorded is None or recorded[1] == self.expert.digest():
-            return self.expert
-        # Where the recorded expert is not found, loading the student says so.
-        found = _find_recorded(self.gait, path.parent, self.expert.robot)
-        return found[0] if found else self.expert
 
     def _without_expert(self, path: Path) -> Policy:
         policy = load_policy(path, self.robot)
@@ -262,18 +228,10 @@ class Policies:
             policy.check(gait=self.gait, observation_names=names)
         return policy
 
-    def _where(self) -> str:
-        return "shipped" if self.place == SHIPPED else f"in {self.place}"
-
 
 def rank(kind: str) -> int:
     """Returns the place of a kind of student in tables."""
     return ORDER.index(kind) if kind in ORDER else len(ORDER)
-
-
-def policy_stem(name: str) -> str:
-    """Returns what tables and folders call a policy that is named by its kind or file."""
-    return Path(name).stem if is_file(name) else name
 
 
 def is_file(name: str) -> bool:
@@ -282,65 +240,49 @@ def is_file(name: str) -> bool:
 
 
 def find_policies(
-    gait: Gait,
-    source: Path | None = None,
-    robot: str | None = None,
-    *,
-    names: Sequence[str] = (),
-    quiet: bool = False,
+    gait: Gait, source: Path | None = None, robot: str | None = None, *, quiet: bool = False
 ) -> Policies:
     """Finds the policies of a gait, and prints where they are from.
 
     Args:
         gait: The gait.
-        source: Folder of a run of train, distill or refine; by default what ships is
-            taken and, of a gait that does not ship, what the default folders hold.
+        source: Folder of a run of train, distill or refine; by default what ships is taken and, of
+            a gait that does not ship, what the default folders hold.
         robot: Name of the robot, or path of its robot.yaml; by default that of the run's policies,
             and of what ships the default one.
-        names: Policies that are named: of files alone the line says where their expert is from.
         quiet: Whether nothing is printed.
 
     Raises:
-        InputError: if the folder that is named holds no policies of the gait, or the expert that
-            its students were distilled with is not found.
+        InputError: if the folder that is named holds no policies of the gait, or the expert of its
+            students is not found.
     """
-    name = gait.name
-    own = load_robot(robot or DEFAULT_ROBOT)
+    name, own = gait.name, load_robot(robot or DEFAULT_ROBOT)
     if source is not None:
         found = _in_run(gait, source, own if robot else None)
+        if found is None:
+            raise InputError(_lacking(gait, source, own))
     elif name in shipped_experts(own.name):
         files = _students_in(robot_folder(STUDENT_DIRECTORY, own.name) / name, name)
         found = Policies(gait, own, SHIPPED, load_expert(gait, robot=own), SHIPPED, files)
     else:
-        folder = default_folder("distill", own.name) / name
-        if not _students_in(folder, name):
-            folder = default_folder("train", own.name) / name
-        found = _in_run(gait, folder, own, asked=False)
-    if quiet:
-        return found
-    if names and all(map(is_file, names)):
-        expert = "the one that ships" if found.expert_place == SHIPPED else found.expert_place
-        expert = "not found" if found.expert_there is None else expert
-        note(f"{name}: policies are the files that are named; the expert is {expert}")
-    elif found.expert_there is None:
-        note(f"{name}: no expert is found; policies are files that need none")
-    elif found.place == SHIPPED:
-        note(f"{name}: policies are those that ship")
-    elif found.expert_place == SHIPPED:
-        note(f"{name}: policies are those of {found.place}, and the expert that ships")
-    else:
-        note(f"{name}: policies are those of {found.place}, and the expert {found.expert_place}")
+        trained, distilled = (
+            default_folder(study, own.name) / name for study in ("train", "distill")
+        )
+        found = _in_run(gait, distilled, own) or _in_run(gait, trained, own)
+        if found is None:
+            found = Policies(gait, own, str(trained), None, _lacking(gait, trained, own), {})
+    if not quiet:
+        note(found.origin)
     return found
 
 
 def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None) -> NeuralPolicy:
-    """Finds the expert that students of a gait are to copy, and prints where it is from.
+    """Finds the expert that students of a gait are to imitate, and prints where it is from.
 
     Args:
         gait: The gait.
-        source: Folder of a run of train; by default what ships is taken and, of a
-            gait that does not ship, what runs/train/<gait> holds, students of an earlier expert
-            or not.
+        source: Folder of a run of train; by default what ships is taken and, of a gait that does
+            not ship, what runs/train/<gait> holds, whatever was distilled from an earlier one.
         robot: Name of the robot, or path of its robot.yaml.
 
     Raises:
@@ -369,94 +311,38 @@ def find_policies_of(
     return {gait.name: find_policies(gait, source, robot) for gait in gaits}
 
 
-@checked
-class PolicySource(Settings):
-    """Settings of a command that takes policies.
-
-    Attributes:
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from; by
-            default those that ship and, of a gait that does not ship, those of
-            runs/distill/<gait> and runs/train/<gait>.
-    """
-
-    robot: str | None = None
-    source: Path | None = None
-
-    def policies_of(self, gait: str, *, quiet: bool = False) -> Policies:
-        """Finds the policies of a gait, by its name or file, and prints where they are from.
-
-        Raises:
-            InputError: as `find_gait` and `find_policies`.
-        """
-        return find_policies(find_gait(gait, self.robot), self.source, self.robot, quiet=quiet)
-
-
-@checked
-class OneGait(PolicySource):
-    """Settings of a command that takes policies of one gait.
-
-    Attributes:
-        gait: Name of a gait, or path of a gait file.
-    """
-
-    gait: str = "trot"
-
-    def policies(self) -> Policies:
-        """Finds the policies, and prints where they are from.
-
-        Raises:
-            InputError: as `policies_of`.
-        """
-        return self.policies_of(self.gait)
-
-
-def _in_run(gait: Gait, folder: Path, robot: Robot | None, *, asked: bool = True) -> Policies:
-    """Finds the policies of a run.
-
-    Args:
-        asked: Whether a person named the folder, which then must hold policies.
-    """
-    files = _students_in(folder, gait.name)
-    own = policy_path(folder, gait.name)
-    if own.exists() or files:
-        _refuse_other_gait(gait, folder)
-    if own.exists():
-        expert = load_expert(gait, own, robot)
-        return Policies(gait, expert.robot, str(folder), expert, str(own), files)
-    if not files:
-        # A gait of one's own is called as its file.
-        of = f"--gait {gait.name}" + ("" if gait.name in gait_names() else ".yaml")
-        if robot is not None:
-            of += robot.option
-        lacks = (
-            f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
-            f"{of}', students with 'glassgait distill {of}', or name the folder of a run with "
-            "--source, for this gait alone"
-        )
-        if asked or robot is None:
-            raise InputError(lacks)
-        return Policies(gait, robot, str(folder), None, lacks, {})
-    recorded = recorded_expert(folder)
-    found = _find_recorded(gait, folder, robot)
-    if found is None:
+def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies | None:
+    """Finds the policies of a run; None where there are none."""
+    files, trained = _students_in(folder, gait.name), policy_path(folder, gait.name)
+    if not files and not trained.exists():
+        return None
+    _refuse_other_gait(gait, folder)
+    # An expert that was trained here, or the one that students keep beside them, or what ships.
+    place: Path | None = trained if trained.exists() else policy_path(folder, EXPERT)
+    if not place.exists():
+        place = None
+    if place is None and gait.name not in shipped_experts(robot.name if robot else DEFAULT_ROBOT):
         kept = policy_path(folder, EXPERT)
-        made_for = load_policy(kept, robot).gait if kept.exists() else gait.name
-        if made_for != gait.name:
-            raise InputError(
-                f"{kept}: is an expert for gait {made_for!r}, not {gait.name!r}; name that gait "
-                "with --gait, or another run with --source"
-            )
-        where, digest = recorded or (folder, "")
         raise InputError(
-            f"{where}: the students' expert {digest} (key 'inputs.expert') is not found; put its "
-            f"file there, as {policy_path(folder, EXPERT)}"
+            f"{folder}: the students' expert is not found; put its file there as {kept}"
         )
-    return Policies(gait, found[0].robot, str(folder), *found, files)
+    expert = load_expert(gait, place, robot)
+    return Policies(
+        gait, expert.robot, str(folder), expert, str(place) if place else SHIPPED, files
+    )
+
+
+def _lacking(gait: Gait, folder: Path, robot: Robot) -> str:
+    # A gait that does not ship is called as its file.
+    of = f"--gait {gait.name}{'' if gait.name in gait_names() else '.yaml'}{robot.option}"
+    return (
+        f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
+        f"{of}', students with 'glassgait distill {of}', or name the folder of a run with --source"
+    )
 
 
 def _refuse_other_gait(gait: Gait, folder: Path) -> None:
-    """Refuses policies of a gait of one's own that was edited since they were made.
+    """Refuses policies of a gait file that was edited since they were made.
 
     Of gaits that ship the policies themselves refuse it.
     """
@@ -473,43 +359,15 @@ def _refuse_other_gait(gait: Gait, folder: Path) -> None:
 
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Lists the files of students that a folder holds, by kind and in the order of tables."""
-    found = [path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES]
-    stems = sorted(
+    kinds = {
         path.stem
-        for path in found
-        if path.stem not in (gait, EXPERT) and path.name != CHECKPOINT_NAME
-    )
-    ranked = sorted(stems, key=rank)
-    return {kind: policy_path(folder, kind) for kind in ranked}
+        for path in folder.glob("*")
+        if path.suffix in POLICY_SUFFIXES and path.name != CHECKPOINT_NAME
+    }
+    return {
+        kind: policy_path(folder, kind) for kind in sorted(kinds - {gait, EXPERT}, key=_by_rank)
+    }
 
 
-def _find_recorded(
-    gait: Gait, folder: Path, robot: Robot | None
-) -> tuple[NeuralPolicy, str] | None:
-    """Finds the expert whose digest a folder's record holds, and where it is from.
-
-    A distillation keeps a copy of its expert. Of a folder without a record it is the gait's
-    default expert.
-    """
-    recorded = recorded_expert(folder)
-    name = robot.name if robot else DEFAULT_ROBOT
-    trained = default_folder("train", name) / gait.name
-    for path in (policy_path(folder, EXPERT), None, trained):
-        if path is None:
-            ships = gait.name in shipped_experts(name)
-            expert = load_expert(gait, robot=robot) if ships else None
-        else:
-            expert = _expert_at(gait, path, robot)
-        if expert is not None and (recorded is None or expert.digest() == recorded[1]):
-            return expert, SHIPPED if path is None else str(path)
-    return None
-
-
-def _expert_at(gait: Gait, place: Path, robot: Robot | None) -> NeuralPolicy | None:
-    """Loads the expert of a file or of a run's folder; None where there is none of this gait."""
-    path = policy_path(place, gait.name) if place.is_dir() else place
-    if path.suffix not in POLICY_SUFFIXES or not path.is_file():
-        return None
-    policy = load_policy(path, robot)
-    fits = isinstance(policy, NeuralPolicy) and policy.gait == gait.name
-    return load_expert(gait, path, robot) if fits else None
+def _by_rank(kind: str) -> tuple[int, str]:
+    return rank(kind), kind

@@ -1,15 +1,24 @@
-"""Rolling controllers out: many robots in batch, or few in the systems diagram."""
+"""Rolling controllers out: many robots in batch, or single ones in the systems diagram."""
 
-from collections.abc import Iterable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from typing import ClassVar
+from pathlib import Path
+from threading import Event as Flag
+from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
+from annotated_types import Le
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
 
 from glassgait.diagrams.commands import DrawnCommands, SliderCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.replay import save_replay
+from glassgait.diagrams.rollout import Rollout, make_simulator, push, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import NO_SLIDERS
 from glassgait.models.errors import InputError
@@ -19,17 +28,13 @@ from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import Event, Observer, episode
+from glassgait.studies.common.experiment import REPORTED_SEEDS
+from glassgait.studies.common.jobs import Seeds
 from glassgait.studies.common.observers import Log, RolloutLog, forward_and_yaw, joint_power
-from glassgait.studies.common.sweep import Seeds
+from glassgait.studies.common.scores import score_rollouts
 
-REPORTED_SEEDS = range(1000, 1005)
-"""Seeds of the rollouts that tables report, unless others are named."""
-
-SELECTION_SEEDS = range(500, 510)
-"""Seeds of the rollouts that choose among candidates.
-
-A choice among candidates by few robots takes luck for skill, so no table reports these seeds.
-"""
+Steps = Annotated[Count, Le(180_000)]
+"""Control steps of one robot: an hour at most, which the memory holds."""
 
 
 @checked
@@ -63,52 +68,10 @@ class RolloutConfig(Settings):
         """Returns how many robots are rolled out in a scenario."""
         return min(self.n_robots, scenario.max_robots or self.n_robots)
 
-    def refuse_speeds_beyond(self, gait: Gait) -> None:
-        """Refuses commanded speeds that the gait is not made for.
-
-        Raises:
-            InputError: if a speed is greater than the gait's greatest, forward or backward.
-        """
-        if any(abs(speed) > gait.max_speed for speed in self.speed_range or ()):
-            raise InputError(
-                f"rollouts: speed_range is {self.speed_range}; name speeds of the {gait.name} "
-                f"from {-gait.max_speed} to {gait.max_speed} m/s"
-            )
-
     @property
     def seeds(self) -> range:
         """Every seed."""
         return range(self.seed, self.seed + self.n_seeds)
-
-
-def refuse_to_report(seeds: Iterable[int]) -> None:
-    """Refuses to report rollouts of seeds that choose.
-
-    Raises:
-        InputError: if one of the seeds is kept for selection.
-    """
-    _refuse(seeds, SELECTION_SEEDS, "rollouts: seed", "choose among candidates")
-
-
-def refuse_to_select(seeds: Iterable[int], setting: str) -> None:
-    """Refuses to choose by rollouts of seeds that are reported.
-
-    Args:
-        seeds: The seeds that are to choose.
-        setting: The setting that names them, as a sentence begins with it.
-
-    Raises:
-        InputError: if one of the seeds is reported.
-    """
-    _refuse(seeds, REPORTED_SEEDS, setting, "are reported")
-
-
-def _refuse(seeds: Iterable[int], kept: range, setting: str, what: str) -> None:
-    for seed in seeds:
-        if seed in kept:
-            raise InputError(
-                f"{setting} is or leads to {seed}, but {kept[0]} to {kept[-1]} {what}; name others"
-            )
 
 
 def roll_out(
@@ -125,14 +88,13 @@ def roll_out(
     Args:
         gait: The gait.
         controller: The controller.
-        scenario: The world.
-        config: How.
-        observers: What else records the episode; of discrete plants alone.
-        events: What happens in it; of discrete plants alone.
+        scenario: The scenario.
+        config: How many robots and control steps, and the seed.
+        observers: Further observers of the episode; only of discrete plants.
+        events: Events of the episode; only of discrete plants.
 
     Raises:
-        InputError: if the scenario's commands are of sliders or beyond the gait's range, or the
-            plant is continuous, and the controller is none that a diagram has systems for.
+        InputError: if the scenario's commands are of sliders or beyond the gait's range.
     """
     scenario = config.commanding(scenario)
     if scenario.accuracy is not None:
@@ -149,6 +111,102 @@ def roll_out(
         events=events,
     )
     return log.rollout(config.n_steps)
+
+
+def score(
+    gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
+) -> pd.DataFrame:
+    """Rolls out the robots of the first seed, and returns their scores, a row a robot."""
+    log = roll_out(gait, controller, scenario, config)
+    return score_rollouts(log, controller.robot.mass + scenario.station.payload)
+
+
+def play(
+    gait: Gait,
+    policy: AlternatingController,
+    scenario: Scenario,
+    meshcat: Meshcat,
+    replay: Path,
+    *,
+    n_steps: int,
+    seed: int = 0,
+    repetitions: int = 1,
+) -> Rollout:
+    """Rolls one robot out, and writes the replay.
+
+    Args:
+        gait: The gait.
+        policy: The controller.
+        scenario: The scenario.
+        meshcat: Draws the replay.
+        replay: HTML file of the replay.
+        n_steps: Control steps of the rollout; a fall ends it before.
+        seed: Seed of noise, pushes and drawn commands.
+        repetitions: How often the replay plays before it stands still.
+
+    Raises:
+        InputError: if a policy or the command does not fit the gait.
+    """
+    diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
+    rollout = roll_one_out(diagram, scenario, n_steps=n_steps, seed=seed)
+    save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
+    return rollout
+
+
+def roll_one_out(diagram: Diagram, scenario: Scenario, *, n_steps: int, seed: int) -> Rollout:
+    """Rolls one robot out as fast as it goes, pushed as the scenario says.
+
+    Args:
+        diagram: The diagram that `MakeLocomotion` built for the scenario.
+        scenario: The scenario.
+        n_steps: Control steps of the rollout; a fall ends it before.
+        seed: Seed of noise, pushes and drawn commands.
+    """
+    simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
+    pushed = pusher(simulator, scenario, seed)
+
+    def stopped() -> bool:
+        pushed()
+        return False
+
+    return record(simulator, n_steps, stopped=stopped)
+
+
+def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], None]:
+    """Returns a function that pushes the robot as the scenario says, called between control steps.
+
+    Args:
+        simulator: A simulator of a diagram that `MakeLocomotion` built.
+        scenario: The scenario.
+        seed: Seed of the pushes.
+    """
+    randomization, generator = scenario.randomization(), np.random.default_rng(seed)
+    shown = simulator.get_system()
+    assert isinstance(shown, Diagram)
+
+    def pushed() -> None:
+        if scenario.push_speed > 0:
+            velocity = randomization.pushes(1, generator)[0]
+            push(shown, simulator.get_mutable_context(), velocity)
+
+    return pushed
+
+
+@contextmanager
+def first_interrupt() -> Iterator[Callable[[], bool]]:
+    """Has the first Ctrl-C ask for the end, not break off a step; the second one breaks off."""
+    asked = Flag()
+    usual = signal.getsignal(signal.SIGINT)
+
+    def ask(*_: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, usual)
+
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 def _roll_out_diagrams(
@@ -179,21 +237,17 @@ def _roll_out_diagrams(
 def _to_log(
     rollout: Rollout, n_steps: int, controller: Controller, scenario: Scenario
 ) -> RolloutLog:
+    assert isinstance(controller, AlternatingController)
+    acts = expert_acts(np.arange(len(rollout.time) - 1), controller.period)
     log = RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
         power=joint_power(controller, scenario, rollout["state"][1:], rollout["actions"][:-1]),
         action=rollout["actions"][:-1],
-        expert_acts=_expert_acts(rollout, controller),
+        expert_acts=np.asarray(acts),
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],
         served_dwell=rollout["served_dwell"][1:, 0],
         failures=rollout["failures"][1:] > 0.5,
     )
     return log.padded(n_steps)
-
-
-def _expert_acts(rollout: Rollout, controller: Controller) -> NDArray[np.bool_]:
-    """Returns at which steps (T) the expert acted."""
-    assert isinstance(controller, AlternatingController)
-    return np.asarray(expert_acts(np.arange(len(rollout.time) - 1), controller.period))

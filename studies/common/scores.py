@@ -187,6 +187,21 @@ def return_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) 
     return pd.DataFrame(rows)
 
 
+def not_finite_lines(scores: pd.DataFrame) -> list[str]:
+    """Says where a policy gave no action: among the falls, it would look like any other."""
+    lines = []
+    lost = scores[scores["not_finite"] != ""]
+    labels = list(scores.columns[: scores.columns.get_loc("robot")])
+    for keys, own in lost.groupby(labels, sort=False):
+        first = own.sort_values("steps").iloc[0]
+        lines.append(
+            f"{' '.join(map(str, keys))}: the action of {first['not_finite']} is not finite at "
+            f"control step {first['steps'] - 1}, robot {first['robot']}; so it is for {len(own)} "
+            "robots, which count as fallen"
+        )
+    return lines
+
+
 PLACES = ("gait", "scenario")
 """Columns in which a policy and its reference agree."""
 
@@ -228,8 +243,3 @@ def summary(scores: pd.DataFrame, by: Sequence[str], against: str | None = None)
     table = table.merge(pd.concat(parts, ignore_index=True), on=keys)
     table["points_more"] = 100.0 * (table["fall_rate"] - table.pop("expected"))
     return table
-
-
-def share_called(scores: pd.DataFrame) -> float:
-    """Returns the share of all steps in which the expert acted; early falls count for less."""
-    return float(np.average(scores["expert_share"], weights=scores["steps"]))

@@ -16,7 +16,7 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count, Natural, Share, checked
-from glassgait.studies.common.parallel.loop import run_parallel
+from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.distillation.dataset import TrainingSet
 from glassgait.studies.distillation.students import StudentSettings
 

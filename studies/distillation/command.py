@@ -11,18 +11,17 @@ import tyro
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.parallel.loop import parallel_backend
-from glassgait.studies.common.policies import find_expert
-from glassgait.studies.common.run_folder import default_folder
-from glassgait.studies.common.sweep import (
+from glassgait.studies.common.jobs import (
     Gaits,
     Job,
     SweepConfig,
     gaits_named,
     jobs_of,
-    refuse_taken,
+    parallel_backend,
     run_sweep,
 )
+from glassgait.studies.common.policies import find_expert
+from glassgait.studies.common.run import default_folder
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill, write_r2_table
@@ -72,8 +71,8 @@ class Distill(Settings):
             output=self.output,
         )
         if len(jobs) > 1:
-            refuse_taken(jobs, study=self.title, resume=self.resume)
-            run_sweep(jobs, partial(_distill_job, self.config, self.source, self.robot), self.sweep)
+            job = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
+            run_sweep(jobs, job, self.sweep)
             return
         (job,) = jobs
         config = replace(self.config, n_workers=self.sweep.n_workers)
@@ -89,7 +88,7 @@ def _distill_job(
     robot: str | None,
     job: Job,
     *,
-    resume: bool = True,
+    resume: bool,
 ) -> pd.DataFrame:
     """Distils one expert, and returns its R² table."""
     gait = load_gait(job.gait)

@@ -11,7 +11,7 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, checked
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.parallel.loop import Jobs
+from glassgait.studies.common.jobs import Jobs
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.dataset import HELD_OUT_EVERY
 from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings

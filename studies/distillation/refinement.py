@@ -33,11 +33,11 @@ from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.run_folder import CHECKPOINT_NAME, open_run
-from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.common.run import CHECKPOINT_NAME, open_run
 from glassgait.studies.common.tables import write_table
 from glassgait.studies.distillation.formula_network import FormulaNetwork
 from glassgait.studies.distillation.formulas import short_numbers
+from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.distillation.students import OnePolicy
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import Environment, observed_by_actor

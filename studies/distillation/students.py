@@ -11,8 +11,9 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.policies import OneGait, Policies
-from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
+from glassgait.studies.common.experiment import OneGait
+from glassgait.studies.common.policies import Policies
+from glassgait.studies.common.run import CONFIG_NAME, read_run
 
 ITSELF = "itself"
 """The collector's name in settings where each student collects its own samples."""
@@ -152,7 +153,8 @@ def samples_folder(folder: Path, kind: str) -> Path:
     """
     collector = STUDENTS[kind].collector or kind
     if (folder / CONFIG_NAME).exists():
-        collector = read_settings(folder, "distill").get("collector") or collector
+        settings = read_run(folder, "distill")["settings"]
+        collector = settings.get("collector") or collector
     return folder / (kind if collector == ITSELF else str(collector))
 
 

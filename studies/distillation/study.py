@@ -26,10 +26,9 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
-from glassgait.studies.common.parallel.loop import run_parallel, runs_here
+from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.run_folder import open_run
-from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.common.run import open_run
 from glassgait.studies.common.tables import write_metrics, write_table
 from glassgait.studies.distillation.boosting import fit_ensemble
 from glassgait.studies.distillation.collection import collect
@@ -41,6 +40,7 @@ from glassgait.studies.distillation.linear import (
     fit_statewise_linear,
     untrained_student,
 )
+from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.distillation.sparse_formula import fit_sparse_formula
 from glassgait.studies.distillation.students import STUDENTS, StudentSettings, student_title
 from glassgait.studies.distillation.symbolic import fit_statewise_symbolic, fit_symbolic
@@ -130,12 +130,12 @@ def distill(
         groups: dict[str, list[str]] = {}
         for kind in reversed(config.students):
             groups.setdefault(config.collector_of(kind), []).append(kind)
-        if len(groups) == 1 or not runs_here():
-            # Joints are fitted side by side instead. Nodes of a cluster need not see the folder.
+        if len(groups) == 1:
+            # Joints are fitted side by side instead.
             rows = work.students(config.students)
         else:
             calls = (delayed(work.students)(kinds) for kinds in groups.values())
-            made = run_parallel(calls, config.n_workers, in_order=False, ahead=1)
+            made = run_parallel(calls, config.n_workers, in_order=False)
             rows = {kind: row for group in made for kind, row in group.items()}
         # Students observe by its estimator, wherever the folder is moved.
         expert.save(policy_path(folder, EXPERT))

@@ -20,7 +20,7 @@ from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.formulas.mirror import Place
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, checked
-from glassgait.studies.common.parallel.loop import run_parallel
+from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.distillation.dataset import TrainingSet
 from glassgait.studies.distillation.formulas import (
     FormulaSamples,

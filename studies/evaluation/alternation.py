@@ -1,78 +1,137 @@
 """`glassgait evaluate alternation`: return against the share of steps at which the expert acts."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, ClassVar
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-import numpy as np
-import pandas as pd
 from annotated_types import MinLen
-from matplotlib.figure import Figure
 
-from glassgait.models.settings import DISTINCT, FEW, checked
+from glassgait.models.settings import DISTINCT, FEW, Count, checked
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import parse_ratio, ratio_title
-from glassgait.studies.common.cases import PERIODS, Case, not_finite_lines, score
-from glassgait.studies.common.experiment import Report, RolloutExperiment
-from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.common.policies import ALL, EXPERT
-from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
-from glassgait.studies.distillation.students import STUDENTS, policy_title
-from glassgait.studies.evaluation.scenarios import falls_of, with_interval
+from glassgait.studies.common.experiment import (
+    Case,
+    Experiment,
+    Report,
+    refuse_to_report,
+    run_cases,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from glassgait.models.policies.neural import NeuralPolicy
+    from glassgait.models.policies.policy import Policy
+    from glassgait.models.task.gait import Gait
+    from glassgait.studies.common.rollouts import RolloutConfig
+
+PERIODS = (1, 2, 4, 6, 8, 0)
+"""Control steps from one action of the expert to the next: ratios 1, 1/2, 1/4, 1/6, 1/8 and 0."""
 
 RATIOS = tuple(map(ratio_title, PERIODS))
 """The alternation ratios."""
 
-LEAST_SHARE = 0.9
-"""Share of the expert's return above which students differ visibly."""
-
 
 @checked
-class Alternation(RolloutExperiment):
+class Alternation(Experiment):
     """Let expert and student act by turns, and report the return at every ratio.
 
     Attributes:
+        n_steps: Control steps of a rollout.
         ratios: Shares of steps at which the expert acts: 1, 1/2, …, and 0 for students alone.
     """
 
     title: ClassVar[str] = "evaluate alternation"
-    one: ClassVar[tuple[str, ...]] = ("scenario",)
 
-    axes: ClassVar[Mapping[str, str]] = {"ratio": "ratios"}
-
+    n_steps: Count = EPISODE_STEPS
     ratios: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = RATIOS
 
     def __post_init__(self) -> None:
         """Adds the expert, whose return is the measure.
 
         Raises:
-            InputError: if a ratio is none.
+            InputError: if a ratio is invalid.
         """
-        periods = list(map(parse_ratio, self.ratios))
-        if 1 not in periods:
+        if 1 not in map(parse_ratio, self.ratios):
             object.__setattr__(self, "ratios", (ratio_title(1), *self.ratios))
-        if not {EXPERT, ALL} & {*self.policy}:
-            object.__setattr__(self, "policy", (EXPERT, *self.policy))
+        if not {"expert", "all"} & {*self.policy}:
+            object.__setattr__(self, "policy", ("expert", *self.policy))
+
+    def cases(self) -> list[Case]:
+        """Lists every student at every ratio; at ratio 1 the expert acts, once for all of them."""
+        self.refuse_several_scenarios()
+        return [
+            replace(
+                case,
+                labels={**case.labels, "ratio": ratio_title(period)},
+                controller=replace(case.controller, period=period),
+            )
+            for case in super().cases()
+            for period in map(parse_ratio, self.ratios)
+            if (period == 1) == (case.controller.student is None)
+        ]
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls robots of one seed out, and scores them; at ratio 1 the expert acts alone."""
-        own, period = case.alone, parse_ratio(case.labels["ratio"])
-        if (own.student is None) != (period == 1):
-            return pd.DataFrame()
-        acting = replace(own, period=period)
-        return score(replace(case, controller=acting, config=self.rollouts(case)))
+        """Rolls robots of one seed out, and scores them."""
+        from glassgait.studies.common.rollouts import RolloutConfig
+
+        return _score(RolloutConfig(self.n_robots, self.n_steps), case)
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Reports return and falls by ratio, and of the students alone."""
+        """Reports return and falls by ratio, and of the students without the expert."""
         return alternation_report(table, self.gaits[0].name)
+
+
+def alternation_scores(
+    gait: Gait,
+    expert: NeuralPolicy,
+    students: Mapping[str, Policy],
+    config: RolloutConfig,
+    folder: Path,
+    periods: tuple[int, ...] = PERIODS,
+) -> pd.DataFrame:
+    """Scores every student at every ratio, in the training scenario.
+
+    All meet the same initial states, commands and noise.
+
+    Raises:
+        InputError: if a seed is kept for selection, or a commanded speed is beyond the gait's.
+    """
+    from glassgait.diagrams.scenario import Scenario
+    from glassgait.models.policies.controller import AlternatingController, alone
+
+    refuse_to_report(config.seeds)
+    scenario = config.commanding(Scenario())
+    scenario.command.check(gait)
+    acting = {("expert", ratio_title(1)): alone(expert)} | {
+        (kind, ratio_title(period)): AlternatingController(expert, student, period)
+        for kind, student in students.items()
+        for period in periods
+        if period != 1
+    }
+    cases = [
+        Case({"policy": kind, "ratio": ratio, "seed": seed}, gait, controller, scenario, seed)
+        for (kind, ratio), controller in acting.items()
+        for seed in config.seeds
+    ]
+    return run_cases(cases, partial(_score, config), folder)
 
 
 def alternation_report(scores: pd.DataFrame, title: str) -> Report:
     """Reports the scores of every student at every ratio.
 
     Args:
-        scores: Scores of `alternation_cases`.
-        title: What the figure is called.
+        scores: Scores, a row a robot, with columns `policy` and `ratio`.
+        title: Title of the figure.
     """
+    from glassgait.studies.common.scores import not_finite_lines
+    from glassgait.studies.evaluation.figures import return_figure
+    from glassgait.studies.evaluation.tables import alternation_table, standalone_table
+
     ratios, alone = alternation_table(scores), standalone_table(scores)
     return Report(
         tables={"robots": scores, "ratios": ratios, "standalone": alone},
@@ -83,71 +142,7 @@ def alternation_report(scores: pd.DataFrame, title: str) -> Report:
     )
 
 
-def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
-    """Means of every policy at every ratio, and the share of the expert's return."""
-    expert = scores[scores["policy"] == "expert"]
-    return summarize_against(scores, ["policy", "ratio"], expert)
+def _score(config: RolloutConfig, case: Case) -> pd.DataFrame:
+    from glassgait.studies.common.rollouts import score
 
-
-def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
-    """The students alone beside the expert alone: the table that matters."""
-    means = alternation_table(scores)
-    alone = means[(means["policy"] == "expert") | (means["ratio"] == "0")]
-    return pd.DataFrame(
-        {
-            "policy": [policy_title(name) for name in alone["policy"]],
-            "return": with_interval(alone, "return", 0),
-            "share of expert": with_interval(alone, "share", 3),
-            "plain return": with_interval(alone, "plain_return", 1),
-            "falls": falls_of(alone),
-            "rhythm": alone["rhythm"].round(3),
-            SPEED_ERROR_TITLE: alone["going_speed_error"].round(3),
-            "yaw-rate error (rad/s)": alone["yaw_rate_error"].round(3),
-        }
-    )
-
-
-@styled
-def return_figure(scores: pd.DataFrame, title: str) -> Figure:
-    """Average return and falls against the alternation ratio (paper, Figure 2).
-
-    Between them stands the share of the expert's return from `LEAST_SHARE` on, whose intervals are
-    much shorter: it compares robots under the same commands and noise.
-    """
-    means = alternation_table(scores)
-    expert = means[means["policy"] == "expert"].iloc[0]
-    figure, (returns, share, falls) = subplots(
-        3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
-    )
-    periods = sorted(map(parse_ratio, means["ratio"].unique()), key=lambda own: (own == 0, own))
-    ratios = list(map(ratio_title, periods))
-    students = {kind: STUDENTS[kind] for kind in STUDENTS if kind in set(means["policy"])}
-    for i, (kind, student) in enumerate(students.items()):
-        mine = means[means["policy"] == kind].set_index("ratio")
-        mine.loc["1"] = expert
-        mine = mine.loc[ratios]
-        at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)
-        style = {
-            "color": student.color,
-            "marker": student.marker,
-            "markersize": 3.5,
-            "linewidth": 1.0,
-        }
-        bars = {"label": student.title, "capsize": 1.5, **style}
-        returns.errorbar(at, mine["return"], mine["return_ci"], **bars)
-        in_sight = mine["share"] >= LEAST_SHARE
-        share.errorbar(at, mine["share"], mine["share_ci"].where(in_sight), **bars)
-        falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
-    returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
-    share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
-    returns.set(ylabel="return", ylim=(0, None))
-    # Some copies earn more than the expert.
-    most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
-    share.set(ylabel="share of the\nexpert's return", ylim=(LEAST_SHARE, most))
-    share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
-    falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
-    falls.set_xticks(np.arange(len(ratios)), ratios)
-    handles, labels = returns.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
-    figure.align_ylabels()
-    return figure
+    return score(case.gait, case.controller, case.scenario, replace(config, seed=case.seed))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.episode import ControlStep, Observer, World, episode
-from glassgait.studies.common.observers import entered
 
 FIRST_STEPS = 150
 """Control steps from standing until strides are watched."""
@@ -28,7 +28,7 @@ LAST_STEPS = round(1.0 / CONTROL_PERIOD)
 """Control steps at the end in which a robot must walk to have survived."""
 
 WALKS = 0.5
-"""Share of the commanded rhythm that is called walking."""
+"""Share of the commanded rhythm that counts as walking."""
 
 WATCH = 25
 """Control steps after which robots that fell are left out, so that they cost nothing more."""
@@ -40,8 +40,8 @@ class PushGrid:
 
     Attributes:
         directions: Angles from straight ahead, to the left (n_directions,; rad).
-        speeds: What a push adds to the trunk's velocity (n_speeds,; m/s).
-        n_phases: Instants of the gait's cycle, equally far apart.
+        speeds: Velocities that are added to the trunk's (n_speeds,; m/s).
+        n_phases: Number of instants of the gait's cycle, equally far apart.
     """
 
     directions: Array
@@ -50,45 +50,25 @@ class PushGrid:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """How many directions, speeds and phases there are."""
+        """Numbers of directions, speeds and phases."""
         return len(self.directions), len(self.speeds), self.n_phases
 
 
-class PushList(NamedTuple):
-    """Pushes, each of one robot.
-
-    Attributes:
-        direction: Angles from straight ahead, to the left (n,; rad).
-        speed: What they add to the trunk's velocity (n,; m/s).
-        phase: Numbers of the phases in which they come (n,).
-    """
-
-    direction: Array
-    speed: Array
-    phase: NDArray[np.int64]
-
-
 class Pushed(NamedTuple):
-    """What became of the robots, each array as the pushes' shape.
+    """The ends of the robots, each array of the grid's shape.
 
     Attributes:
         survived: Whether a robot still walked in the end.
         failure: Index of its first failure in `FAILURES`; -1 for none.
-        came: Whether it walked until its phase, and was pushed.
     """
 
     survived: NDArray[np.bool_]
     failure: NDArray[np.int64]
-    came: NDArray[np.bool_]
 
-
-class _Walk(NamedTuple):
-    """One controller in one world."""
-
-    gait: Gait
-    controller: AlternatingController
-    world: World
-    generator: np.random.Generator
+    def failure_counts(self) -> dict[str, int]:
+        """Counts the ends of robots that did not survive: first failure, or loss of the rhythm."""
+        counts = {name: int(np.sum(self.failure == i)) for i, name in enumerate(FAILURES)}
+        return counts | {"no_rhythm": int(np.sum(~self.survived & (self.failure < 0)))}
 
 
 def push_everywhere(
@@ -100,33 +80,6 @@ def push_everywhere(
     n_steps: int,
     seed: int,
 ) -> Pushed:
-    """Pushes robots from every side, and looks whether they walk some seconds later.
-
-    See `push_each`.
-    """
-    numbers = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), -1).reshape(-1, 3)
-    direction, speed, phase = numbers.T
-    pushes = PushList(grid.directions[direction], grid.speeds[speed], phase)
-    generator = np.random.default_rng(seed)
-    pushed = push_each(
-        gait, controller, scenario, pushes, grid.n_phases, n_steps=n_steps, generator=generator
-    )
-    shape = grid.shape
-    return Pushed(
-        pushed.survived.reshape(shape), pushed.failure.reshape(shape), pushed.came.reshape(shape)
-    )
-
-
-def push_each(
-    gait: Gait,
-    controller: AlternatingController,
-    scenario: Scenario,
-    pushes: PushList,
-    n_phases: int,
-    *,
-    n_steps: int,
-    generator: np.random.Generator,
-) -> Pushed:
     """Lets robots walk, pushes each once, and looks whether they walk some seconds later.
 
     A robot of each phase walks from near the default stance. It is copied in the instant of its
@@ -135,34 +88,48 @@ def push_each(
     Args:
         gait: The gait.
         controller: The controller.
-        scenario: The world, with the command that all follow.
-        pushes: The pushes.
-        n_phases: Instants of the gait's cycle in which they come, equally far apart.
+        scenario: The scenario, with the command that all follow.
+        grid: The pushes.
         n_steps: Control steps from the push to the end.
-        generator: Draws initial states and noise.
+        seed: Seed of initial states and noise.
     """
-    walk = _Walk(gait, controller, World.of(gait, scenario, controller), generator)
-    robots, walks = _at_phases(walk, n_phases)
-    came = walks[pushes.phase]
-    rows = np.flatnonzero(came)
-    survived, failure = np.zeros(len(came), dtype=bool), np.full(len(came), -1)
+    world = World.of(gait, scenario, controller)
+    walk = partial(episode, gait, controller, world, seed=np.random.default_rng(seed))
+    # A robot of each phase walks until the instant of its phase.
+    caught = _Caught(gait.states.index(gait.initial), grid.n_phases)
+    walk(n_robots=grid.n_phases, n_steps=MOST_STEPS, observers=[caught])
+    # Robots that walked until then are pushed, each in every direction at every speed.
+    direction, speed, phase = np.unravel_index(np.arange(np.prod(grid.shape)), grid.shape)
+    rows = np.flatnonzero(caught.there[phase])
+    survived, failure = np.zeros(len(phase), dtype=bool), np.full(len(phase), -1)
     if len(rows):
-        state = robots.of_robots(pushes.phase[rows])
-        push = horizontal(state.plant, pushes.direction[rows], pushes.speed[rows])
-        survived[rows], failure[rows] = _walk_on(walk, state.pushed(push), n_steps)
-    return Pushed(survived, failure, came)
+        state = caught.state.of_robots(phase[rows])
+        push = horizontal(state.plant, grid.directions[direction[rows]], grid.speeds[speed[rows]])
+        survival = _Survival(len(rows), n_steps)
+        walk(
+            n_robots=len(rows),
+            n_steps=n_steps,
+            observers=[survival],
+            start=state.pushed(push),
+            leave_out_every=WATCH,
+        )
+        rhythm = survival.served / min(n_steps, LAST_STEPS)
+        survived[rows] = (survival.failure < 0) & (rhythm >= WALKS)
+        failure[rows] = survival.failure
+    return Pushed(survived.reshape(grid.shape), failure.reshape(grid.shape))
 
 
 class _Caught(Observer):
     """Catches a robot of each phase in the instant of its phase.
 
     Attributes:
-        there: Which robots were caught (n,).
+        there: Which robots were caught (n,): the others fell before, or never came through the
+            machine's states.
     """
 
-    def __init__(self, entered: int, n_phases: int) -> None:
+    def __init__(self, initial: int, n_phases: int) -> None:
         self.there = np.zeros(n_phases, dtype=bool)
-        self._entered = entered
+        self._initial = initial
         self._phases = np.arange(n_phases) / n_phases
         self._entries = np.full((n_phases, 2), -1)
         self._states: dict[str, Any] = {}
@@ -172,7 +139,9 @@ class _Caught(Observer):
             before = step.before.as_arrays()
             self._states = {name: values.copy() for name, values in before.items()}
         entries, number = self._entries, step.step
-        came = entered(step, self._entered) & (number >= FIRST_STEPS)
+        # A stride lasts from one entry of the initial state to the next.
+        entered = step.outcome.fired & (step.after.memory.machine.state == self._initial)
+        came = entered & (number >= FIRST_STEPS)
         entries[came & (entries[:, 0] >= 0) & (entries[:, 1] < 0), 1] = number
         entries[came & (entries[:, 0] < 0), 0] = number
         due = entries[:, 1] + np.rint(self._phases * (entries[:, 1] - entries[:, 0]))
@@ -188,26 +157,6 @@ class _Caught(Observer):
         # The next command comes when the episode is some seconds older than all that follows.
         steps = np.ones(len(self.there), dtype=np.int64)
         return TaskState.from_arrays(self._states | {"steps": steps})
-
-
-def _at_phases(walk: _Walk, n_phases: int) -> tuple[TaskState, NDArray[np.bool_]]:
-    """Lets a robot of each phase walk until the instant of its phase.
-
-    Returns:
-        The robots in these instants, and which of them walk: the others fell before, or never came
-        through the machine's states.
-    """
-    caught = _Caught(walk.gait.states.index(walk.gait.initial), n_phases)
-    episode(
-        walk.gait,
-        walk.controller,
-        walk.world,
-        n_robots=n_phases,
-        n_steps=MOST_STEPS,
-        seed=walk.generator,
-        observers=[caught],
-    )
-    return caught.state, caught.there
 
 
 class _Survival(Observer):
@@ -230,29 +179,8 @@ class _Survival(Observer):
             self.served[rows] += step.outcome.served_dwell
 
 
-def _walk_on(
-    walk: _Walk, state: TaskState, n_steps: int
-) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Lets robots walk on, and returns which still walk in the end and how the others failed."""
-    n = len(state.steps)
-    survival = _Survival(n, n_steps)
-    episode(
-        walk.gait,
-        walk.controller,
-        walk.world,
-        n_robots=n,
-        n_steps=n_steps,
-        seed=walk.generator,
-        observers=[survival],
-        start=state,
-        leave_out_every=WATCH,
-    )
-    rhythm = survival.served / min(n_steps, LAST_STEPS)
-    return (survival.failure < 0) & (rhythm >= WALKS), survival.failure
-
-
 def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
-    """Returns velocities (n, 3; m/s, world frame) along the ground, by where robots face.
+    """Returns velocities (n, 3; m/s, world frame) along the ground, relative to robots' headings.
 
     Args:
         plant: Plant states x (n, 37).
@@ -264,20 +192,14 @@ def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
     return speed[:, None] * np.stack([np.cos(angle), np.sin(angle), np.zeros(len(plant))], axis=1)
 
 
-def failure_counts(pushed: Pushed) -> dict[str, int]:
-    """Counts how robots ended that did not survive: by their first failure, or without rhythm."""
-    counts = {name: int(np.sum(pushed.failure == i)) for i, name in enumerate(FAILURES)}
-    return counts | {"no_rhythm": int(np.sum(~pushed.survived & (pushed.failure < 0)))}
-
-
 @dataclass(frozen=True)
 class Basin:
-    """What one policy survives.
+    """The pushes that one policy survives.
 
     Attributes:
         grid: The pushes.
         survived: Robots that survived, by direction and speed (n_directions, n_speeds).
-        failures: Robots that did not, by how they ended.
+        failures: Robots that did not, by their ends.
     """
 
     grid: PushGrid

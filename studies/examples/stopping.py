@@ -5,9 +5,9 @@ import pandas as pd
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.settings import checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.studies.common.cases import Case
 from glassgait.studies.common.episode import give
-from glassgait.studies.common.experiment import Experiment, Report, run_from_command_line
+from glassgait.studies.common.experiment import Case, Experiment, Report, run_from_command_line
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.distillation.students import policy_title
 
 
@@ -21,7 +21,9 @@ class Stopping(Experiment):
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls the robots of a case out, and returns a row a robot."""
         walk, stand = (FixedCommand(own, dwell=case.gait.dwell[0]) for own in (self.speed, 0.0))
-        log = case.roll_out(self.n_robots, 250, events=[give(0, walk), give(150, stand)])
+        config = RolloutConfig(self.n_robots, 250, case.seed)
+        events = [give(0, walk), give(150, stand)]
+        log = roll_out(case.gait, case.controller, case.scenario, config, events=events)
         fell = log.failures.any(axis=(0, 2))
         moves = (pd.DataFrame(log.velocity[150:, :, 0]).abs() >= 0.1)[::-1].cummax().sum()
         seconds = CONTROL_PERIOD * moves.mask(fell | (moves == 100))

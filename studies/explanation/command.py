@@ -20,8 +20,8 @@ from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.play import Steps, play
-from glassgait.studies.common.run_folder import refuse_run, to_plain
+from glassgait.studies.common.rollouts import Steps, play
+from glassgait.studies.common.run import refuse_run, to_plain
 from glassgait.studies.distillation.students import OnePolicy, student_title, sums_of_terms
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.importance.figures import contribution_figure, student_figures

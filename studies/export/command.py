@@ -19,9 +19,8 @@ from glassgait.models.settings import Count, Natural, Seed, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.policies import OneGait
-from glassgait.studies.common.rollouts import REPORTED_SEEDS
-from glassgait.studies.common.run_folder import default_folder, open_run
+from glassgait.studies.common.experiment import REPORTED_SEEDS, OneGait
+from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students import default_student
 from glassgait.studies.export.agreement import agreement_table, closed_loop_table

@@ -1,6 +1,5 @@
 """`glassgait importance`: what each student looks at (paper, Section IV-B)."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -10,13 +9,13 @@ import pandas as pd
 from annotated_types import Ge
 
 from glassgait.diagrams.scenario import TRAINING
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.errors import InputError
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Count, checked
-from glassgait.studies.common.cases import Case
-from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
-from glassgait.studies.common.run_folder import digest_of_files
-from glassgait.studies.distillation.dataset import Dataset, round_paths
+from glassgait.studies.common.experiment import Case, Experiment, PolicyNames, Report
+from glassgait.studies.distillation.dataset import Dataset
 from glassgait.studies.distillation.students import STUDENTS, samples_folder
 from glassgait.studies.importance.figures import student_figures
 from glassgait.studies.importance.study import (
@@ -44,10 +43,7 @@ class Importance(Experiment):
     """
 
     title: ClassVar[str] = "importance"
-    of_students: ClassVar[bool] = True
     scenario: ClassVar[tuple[str, ...]] = (TRAINING,)
-    prepared: ClassVar[tuple[str, ...]] = ("samples",)
-    inputs: ClassVar[Mapping[str, str]] = {"samples": "digest_of_rounds"}
 
     policy: PolicyNames = MEASURED
     joint: str = "FL_hip"
@@ -57,52 +53,53 @@ class Importance(Experiment):
     def __post_init__(self) -> None:
         joint_index(self.joint)
 
-    @property
-    def acting(self) -> dict[str, AlternatingController]:
-        """The students, each alone, by kind."""
-        return self.controllers[self.gaits[0].name]
+    @cached_property
+    def students(self) -> dict[str, Policy]:
+        """The students by kind.
+
+        Raises:
+            InputError: if a policy is neural.
+        """
+        found = {kind: own.policy for kind, own in self.controllers[self.gaits[0].name].items()}
+        for kind, policy in found.items():
+            if isinstance(policy, NeuralPolicy):
+                raise InputError(f"--policy {kind}: is neural; name a kind of student")
+        return found
 
     @cached_property
     def fitted_to(self) -> Path | None:
         """The folder whose samples the students were fitted to, if it is there."""
         folder = self.policies[self.gaits[0].name].folder
-        if folder is None or not {*self.acting} <= {*STUDENTS}:
+        if folder is None or not {*self.students} <= {*STUDENTS}:
             return None
-        kept = all(any(samples_folder(folder, kind).glob("round_*")) for kind in self.acting)
+        kept = all(any(samples_folder(folder, kind).glob("round_*")) for kind in self.students)
         return folder if kept else None
 
-    @property
-    def digest_of_rounds(self) -> str:
-        """A digest of the samples that the students were fitted to."""
-        folder = self.fitted_to
-        if folder is None:
-            return ""
-        kept = (samples_folder(folder, kind) for kind in self.acting)
-        return digest_of_files([path for own in kept for path in round_paths(own)])
+    def cases(self) -> list[Case]:
+        """Lists the students, and refuses neural policies before anything is measured."""
+        _ = self.students
+        return super().cases()
 
-    @cached_property
-    def samples(self) -> dict[str, Dataset]:
-        """Samples of each student that importances are measured on."""
+    def samples(self, kind: str) -> Dataset:
+        """Returns the samples of a student that importances are measured on."""
         gait, folder, of = self.gaits[0], self.fitted_to, (self.n_samples, self.seed)
         if folder is not None:
-            return {kind: held_out_samples(folder, kind, *of) for kind in self.acting}
+            return held_out_samples(folder, kind, *of)
         expert = self.policies[gait.name].expert
-        return {
-            kind: visited_samples(gait, expert, own.policy, *of)
-            for kind, own in self.acting.items()
-        }
+        return visited_samples(gait, expert, self.students[kind], *of)
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Measures a student's importances by every method."""
-        samples = self.samples[case.labels["policy"]]
-        return measure_importances(case.alone.policy, samples, seed=self.seed, repeats=self.repeats)
+        kind = case.labels["policy"]
+        student, samples = self.students[kind], self.samples(kind)
+        return measure_importances(student, samples, seed=self.seed, repeats=self.repeats)
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports importances as maps and tables, and draws the students from within."""
-        gait, students = self.gaits[0].name, {kind: own.policy for kind, own in self.acting.items()}
+        gait = self.gaits[0].name
         report = importance_report(gait, table)
         joint, figures = joint_index(self.joint), dict(report.figures)
-        for kind, student in students.items():
-            observations = self.samples[kind].observations
+        for kind, student in self.students.items():
+            observations = self.samples(kind).observations
             figures |= student_figures(gait, kind, student, joint, observations, self.seed)
         return replace(report, figures=figures)

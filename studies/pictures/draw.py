@@ -29,7 +29,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.distillation.linear import untrained_student
-from glassgait.studies.evaluation.fall_map import fall_overview
+from glassgait.studies.evaluation.figures import fall_map
 from glassgait.studies.training.figures import learning_curves
 from glassgait.studies.training.record import trainings
 from glassgait.studies.view.stills import gait_strip
@@ -69,7 +69,7 @@ def draw(names: Sequence[str] = ()) -> None:
             curves = {gait: _learning_curve(gait) for gait in experts}
             save_figure(learning_curves(curves), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
-            figure = fall_overview(falls_on(FALLS_PAGE.read_text()))
+            figure = fall_map(falls_on(FALLS_PAGE.read_text()))
             save_figure(figure, path.with_suffix(""), ("png",))
         elif name.endswith("_gait.png"):
             gait = load_gait(name.removesuffix("_gait.png"))

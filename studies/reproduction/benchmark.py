@@ -24,14 +24,10 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Count, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experiment import OneGait
 from glassgait.studies.common.pages import page_template
-from glassgait.studies.common.policies import ALL, OneGait, Policies
-from glassgait.studies.common.run_folder import (
-    CONFIG_NAME,
-    default_folder,
-    read_settings,
-    refuse_run,
-)
+from glassgait.studies.common.policies import ALL, Policies
+from glassgait.studies.common.run import CONFIG_NAME, default_folder, read_run, refuse_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.boosting import EnsembleSettings, fit_models
 from glassgait.studies.distillation.collection import collect
@@ -107,7 +103,7 @@ class Benchmark(OneGait):
     def _throughput(self) -> pd.DataFrame:
         config = TrainingConfig(gait=self.gait, robot=self.robot or DEFAULT_ROBOT)
         if self.training is not None:
-            settings = read_settings(self.training, "train")
+            settings = read_run(self.training, "train")["settings"]
             config = TrainingConfig.from_plain(settings, str(self.training / CONFIG_NAME))
         return throughput(config, self.training, self.updates, self.repeats, self.gym_steps)
 

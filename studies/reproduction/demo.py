@@ -20,14 +20,12 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count, Settings, checked
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.common.cases import alternation_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
-from glassgait.studies.common.play import play
 from glassgait.studies.common.policies import EXPERT, find_policies
-from glassgait.studies.common.rollouts import RolloutConfig
-from glassgait.studies.common.run_folder import default_folder, open_run
+from glassgait.studies.common.rollouts import RolloutConfig, play
+from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.boosting import (
     EbmSettings,
@@ -40,7 +38,8 @@ from glassgait.studies.distillation.symbolic import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
-from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
+from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
+from glassgait.studies.evaluation.tables import standalone_table
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
 
@@ -228,8 +227,8 @@ class _Road:
         self, students: Mapping[str, Policy], n_robots: int, periods: tuple[int, ...]
     ) -> pd.DataFrame:
         config = RolloutConfig(n_robots=n_robots, n_seeds=1, n_steps=500)
-        cases = alternation_cases(self.gait, self.expert, students, config, periods)
-        return run_rollouts(cases, self.folder / "rollouts")
+        kept = self.folder / "rollouts"
+        return alternation_scores(self.gait, self.expert, students, config, kept, periods)
 
     def _add(self, section: Section) -> None:
         self.sections.append(section)

@@ -20,7 +20,6 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.common.cases import PERIODS, alternation_cases, run_rollouts
 from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import save_figure
@@ -29,7 +28,8 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students import load_students, paper_students, student_title
 from glassgait.studies.distillation.study import distill, write_r2_table
-from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
+from glassgait.studies.evaluation.alternation import PERIODS, alternation_report, alternation_scores
+from glassgait.studies.evaluation.tables import standalone_table
 from glassgait.studies.importance.figures import contribution_figure, student_figures
 from glassgait.studies.importance.study import (
     held_out_samples,
@@ -110,8 +110,10 @@ def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Pa
     students = load_students(source, expert)
 
     say(f"{title}: rolling out every student at every alternation ratio")
-    jobs = alternation_cases(gait, expert, students, config.rollouts_of(gait), config.periods)
-    scores = run_rollouts(jobs, folder / "rollouts")
+    rollouts = config.rollouts_of(gait)
+    scores = alternation_scores(
+        gait, expert, students, rollouts, folder / "rollouts", config.periods
+    )
     alternation_report(scores, title).write(folder)
     standalone = standalone_table(scores)
 

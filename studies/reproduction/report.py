@@ -19,9 +19,9 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import DISTINCT, FEW, checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.jobs import Gaits, Job, SweepConfig, gaits_named, run_sweep
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.run_folder import default_folder, open_run
-from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, gaits_named, run_sweep
+from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students import StudentKind
 from glassgait.studies.distillation.symbolic import Engine, pysr_starts
@@ -221,5 +221,7 @@ def _study_job(reports: Mapping[Path, Report], job: Job) -> GaitResults:
     if report.training is not None:
         trained = job.folder / "training"
         say(f"{job.title}: training the expert")
-        train_job(report.training, Job(job.gait, report.training.seed, trained, job.title))
+        train_job(
+            report.training, Job(job.gait, report.training.seed, trained, job.title), resume=True
+        )
     return study_gait(job.gait, report.expert(job.gait, trained), report, job.folder)

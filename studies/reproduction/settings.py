@@ -8,7 +8,7 @@ import pandas as pd
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.settings import Settings
-from glassgait.studies.common.run_folder import default_folder, to_plain
+from glassgait.studies.common.run import default_folder, to_plain
 
 SETTINGS_FOLDER = Path(__file__).parent
 

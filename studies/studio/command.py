@@ -13,7 +13,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import Seed, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.run_folder import refuse_run
+from glassgait.studies.common.run import refuse_run
 from glassgait.studies.distillation.students import OnePolicy
 
 MISSING = "the studio needs NiceGUI; install it with pip install 'glassgait[studio]'"

@@ -23,7 +23,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.play import pusher
+from glassgait.studies.common.rollouts import pusher
 
 KEPT = 250
 """Control steps that are kept (5 s)."""

@@ -12,8 +12,8 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.run_folder import CHECKPOINT_NAME, default_folder, open_run
-from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
+from glassgait.studies.common.jobs import Gaits, Job, SweepConfig, jobs_of, run_sweep
+from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.record import read_config
 from glassgait.studies.training.run import TrainingRun
@@ -51,8 +51,7 @@ class Train(Settings):
         root = default_folder(self.title, load_robot(config.robot).name)
         jobs = jobs_of(names, config.seed, self.sweep, root=root, output=self.output)
         if len(jobs) > 1 or self.sweep.backend != "loky":
-            refuse_taken(jobs, study=self.title, resume=self.resume)
-            run_sweep(jobs, partial(train_job, config), self.sweep)
+            run_sweep(jobs, partial(train_job, config, resume=self.resume), self.sweep)
             return
         (job,) = jobs
         train_job(config, job, resume=self.resume)
@@ -68,7 +67,7 @@ class Train(Settings):
         return read_config(self.like)
 
 
-def train_job(config: TrainingConfig, job: Job, *, resume: bool = True) -> None:
+def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
     """Trains one expert, from its checkpoint on if there is one."""
     config = replace(config, gait=job.gait, seed=job.seed)
     gait = load_gait(config.gait)

@@ -6,7 +6,7 @@ from typing import Any
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
-from glassgait.studies.common.run_folder import to_plain
+from glassgait.studies.common.run import to_plain
 from glassgait.studies.training.config import TrainingConfig
 
 

@@ -28,7 +28,7 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.reward import REWARD_TERMS
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.common.console import console, progress_bar
-from glassgait.studies.common.run_folder import CHECKPOINT_NAME, to_plain
+from glassgait.studies.common.run import CHECKPOINT_NAME, to_plain
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.environment import Environment, TrainingStep
 from glassgait.studies.training.learner import (

@@ -40,7 +40,7 @@ from glassgait.studies.common.episode import episode
 from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.rollouts import RolloutConfig
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.run import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students import OnePolicy
 

@@ -21,11 +21,12 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console
+from glassgait.studies.common.experiment import PolicySource
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
-from glassgait.studies.common.play import Steps, play
-from glassgait.studies.common.policies import EXPERT, Policies, PolicySource, find_policies_of
-from glassgait.studies.common.run_folder import default_folder, refuse_run, to_plain
+from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
+from glassgait.studies.common.rollouts import Steps, play
+from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 

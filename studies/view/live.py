@@ -16,7 +16,7 @@ from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.play import first_interrupt, pusher
+from glassgait.studies.common.rollouts import first_interrupt, pusher
 
 STOP_BUTTON = "stop and save"
 

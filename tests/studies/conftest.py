@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from joblib import parallel_config
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.rollout import Rollout
@@ -25,7 +26,6 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import machine_state_entries
-from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
 from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings
@@ -53,13 +53,10 @@ FLAGS = (
 
 
 @pytest.fixture(autouse=True)
-def jobs_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs jobs in this process where a test does not say how many run at once.
-
-    Other tests run beside it, and a worker takes seconds to import what it works with.
-    """
-    here = property(lambda own: max(own.n_workers, 1))
-    monkeypatch.setattr(WorkersConfig, "processes", here)
+def jobs_here() -> Iterator[None]:
+    """Runs jobs in this process: a worker takes seconds to import what it works with."""
+    with parallel_config("sequential"):
+        yield
 
 
 @pytest.fixture(scope="module")

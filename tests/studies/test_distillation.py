@@ -11,9 +11,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, overdue
-from glassgait.studies.common.selection import simplest_of_the_best
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings, rounds
 from glassgait.studies.distillation.dataset import Dataset, load_rounds, r2_scores
+from glassgait.studies.distillation.selection import simplest_of_the_best
 from glassgait.studies.distillation.students import load_students, samples_folder
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.distillation.symbolic import SymbolicSettings

@@ -1,8 +1,6 @@
-"""What all experiments share: they measure and report, and the base does the rest."""
+"""Experiments: the base finds, measures and keeps; a study measures a case and reports."""
 
-import pickle
-from collections.abc import Mapping
-from functools import cached_property
+import json
 from typing import ClassVar
 
 import pandas as pd
@@ -10,81 +8,87 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.settings import checked
-from glassgait.studies.cli import COMMANDS, command_class
-from glassgait.studies.common.experiment import Experiment, Report, RolloutExperiment
-from glassgait.studies.common.sweep import WorkersConfig
-from glassgait.studies.examples.stopping import Stopping
+from glassgait.studies.common.experiment import Experiment, Report
 
-WRITTEN = {"measure", "report"}
-KINDS = [own for own in map(command_class, COMMANDS) if issubclass(own, Experiment)]
-
-
-@pytest.mark.parametrize("kind", [*KINDS, Stopping])
-def test_an_experiment_overrides_nothing_but_measure_and_report(kind):
-    bases = vars(Experiment) | vars(RolloutExperiment)
-    done = {
-        name
-        for name, own in bases.items()
-        if not name.startswith("__") and (callable(own) or hasattr(own, "__get__"))
-    }
-    assert {"cases", "run", "once", "_run_one", "_refuse", "seeds"} <= done
-    assert {*vars(kind)} >= WRITTEN
-    assert not (done - WRITTEN) & {*vars(kind)}
+SMALL = {"policy": ("expert", "sparse_formula"), "scenario": ("training", "push_1.0")}
 
 
 @checked
-class Shared(Experiment):
-    """Makes a number once, and measures it times each factor."""
+class Count(Experiment):
+    """Counts how often cases are measured."""
 
-    title: ClassVar[str] = "shared"
-    of_students: ClassVar[bool] = True
-    one: ClassVar[tuple[str, ...]] = ("policy",)
-    axes: ClassVar[Mapping[str, str]] = {"factor": "factors"}
-    prepared: ClassVar[tuple[str, ...]] = ("number",)
-    inputs: ClassVar[Mapping[str, str]] = {"number": "digest"}
-
-    policy: tuple[str, ...] = ("sparse_formula",)
-    digest: ClassVar[str] = "of a number"
-    factors: ClassVar[Mapping[str, int]] = {"one": 1, "three": 3}
-    made: ClassVar[list[int]] = []
-
-    @cached_property
-    def number(self) -> int:
-        return self.once("number", lambda: self.made.append(1) or 14)
+    title: ClassVar[str] = "count"
+    measured: ClassVar[list[str]] = []
+    interrupted: ClassVar[int] = 100
 
     def measure(self, case):
-        # As a worker has it, which is sent no policies but those of its cases.
-        own = pickle.loads(pickle.dumps(self))
-        assert "controllers" not in vars(own)
-        return pd.DataFrame({"value": [vars(own)["number"] * case.values["factor"]]})
+        if len(self.measured) >= self.interrupted:
+            raise KeyboardInterrupt
+        self.measured.append(case.name)
+        value = case.seed + 0.1 * len(case.scenario.title)
+        return pd.DataFrame({"value": [value, float("nan")], "text": ["", "b"]})
 
     def report(self, table):
-        return Report(tables={"values": table}, metrics=table["value"].tolist())
+        return Report(
+            tables={"values": table},
+            metrics=table["value"].dropna().tolist(),
+            files={"note.txt": "n"},
+        )
 
 
-def test_what_is_prepared_is_made_once_and_goes_to_every_case(tmp_path):
-    Shared.made.clear()
-    here = WorkersConfig(n_workers=1)
-    Shared(output=tmp_path / "run", workers=here).run()
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch):
+    monkeypatch.setattr(Count, "measured", [])
+
+
+def test_every_policy_meets_every_scenario_and_seed(tmp_path):
+    Count(**SMALL, n_seeds=2, output=tmp_path / "run").run()
     table = pd.read_csv(tmp_path / "run" / "values.csv")
-    assert table[["policy", "factor", "value"]].to_numpy().tolist() == [
-        ["sparse_formula", "one", 14], ["sparse_formula", "three", 42],
-    ]  # fmt: skip
-    assert "number: of a number" in (tmp_path / "run" / "config.yaml").read_text()
-    Shared(output=tmp_path / "run", workers=here, resume=True).run()
-    assert Shared.made == [1]
+    assert len(Count.measured) == 8 and len(table) == 16
+    assert table.columns.tolist() == ["gait", "policy", "scenario", "seed", "value", "text"]
+    assert set(table["seed"]) == {1000, 1001}
+    assert len(json.loads((tmp_path / "run" / "metrics.json").read_text())) == 8
+    assert (tmp_path / "run" / "note.txt").read_text() == "n"
+
+
+def test_a_run_that_was_interrupted_measures_only_what_is_missing(tmp_path, monkeypatch):
+    whole, folder = tmp_path / "whole", tmp_path / "run"
+    Count(**SMALL, output=whole).run()
+    Count.measured.clear()
+    monkeypatch.setattr(Count, "interrupted", 3)
+    with pytest.raises(KeyboardInterrupt):
+        Count(**SMALL, output=folder).run()
+    monkeypatch.setattr(Count, "interrupted", 4)
+    Count(**SMALL, output=folder, resume=True).run()
+    assert len(set(Count.measured)) == len(Count.measured) == 4
+    for name in ("values.csv", "metrics.json"):
+        assert (folder / name).read_bytes() == (whole / name).read_bytes()
+    with pytest.raises(InputError, match="--resume"):
+        Count(**SMALL, output=folder).run()
+    kept = next((folder / "cases").iterdir())
+    kept.write_text(kept.read_text().replace("value", "valve", 1))
+    with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
+        Count(**SMALL, output=folder, resume=True).run()
+
+
+def test_each_of_several_gaits_has_its_folder(tmp_path, monkeypatch):
+    Count(gait=("trot", "walk"), policy=("expert",), output=tmp_path).run()
+    assert {path.name for path in tmp_path.iterdir()} == {"trot", "walk"}
+    monkeypatch.chdir(tmp_path)
+    Count(gait=("trot",), policy=("expert",)).run()
+    assert (tmp_path / "runs" / "count" / "trot_expert" / "values.csv").exists()
 
 
 @pytest.mark.parametrize(
     ("settings", "key"),
     [
-        ({"policy": ("expert",)}, "--policy expert"),
-        ({"policy": ("gbm", "ebm")}, "--policy"),
-        ({"gait": ("three_one",)}, "--policy 'sparse_formula'"),
-        ({"seed": 500}, "seed"),
+        ({"gait": ("three_one",), "policy": ("sparse_formula",)}, "--policy 'sparse_formula'"),
+        ({"gait": ("gallop",)}, "unknown gait 'gallop'"),
+        ({"scenario": ("mars",)}, "mars"),
+        ({"seed": 500}, "500 to 509 choose among candidates"),
     ],
 )
-def test_what_cannot_be_measured_is_refused_before_anything_is_made(settings, key, tmp_path):
+def test_bad_settings_are_refused_before_anything_is_written(settings, key, tmp_path):
     with pytest.raises(InputError, match=key):
-        Shared(output=tmp_path / "run", **settings).run()
+        Count(output=tmp_path / "run", **settings).run()
     assert not (tmp_path / "run").exists()

@@ -23,8 +23,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.gait_figure import gait_figure
-from glassgait.studies.evaluation.alternation import return_figure
-from glassgait.studies.evaluation.fall_map import fall_map
+from glassgait.studies.evaluation.figures import fall_map, return_figure
 from glassgait.studies.importance.figures import (
     contribution_figure,
     importance_map,
@@ -83,7 +82,7 @@ def titled_figures(curve):
         "return": return_figure(scores, HOSTILE),
         "contributions": contribution_figure(parts, HOSTILE),
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
-        "falls": fall_map(falls, HOSTILE),
+        "falls": fall_map({HOSTILE: falls}),
         "learning": learning_curves({HOSTILE: curve}),
     }
 

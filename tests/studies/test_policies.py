@@ -16,7 +16,7 @@ from glassgait.models.policies.library import (
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of
-from glassgait.studies.common.run_folder import default_folder
+from glassgait.studies.common.run import default_folder
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students import STUDENTS
 from glassgait.studies.distillation.study import distill
@@ -54,14 +54,11 @@ def test_what_ships_is_taken_unless_a_run_is_named(tmp_path, monkeypatch, expert
     own = keep(load_student("trot", "symbolic"), tmp_path / "runs/distill/trot", SUM)
     shipped = find_policies(TROT)
     assert shipped.file(SUM).parent == STUDENT_DIRECTORY / "trot"
-    assert capsys.readouterr().err.startswith("· trot: policies are those that ship")
+    assert capsys.readouterr().err.startswith("· trot: policies from shipped")
     run = find_policies(TROT, own.parent.relative_to(tmp_path))
     assert run.policy(SUM).digest() == load_student("trot", "symbolic").digest()
     assert "runs/distill/trot" in capsys.readouterr().err
     assert run.expert.digest() == shipped.expert.digest() == expert.digest()
-    assert run.inputs()["source"] == "runs/distill/trot"
-    digests = [own.inputs(own.controllers([SUM]).items())["policies"] for own in (shipped, run)]
-    assert digests[0] != digests[1] and all(digest.startswith(SUM) for digest in digests)
 
 
 def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other_expert):
@@ -83,23 +80,24 @@ def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other
     assert find_policies(TROT).controller(path).expert.digest() == other_expert.digest()
     (tmp_path / "moved" / "expert.safetensors").unlink()
     with pytest.raises(InputError, match=r"inputs\.expert"):
-        find_policies(TROT, tmp_path / "moved")
+        find_policies(TROT, tmp_path / "moved").policy("linear")
 
 
 def test_the_default_folders_hold_the_policies_of_a_gait_that_does_not_ship(own_gait, tmp_path):
     nothing = find_policies(own_gait)
-    for ask in (nothing.named, nothing.controllers):
+    for name in ("all", "symbolic"):
         with pytest.raises(InputError, match="--source"):
-            nothing.controllers(ask(["all"]))
-    with pytest.raises(InputError, match="--source"):
-        nothing.controller("symbolic")
-    expert = keep(load_expert("trot"), tmp_path / "runs/train/prance", "prance", "prance")
+            nothing.controllers([name])
+    keep(load_expert("trot"), tmp_path / "runs/train/prance", "prance", "prance")
     assert find_policies(own_gait).place == "runs/train/prance"
     folder = tmp_path / "runs/distill/prance"
     keep(load_student("trot", "symbolic"), folder, "symbolic", "prance")
+    with pytest.raises(InputError, match="the students' expert is not found"):
+        find_policies(own_gait)
+    keep(load_expert("trot"), folder, "expert", "prance")
     found = find_policies(own_gait)
     assert found.place == "runs/distill/prance"
-    assert found.expert_place == str(expert.parent.relative_to(tmp_path))
+    assert found.expert_place == "runs/distill/prance/expert.safetensors"
     assert found.controller("symbolic").expert.gait == "prance"
 
 
@@ -137,13 +135,6 @@ def test_a_page_of_another_gait_is_refused_with_its_name(tmp_path):
         find_policies(load_gait("pace")).policy(str(path))
     said = f"{path}: this policy was made for gait 'trot', not 'pace'; name its gait with --gait"
     assert str(refused.value).startswith(said)
-
-
-def test_files_that_are_named_are_not_said_to_ship(capsys):
-    find_policies(TROT, names=["mine.formulas"])
-    assert "policies are the files that are named" in capsys.readouterr().err
-    find_policies(TROT, names=["mine.formulas", "gbm"])
-    assert "policies are those that ship" in capsys.readouterr().err
 
 
 def test_a_neural_file_acts_by_itself(tmp_path, other_expert):

@@ -13,19 +13,15 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import limits_of
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.pushes import (
-    half_lines,
-    push_figure,
-    push_table,
-    summary_table,
-)
+from glassgait.studies.evaluation.figures import half_lines, push_figure
 from glassgait.studies.evaluation.pushing import (
     Basin,
     Pushed,
     PushGrid,
-    failure_counts,
+    horizontal,
     push_everywhere,
 )
+from glassgait.studies.evaluation.tables import push_summary, push_table
 
 TROT = load_gait("trot")
 WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
@@ -45,7 +41,7 @@ def test_a_light_push_is_survived_and_a_train_is_not(by_expert):
     assert by_expert.survived.shape == GRID.shape == (3, 2, 2)
     assert by_expert.survived[:, 0].all() and not by_expert.survived[:, 1].any()
     assert (by_expert.failure[:, 0] == -1).all() and (by_expert.failure[:, 1] >= 0).all()
-    counts = failure_counts(by_expert)
+    counts = by_expert.failure_counts()
     assert sum(counts.values()) == 6 and counts["no_rhythm"] == 0
 
 
@@ -65,7 +61,7 @@ def test_what_ends_by_a_high_foot_alone_is_no_physical_fall(expert):
     assert (physical.survived >= task.survived).all()
     assert physical.survived[:, 0].sum() > task.survived[:, 0].sum()
     assert not physical.survived[:, 1].all()
-    counts = failure_counts(physical)
+    counts = physical.failure_counts()
     assert counts["high_foot"] == counts["low_trunk"] == counts["abrupt_action"] == 0
     assert counts["body_contact"] + counts["lean"] > 0
 
@@ -73,32 +69,17 @@ def test_what_ends_by_a_high_foot_alone_is_no_physical_fall(expert):
 def test_a_policy_that_stands_does_not_walk(other_expert):
     still = pushed(alone(other_expert))
     assert not still.survived.any()
-    counts = failure_counts(still)
+    counts = still.failure_counts()
     assert counts.pop("no_rhythm") == 12 and not any(counts.values())
 
 
-def test_a_robot_is_pushed_where_it_faces(expert, monkeypatch):
-    seen = []
-
-    def note(walk, state, n_steps):
-        seen.append(state)
-        n = len(state.steps)
-        return np.ones(n, dtype=bool), np.full(n, -1)
-
-    monkeypatch.setattr("glassgait.studies.evaluation.pushing._walk_on", note)
-    turning = Scenario(command=FixedCommand(0.5, 1.0, 8))
-    push_everywhere(TROT, alone(expert), turning, GRID, n_steps=60, seed=3)
-    (state,) = seen
-    plant = state.plant.reshape(*GRID.shape, -1)
-    added = plant[..., 22:25] - plant[1:2, :1, :, 22:25]
-    # From the left push of 0.2 m/s to the pushes ahead and back of as much.
-    heading = 2.0 * np.arctan2(plant[0, 0, :, 3], plant[0, 0, :, 0])
-    assert (np.abs(heading) > 1.0).all()
-    for phase, angle in enumerate(heading):
-        ahead, left = np.array([np.cos(angle), np.sin(angle)]), [-np.sin(angle), np.cos(angle)]
-        assert added[0, 0, phase, :2] == pytest.approx(0.2 * (ahead - left), abs=0.02)
-        assert added[2, 0, phase, :2] == pytest.approx(-0.2 * (ahead + left), abs=0.02)
-    assert (added[..., 2] == 0.0).all()
+def test_a_robot_is_pushed_where_it_faces(standing):
+    plant = np.tile(standing, (3, 1))
+    plant[:, :4] = [np.cos(0.5), 0.0, 0.0, np.sin(0.5)]
+    ahead, left = np.array([np.cos(1.0), np.sin(1.0)]), np.array([-np.sin(1.0), np.cos(1.0)])
+    pushes = horizontal(plant, np.array([0.0, np.pi / 2, np.pi]), np.array([0.2, 0.2, 8.0]))
+    np.testing.assert_allclose(pushes[:, :2], [0.2 * ahead, 0.2 * left, -8.0 * ahead], atol=1e-12)
+    assert (pushes[:, 2] == 0.0).all()
 
 
 def basin(survived, n_phases=4):
@@ -124,9 +105,7 @@ def test_tables_hold_shares_and_their_intervals():
     row = table[(table["direction (°)"] == 0) & (table["speed (m/s)"] == 2)].iloc[0]
     assert (row["robots"], row["survived"], row["share"]) == (4, 2, 0.5)
     assert 0 < row["95 % from"] < 0.5 < row["95 % to"] < 1
-    (summed,) = summary_table({"sparse_formula": basin([[4, 2], [4, 0], [3, 1]])}).to_dict(
-        "records"
-    )
+    (summed,) = push_summary({"sparse_formula": basin([[4, 2], [4, 0], [3, 1]])}).to_dict("records")
     assert summed["survived"] == "14 of 24" and summed["weakest direction"] == "120°, 240°"
     assert summed["how the others ended"] == "low trunk 3"
 
@@ -166,9 +145,9 @@ def run(tmp_path, monkeypatch):
             assert n_steps == 50
             draws = np.random.default_rng([seed, policy.period]).random(grid.shape)
             survived = draws > grid.speeds[:, None] / 10.0
-            return Pushed(survived, np.where(survived, -1, 0), np.ones_like(survived))
+            return Pushed(survived, np.where(survived, -1, 0))
 
-        monkeypatch.setattr("glassgait.studies.evaluation.pushes.push_everywhere", quickly)
+        monkeypatch.setattr("glassgait.studies.evaluation.pushing.push_everywhere", quickly)
         folder = tmp_path / output
         small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3"]
         policies = [

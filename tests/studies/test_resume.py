@@ -13,7 +13,7 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.run_folder import CHECKPOINT_NAME
+from glassgait.studies.common.run import CHECKPOINT_NAME
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.training.run import TrainingRun
 

@@ -17,11 +17,8 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.termination import TerminationLimits
 from glassgait.studies.cli import main
-from glassgait.studies.common.cases import Case
-from glassgait.studies.common.play import pusher
-from glassgait.studies.common.rollouts import RolloutConfig, roll_out
+from glassgait.studies.common.rollouts import RolloutConfig, pusher, roll_out
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.view.command import OwnCommand
 
@@ -44,63 +41,15 @@ def icy(tmp_path):
     return path
 
 
-def test_evaluate_takes_files_beside_names(icy, tmp_path):
-    run = tmp_path / "run"
-    main(
-        [
-            "evaluate",
-            "scenarios",
-            "--policy",
-            "expert",
-            *SMALL,
-            "--scenario",
-            str(icy),
-            "training",
-            "--output",
-            str(run),
-        ]
-    )
-    assert pd.read_csv(run / "falls.csv")["scenario"].tolist() == [
-        "sheer ice",
-        "SAP 10 ms (training)",
-    ]
-    assert set(pd.read_csv(run / "robots.csv")["scenario"]) == {"icy", "training"}
-
-
 def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     run = tmp_path / "run"
-    command = [
-        "evaluate",
-        "scenarios",
-        "--policy",
-        "expert",
-        *SMALL,
-        "--scenario",
-        str(icy),
-        "--output",
-        str(run),
-    ]
+    command = [*EXPERT_ALONE, *SMALL, "--scenario", str(icy), "training", "--output", str(run)]
     main(command)
+    titles = pd.read_csv(run / "scenarios.csv")["scenario"]
+    assert sorted(titles) == ["SAP 10 ms (training)", "sheer ice"]
     main([*command, "--resume"])
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    moved = icy.rename(elsewhere / "icy.yaml")
-    main(
-        [
-            "evaluate",
-            "scenarios",
-            "--policy",
-            "expert",
-            *SMALL,
-            "--scenario",
-            str(moved),
-            "--output",
-            str(run),
-            "--resume",
-        ]
-    )
     icy.write_text("title: sheer ice\nstation: {friction: 0.2}\n")
-    assert "made with another scenario" in refused([*command, "--resume"])
+    assert "made with inputs.scenario" in refused([*command, "--resume"])
 
 
 @pytest.mark.parametrize(
@@ -173,13 +122,6 @@ def test_students_are_asked_for_what_experts_are_over_the_whole_range(expert):
     speed = by_student[..., 0]
     assert speed.min() < -0.75 and speed.max() > 0.75
     assert np.all(np.abs(speed) <= TROT.max_speed)
-
-
-def test_jobs_in_other_scenarios_are_other_jobs(expert):
-    job = Case({"gait": "trot"}, TROT, alone(expert), Scenario(), 0, RolloutConfig())
-    limits = replace(job, scenario=Scenario(limits=TerminationLimits(trunk_height=0.15)))
-    command = replace(job, scenario=Scenario(command=COMMANDED))
-    assert len({job.digest(), limits.digest(), command.digest()}) == 3
 
 
 def test_a_command_is_laid_over_the_scenarios():

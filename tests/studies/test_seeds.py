@@ -5,16 +5,14 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 import pytest
 
-from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.cli import COMMANDS, command_class
-from glassgait.studies.common import selection
-from glassgait.studies.common.cases import rollout_cases
+from glassgait.studies.common.experiment import REPORTED_SEEDS, SELECTION_SEEDS
 from glassgait.studies.common.observers import RolloutLog
-from glassgait.studies.common.rollouts import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
+from glassgait.studies.common.rollouts import RolloutConfig
+from glassgait.studies.distillation import selection
 
 GAIT = load_gait("trot")
 
@@ -82,11 +80,3 @@ def test_candidates_walk_with_seeds_of_selection_alone(expert, monkeypatch):
     assert ranked["candidate"].tolist() == ["a", "b"]
     walked = {*walked}
     assert walked and not walked & {*REPORTED_SEEDS}
-
-
-def test_what_selects_is_not_reported(expert, refused):
-    policy, config = alone(expert), RolloutConfig()
-    jobs = rollout_cases({}, GAIT, policy, Scenario(), config)
-    assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
-    message = refused(["evaluate", "scenarios", "--scenario", "training", "--seed", "500"])
-    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in message

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from glassgait.studies.common.selection import simplest_of_the_best
+from glassgait.studies.distillation.selection import simplest_of_the_best
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
-from glassgait.studies.common.run_folder import CHECKPOINT_NAME
+from glassgait.studies.common.run import CHECKPOINT_NAME
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig
 from glassgait.studies.training.learner import Mirrored
 from glassgait.studies.training.record import read_config, trainings

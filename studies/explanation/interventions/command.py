@@ -14,9 +14,10 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count, Seed, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experiment import REPORTED_SEEDS
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
-from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.rollouts import RolloutConfig
+from glassgait.studies.common.run import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students import OnePolicy, student_title
 from glassgait.studies.explanation.interventions.claims import derive_claims, refuse_too_few

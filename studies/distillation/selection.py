@@ -15,8 +15,9 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.terrain import Terrain
-from glassgait.studies.common.parallel.loop import run_parallel
-from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig, roll_out
+from glassgait.studies.common.experiment import SELECTION_SEEDS
+from glassgait.studies.common.jobs import run_parallel
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts, summarize
 
 WORTH_A_FALL = 0.97

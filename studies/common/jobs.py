@@ -1,0 +1,251 @@
+"""Jobs side by side: loops in other processes or on a cluster, and runs of many gaits and seeds."""
+
+import logging
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from annotated_types import Le, Lt, MinLen
+from joblib import Parallel, delayed, parallel_config
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+from joblib.parallel import SequentialBackend, get_active_backend
+from pydantic import AfterValidator
+from threadpoolctl import threadpool_limits
+
+from glassgait.models.errors import InputError, brief
+from glassgait.models.settings import DISTINCT, FEW, Count, Settings, checked
+from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.studies.common.console import console, say
+
+Backend = Literal["loky", "ray", "dask"]
+"""Where calls run: in processes of this machine, or on a Ray or a Dask cluster."""
+
+
+def _all_or_some(n_jobs: int) -> int:
+    if n_jobs < 1 and n_jobs != -1:
+        raise ValueError("1 or more, or -1 for as many as there are cores")
+    return n_jobs
+
+
+Jobs = Annotated[int, Lt(2**31), AfterValidator(_all_or_some)]
+"""Number of jobs at once, as joblib counts."""
+
+LOST = (
+    "a worker process was ended from outside, most likely for lack of memory; free some or ask for "
+    "fewer at once, then continue with --resume"
+)
+
+
+def run_parallel(
+    work: Iterable[Any], n_jobs: int = -1, *, in_order: bool = True
+) -> Generator[Any, None, None]:
+    """Makes calls in other processes, and yields what they return.
+
+    Each call computes on one thread, and loops inside of it run one call after another: so neither
+    the place of a call nor its siblings change a bit of its results.
+
+    Args:
+        work: The calls, each made by `joblib.delayed`.
+        n_jobs: Calls that run at once; -1 for as many as there are cores.
+        in_order: Whether results come in the order of the calls, or each as soon as it is there.
+
+    Raises:
+        InputError: if a worker process was killed.
+    """
+    active: Any = get_active_backend()[0]
+    kind = "generator" if in_order else "generator_unordered"
+    if not (isinstance(active, SequentialBackend) or active.supports_return_generator):
+        # Ray returns its results at the end.
+        kind = "list"
+    loop = Parallel(n_jobs, return_as=kind)
+    try:
+        yield from loop(delayed(_call)(*own) for own in work)
+    except TerminatedWorkerError as error:
+        raise InputError(LOST) from error
+
+
+def _call(function: Callable[..., Any], values: Sequence[Any], named: Mapping[str, Any]) -> Any:
+    with threadpool_limits(1), parallel_config("sequential"):
+        return function(*values, **named)
+
+
+@contextmanager
+def parallel_backend(backend: Backend) -> Iterator[None]:
+    """Has the loops within run on this machine, or on a cluster.
+
+    The cluster is the one that DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names, or else a new one of
+    this machine's cores. Its workers must see the run's folder under the same path.
+
+    Raises:
+        InputError: if the extra of the backend is not installed, or no cluster answers.
+    """
+    if backend == "loky":
+        yield
+        return
+    try:
+        connected = _dask_client() if backend == "dask" else _ray_cluster()
+    except ImportError as error:
+        raise InputError(
+            f"--backend {backend}: is not installed; run pip install 'glassgait[{backend}]'"
+        ) from error
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(
+            f"--backend {backend}: no cluster answers ({brief(str(error))})"
+        ) from error
+    with connected, parallel_config(backend):
+        yield
+
+
+def _dask_client() -> Any:
+    import dask.config
+    import distributed
+
+    if dask.config.get("scheduler-address", None):
+        return distributed.Client()
+    return distributed.Client(threads_per_worker=1, dashboard_address=None)
+
+
+def _ray_cluster() -> Any:
+    # Set before Ray is imported: it reports nothing to its makers unless a person asks for it.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    import ray
+    from ray.util.joblib import register_ray
+
+    register_ray()
+    return ray.init(log_to_driver=False, logging_level=logging.ERROR, ignore_reinit_error=True)
+
+
+ALL_GAITS = "all"
+
+Gaits = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
+"""Names of gaits, or paths of gait files."""
+
+Seeds = Annotated[Count, Le(10_000)]
+"""Number of seeds: each is a job, and all jobs are listed before the first."""
+
+
+@checked
+class WorkersConfig(Settings):
+    """Where jobs run, and how many at once.
+
+    Attributes:
+        backend: Where jobs run: in processes of this machine (`loky`), or on a Ray or a Dask
+            cluster.
+        n_workers: Jobs that run at once; -1 for as many as there are cores.
+    """
+
+    title: ClassVar[str] = "workers"
+
+    backend: Backend = "loky"
+    n_workers: Jobs = -1
+
+
+@checked
+class SweepConfig(WorkersConfig):
+    """How many seeds, and where their jobs run.
+
+    Attributes:
+        n_seeds: Number of seeds of each gait: seed, seed + 1, …
+    """
+
+    title: ClassVar[str] = "sweep"
+
+    n_seeds: Seeds = 1
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run of one gait and seed.
+
+    Attributes:
+        gait: Name of the gait, or path of its file.
+        seed: The seed.
+        folder: The run's folder.
+        title: Its name in progress and errors.
+    """
+
+    gait: str
+    seed: int
+    folder: Path
+    title: str
+
+
+def gaits_named(names: Sequence[str]) -> tuple[str, ...]:
+    """Returns gaits as they were named; `all` stands for every gait that ships."""
+    return gait_names() if tuple(names) == (ALL_GAITS,) else tuple(names)
+
+
+def jobs_of(
+    names: Sequence[str], first_seed: int, config: SweepConfig, *, root: Path, output: Path | None
+) -> list[Job]:
+    """Returns a job for each gait and seed.
+
+    Args:
+        names: Names of gaits, or paths of gait files.
+        first_seed: The first seed.
+        config: How many seeds.
+        root: Folder of the study's runs.
+        output: The folder that a person named: that of the only run, or of all.
+
+    Raises:
+        InputError: if there is no such gait.
+    """
+    seeds = range(first_seed, first_seed + config.n_seeds)
+    pairs = [(name, load_gait(name).name, seed) for name in gaits_named(names) for seed in seeds]
+    jobs = []
+    for name, gait, seed in pairs:
+        folder = (output or root) / gait
+        if len(seeds) > 1:
+            folder /= f"seed_{seed}"
+        if len(pairs) == 1 and output is not None:
+            folder = output
+        jobs.append(Job(name, seed, folder, f"{gait}, seed {seed}"))
+    return jobs
+
+
+def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersConfig) -> list[Any]:
+    """Runs every job; one that is refused stops no other.
+
+    Args:
+        jobs: The jobs.
+        run: Does a job, from where its folder's run stopped; it is pickled.
+        config: Where they run, and how many at once.
+
+    Returns:
+        What the jobs returned, in their order.
+
+    Raises:
+        InputError: after all other jobs are done, if jobs were refused.
+    """
+    results: dict[int, Any] = {}
+    refused: list[str] = []
+    with parallel_backend(config.backend):
+        work = (delayed(_run_job)(place, job, run) for place, job in enumerate(jobs))
+        n_jobs = min(config.n_workers, len(jobs))
+        for place, result, sentence in run_parallel(work, n_jobs, in_order=False):
+            results[place] = result
+            if sentence is not None:
+                refused.append(f"{jobs[place].title}: {sentence}")
+            ending = "done" if sentence is None else "refused"
+            done = f"({len(results)} of {len(jobs)}), in {jobs[place].folder}"
+            say(f"{jobs[place].title}: {ending} {done}")
+    if refused:
+        raise InputError(
+            f"{len(refused)} of {len(jobs)} jobs were refused, the others are done: "
+            + "; ".join(sorted(refused))
+        )
+    return [results[place] for place in range(len(jobs))]
+
+
+def _run_job(place: int, job: Job, run: Callable[[Job], Any]) -> tuple[int, Any, str | None]:
+    """Returns the job's place and its result, or the sentence that it was refused with."""
+    console.quiet = True
+    try:
+        return place, run(job), None
+    except InputError as error:
+        return place, None, str(error)
+    finally:
+        console.quiet = False

@@ -1,1 +1,0 @@
-"""Loops in parallel processes, on this machine or on a cluster of many."""

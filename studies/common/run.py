@@ -1,0 +1,203 @@
+"""Run folders: one run each, with a record of what it was made of."""
+
+import hashlib
+import json
+import platform
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, is_dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from glassgait.models.errors import InputError, brief, shown
+from glassgait.models.files import digest, read_yaml, write_atomically
+from glassgait.models.robots.library import robot_folder
+from glassgait.models.robots.robot import DEFAULT_ROBOT
+
+CHECKPOINT_NAME = "checkpoint.safetensors"
+CONFIG_NAME = "config.yaml"
+
+PACKAGES = (
+    "glassgait",
+    "drake",
+    "interpret-core",
+    "numpy",
+    "pyoperon",
+    "rsl-rl-lib",
+    "scikit-learn",
+    "scipy",
+    "torch",
+)
+"""The software that results depend on."""
+
+N_NAMED = 3
+"""Differences between a run and its continuation that are named."""
+
+PLACES = ("output", "resume", "sweep", "workers")
+"""Settings that say where and how a run is made and kept, not what it is."""
+
+
+def default_folder(study: str, robot: str = DEFAULT_ROBOT) -> Path:
+    """Returns the folder below `runs` in which the runs of a command are kept."""
+    return robot_folder(Path("runs", *study.split()), robot)
+
+
+@contextmanager
+def open_run(
+    folder: Path,
+    *,
+    study: str,
+    settings: Any,
+    inputs: Mapping[str, str] | None = None,
+    resume: bool = False,
+    free: Collection[str] = (),
+) -> Iterator[str]:
+    """Claims a folder for a run, and writes settings, inputs and software to its `config.yaml`.
+
+    Args:
+        folder: The folder. It must be empty, unless the run that it holds is resumed.
+        study: Name of the command.
+        settings: The settings, a dataclass.
+        inputs: Digests of what the run reads, by name. A setting of the same name, which says where
+            it was read from, is not compared.
+        resume: Whether to continue the run that the folder holds; without one, it is started.
+        free: Settings that a continued run may change.
+
+    Yields:
+        A digest of what the run is made of, by which its files may be marked.
+
+    Raises:
+        InputError: if the folder holds anything else than a run to resume, the run was made with
+            other settings, inputs or software, or the folder cannot be written to.
+    """
+    record = {
+        "study": study,
+        "settings": to_plain(settings),
+        "inputs": dict(inputs or {}),
+        "software": {
+            "python": platform.python_version(),
+            **{own: version(own) for own in PACKAGES},
+        },
+    }
+    path = folder / CONFIG_NAME
+    made_of = _made_of(record, free)
+    # Check before writing anything: a refused command must not leave a trace.
+    begun = path.exists()
+    if begun:
+        _refuse_another(path, study, made_of, free, resume)
+    elif _visible(folder):
+        raise InputError(
+            f"{folder}: holds files of something else; name a new folder with --output"
+        )
+    write_atomically(path, yaml.safe_dump(record, sort_keys=False))
+    try:
+        yield hashlib.sha256(json.dumps([study, made_of]).encode()).hexdigest()[:16]
+    except InputError:
+        # What was refused before it made anything is no run.
+        if not begun and _visible(folder) == [CONFIG_NAME]:
+            path.unlink()
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def read_run(folder: Path, study: str) -> dict[str, Any]:
+    """Reads `settings`, `inputs` and `software` of the run that a folder holds.
+
+    Raises:
+        InputError: if it holds none, or one of another study.
+    """
+    path = folder / CONFIG_NAME
+    found = read_yaml(path)
+    parts = ("settings", "inputs", "software")
+    if not isinstance(found, dict) or any(not isinstance(found.get(key), dict) for key in parts):
+        raise InputError(f"{path}: is damaged, or not of this version; name another folder")
+    if found.get("study") != study:
+        raise InputError(
+            f"{folder}: holds a run of '{shown(found.get('study'))[1:-1]}', not of 'glassgait "
+            f"{study}'; name another folder"
+        )
+    return found
+
+
+def refuse_run(folder: Path) -> None:
+    """Refuses to write beside the results of a run.
+
+    Raises:
+        InputError: if the folder holds a run.
+    """
+    path = folder / CONFIG_NAME
+    found = read_yaml(path) if path.exists() else None
+    if isinstance(found, dict) and "study" in found:
+        raise InputError(f"{folder}: holds a run; name another folder with --output")
+
+
+def digest_of_files(paths: Collection[Path]) -> str:
+    """Returns a digest of files' contents and names, not of where they are.
+
+    Raises:
+        InputError: if a file cannot be read.
+    """
+    named = [f"{path.name} {digest(path)}" for path in sorted(paths, key=lambda path: path.name)]
+    return hashlib.sha256("".join(named).encode()).hexdigest()[:16]
+
+
+def to_plain(config: Any) -> Any:
+    """Turns a configuration into values that YAML and JSON can hold."""
+    if is_dataclass(config) and not isinstance(config, type):
+        config = asdict(config)
+    if isinstance(config, dict):
+        return {key: to_plain(entry) for key, entry in config.items()}
+    if isinstance(config, list | tuple):
+        return [to_plain(entry) for entry in config]
+    return str(config) if isinstance(config, Path) else config
+
+
+def _refuse_another(
+    path: Path, study: str, made_of: dict[str, Any], free: Collection[str], resume: bool
+) -> None:
+    before = _made_of(read_run(path.parent, study), free)
+    if not resume:
+        raise InputError(
+            f"{path.parent}: holds a run of '{study}' already; continue it with --resume, or name "
+            "another folder with --output"
+        )
+    differences = [
+        brief(f"{key} = {shown(before.get(key))}, not {shown(made_of.get(key))}")
+        for key in sorted({*before, *made_of})
+        if before.get(key) != made_of.get(key)
+    ]
+    if differences:
+        named, n_more = "; with ".join(differences[:N_NAMED]), len(differences) - N_NAMED
+        more = f"; and {n_more} more" if n_more > 0 else ""
+        raise InputError(
+            f"{path}: was made with {named}{more}; continue it with the same, or name another "
+            "folder with --output"
+        )
+
+
+def _made_of(record: Mapping[str, Any], free: Collection[str]) -> dict[str, Any]:
+    """Returns what two runs must agree in, nested settings by paths such as `station.friction`."""
+    left_out = {*free, *PLACES, *record["inputs"]}
+    settings = {key: own for key, own in record["settings"].items() if key not in left_out}
+    return _flat({**settings, "inputs": record["inputs"], "software": record["software"]})
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _visible(folder: Path) -> list[str]:
+    """Lists what a folder holds besides hidden files."""
+    if not folder.is_dir():
+        return []
+    return [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]

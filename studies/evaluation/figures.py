@@ -1,0 +1,277 @@
+"""Figures of evaluations: the map of falls, return by alternation ratio, pushes survived."""
+
+import textwrap
+from collections.abc import Mapping
+from itertools import product
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import FancyBboxPatch, Rectangle
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import PercentFormatter
+
+from glassgait.diagrams.scenario import TRAINING
+from glassgait.models.arrays import Array
+from glassgait.models.task.alternation import parse_ratio, ratio_title
+from glassgait.models.task.drawing import ink_on
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.distillation.students import STUDENTS, policy_title
+from glassgait.studies.evaluation.pushing import Basin
+from glassgait.studies.evaluation.tables import alternation_table, policies_of, worst_first
+
+LEAST_SHARE = 0.9
+"""Share of the expert's return above which students differ visibly."""
+
+FALLS = mpl.colormaps["Reds"]
+"""Colours from light to dark for more falls: one hue, read without seeing colours."""
+
+SURVIVAL = mpl.colormaps["YlGnBu"]
+"""Colours from light where none survives to dark where all do."""
+
+COLUMN, ROW = 0.24, 0.19
+"""Size of a cell of the map of falls (inches)."""
+
+PANEL = 1.95
+"""Width of a policy's disc of pushes (inches)."""
+
+HOLE = 0.22
+"""Radius of the hole in the middle of a disc, where the robot stands (shares of its width)."""
+
+MOST_COLUMNS = 5
+"""Greatest number of discs side by side."""
+
+SIDES = ("ahead", "left", "back", "right")
+
+
+@styled
+def return_figure(scores: pd.DataFrame, title: str) -> Figure:
+    """Draws average return and falls against the alternation ratio (paper, Figure 2).
+
+    Between them stands the share of the expert's return from `LEAST_SHARE` on, whose intervals are
+    much shorter: it compares robots under the same commands and noise.
+    """
+    means = alternation_table(scores)
+    expert = means[means["policy"] == "expert"].iloc[0]
+    figure, (returns, share, falls) = subplots(
+        3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
+    )
+    periods = sorted(map(parse_ratio, means["ratio"].unique()), key=lambda own: (own == 0, own))
+    ratios = list(map(ratio_title, periods))
+    students = {kind: STUDENTS[kind] for kind in STUDENTS if kind in set(means["policy"])}
+    for i, (kind, student) in enumerate(students.items()):
+        mine = means[means["policy"] == kind].set_index("ratio")
+        mine.loc["1"] = expert
+        mine = mine.loc[ratios]
+        at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)
+        style = {
+            "color": student.color,
+            "marker": student.marker,
+            "markersize": 3.5,
+            "linewidth": 1.0,
+        }
+        bars = {"label": student.title, "capsize": 1.5, **style}
+        returns.errorbar(at, mine["return"], mine["return_ci"], **bars)
+        in_sight = mine["share"] >= LEAST_SHARE
+        share.errorbar(at, mine["share"], mine["share_ci"].where(in_sight), **bars)
+        falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
+    returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
+    share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+    returns.set(ylabel="return", ylim=(0, None))
+    # Some students earn more than the expert.
+    most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
+    share.set(ylabel="share of the\nexpert's return", ylim=(LEAST_SHARE, most))
+    share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
+    falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
+    falls.set_xticks(np.arange(len(ratios)), ratios)
+    handles, labels = returns.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
+    figure.align_ylabels()
+    return figure
+
+
+@styled
+def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
+    """Draws how many robots fall, a column a gait and policy, a row a scenario, worst first.
+
+    The policies that all gaits have decide which scenario is worst. Cells that were not measured
+    are hatched.
+
+    Args:
+        tables: Results of `fall_table` by gait.
+    """
+    whole = pd.concat(list(tables.values()))
+    common = set.intersection(*(set(table["policy"]) for table in tables.values()))
+    scenarios = worst_first(whole, common)
+    counts = [len(policies_of(table)) for table in tables.values()]
+    size = (2.0 + COLUMN * (sum(counts) + len(counts)), 1.8 + ROW * len(scenarios))
+    size = max(COLUMN_WIDTH, size[0]), size[1]
+    figure, panels = subplots(
+        1, len(tables), figsize=size, squeeze=False, sharey=True, width_ratios=counts
+    )
+    for axes, (gait, table) in zip(panels[0], tables.items(), strict=True):
+        policies = policies_of(table)
+        cells = {(cell["scenario"], cell["policy"]): cell for cell in table.to_dict("records")}
+        for (row, scenario), (x, policy) in product(enumerate(scenarios), enumerate(policies)):
+            _draw_cell(axes, x, row, cells.get((scenario, policy)))
+        if TRAINING in scenarios:
+            corner = (-0.5, scenarios.index(TRAINING) - 0.5)
+            frame = Rectangle(corner, len(policies), 1, fill=False, edgecolor="black", linewidth=1)
+            axes.add_patch(frame)
+        axes.set(xlim=(-0.55, len(policies) - 0.45), ylim=(len(scenarios) - 0.45, -0.55))
+        axes.grid(visible=False)
+        axes.spines[:].set_visible(False)
+        axes.tick_params(length=0)
+        axes.xaxis.tick_top()
+        titles = [policy_title(name) for name in policies]
+        axes.set_xticks(range(len(policies)), titles, fontsize=6.5, rotation=90)
+        axes.set_title(gait.replace("_", "-"), fontsize=8)
+    # Name the rows, with the number of robots where it is smaller than elsewhere.
+    most, rows = int(whole["robots"].max()), whole.drop_duplicates("scenario").set_index("scenario")
+    names = [
+        world + ("" if n == most else f" ({n} robots)")
+        for world, n in zip(rows["world"][scenarios], rows["robots"][scenarios], strict=True)
+    ]
+    axes = panels[0, 0]
+    axes.set_yticks(range(len(scenarios)), [textwrap.fill(name, 40) for name in names])
+    caption = f"Robots that fall, of {most}; framed: the training scenario; hatched: not measured."
+    figure.supxlabel(textwrap.fill(caption, round(17 * size[0])), fontsize=7)
+    return figure
+
+
+def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> None:
+    """Draws a policy in a scenario: how many robots fell, on a colour for their share."""
+    if cell is None:
+        look = {"facecolor": "0.88", "edgecolor": "0.55", "hatch": "//////", "linewidth": 0.0}
+    else:
+        color = FALLS(cell["fall_rate"])[:3] if cell["falls"] else (1.0, 1.0, 1.0)
+        look = {"facecolor": color, "edgecolor": "0.85", "linewidth": 0.5}
+        text, ink = (str(cell["falls"]), ink_on(to_hex(color))) if cell["falls"] else ("·", "0.4")
+        axes.text(x, row, text, color=ink, fontsize=7, ha="center", va="center")
+    axes.add_patch(Rectangle((x - 0.5, row - 0.5), 1, 1, **look))
+
+
+@styled
+def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
+    """Draws a disc of each policy: direction as angle, speed as radius, colour for survival.
+
+    The line is where half survive. The robot stands in the middle and faces upward.
+
+    Args:
+        basins: Pushes that each policy survives, the expert first.
+        title: Title of the figure.
+    """
+    columns = min(len(basins), MOST_COLUMNS)
+    rows = -(-len(basins) // columns)
+    figure = Figure(figsize=(PANEL * columns + 0.7, (PANEL + 0.2) * rows + 0.4))
+    panels = figure.subplots(
+        rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
+    ).ravel()
+    for axes in panels[len(basins) :]:
+        axes.set_visible(False)
+    for axes, (policy, basin) in zip(panels, basins.items(), strict=False):
+        _draw_basin(axes, basin)
+        name = policy_title(policy)
+        axes.set_title(f"{name}\nall survived up to {basin.all_up_to:.2g} m/s", fontsize=7.5)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0, 1), SURVIVAL),
+        ax=panels.tolist(),
+        format=PercentFormatter(1.0),
+        shrink=0.7,
+        pad=0.02,
+    )
+    bar.set_label("share of phases survived")
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    figure.suptitle(textwrap.fill(title, round(18 * (PANEL * columns + 0.7))), fontsize=8)
+    return figure
+
+
+def _draw_basin(axes: Axes, basin: Basin) -> None:
+    directions, speeds, shares = basin.grid.directions, basin.grid.speeds, basin.shares
+    rings = _rings(speeds)
+    axes.set_theta_zero_location("N")  # type: ignore[attr-defined]
+    axes.set_rorigin(rings[0] - HOLE * (rings[-1] - rings[0]))  # type: ignore[attr-defined]
+    width = 2.0 * np.pi / len(directions)
+    for column, low, high in zip(shares.T, rings[:-1], rings[1:], strict=True):
+        look = {"color": SURVIVAL(column), "edgecolor": "white", "linewidth": 0.35}
+        axes.bar(directions, high - low, width=width, bottom=low, **look)
+    around = np.append(directions, directions[0] + 2 * np.pi)
+    halves = half_lines(speeds, shares)
+    axes.plot(around, np.append(halves, halves[0]), color="#D55E00", linewidth=1.1, zorder=4)
+    axes.set_ylim(rings[0], rings[-1])
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    axes.set_xticks(np.arange(4) * np.pi / 2, SIDES, fontsize=6.5)
+    axes.tick_params(pad=-2)
+    axes.set_yticks([])
+    circle = np.linspace(0.0, 2.0 * np.pi, 181)
+    for speed in np.arange(1.0, rings[-1]):
+        if speed > rings[0]:
+            axes.plot(circle, np.full(181, speed), color="0.35", linewidth=0.4, zorder=3)
+            # On a line between two sides, where no word stands.
+            text = axes.text(-np.pi / 4, speed, f"{speed:g}", fontsize=6, ha="center", va="center")
+            text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
+    _draw_robot(axes)
+
+
+def _rings(speeds: Array) -> Array:
+    """Returns the borders between the rings of speeds, inner and outer ones with them."""
+    if len(speeds) == 1:
+        return speeds[0] * np.array([0.5, 1.5])
+    middles = 0.5 * (speeds[:-1] + speeds[1:])
+    inner, outer = 2.0 * speeds[0] - middles[0], 2.0 * speeds[-1] - middles[-1]
+    return np.concatenate([[max(inner, 0.0)], middles, [outer]])
+
+
+def half_lines(speeds: Array, shares: Array) -> Array:
+    """Finds where, from the middle outward, fewer than half survive for the first time.
+
+    Args:
+        speeds: Speeds of pushes (n_speeds,; m/s).
+        shares: Shares that survive (n_directions, n_speeds).
+
+    Returns:
+        Speeds, interpolated between those of the grid (n_directions,; m/s); the greatest where at
+        least half survive all of them.
+    """
+    found = []
+    for own in shares:
+        below = np.flatnonzero(own < 0.5)
+        if len(below) == 0:
+            found.append(speeds[-1])
+            continue
+        after = below[0]
+        if after == 0:
+            found.append(speeds[0])
+            continue
+        high, low = own[after - 1], own[after]
+        part = (high - 0.5) / (high - low)
+        found.append(speeds[after - 1] + part * (speeds[after] - speeds[after - 1]))
+    return np.array(found)
+
+
+def _draw_robot(axes: Axes) -> None:
+    """Draws the robot from above into the hole: its trunk, its feet, and where it faces."""
+    length, width = 0.1, 0.05
+    look = {"transform": axes.transAxes, "clip_on": False, "zorder": 5}
+    trunk = FancyBboxPatch(
+        (0.5 - width / 2, 0.5 - length / 2),
+        width,
+        length,
+        boxstyle="round,pad=0,rounding_size=0.02",
+        facecolor="0.25",
+        linewidth=0,
+        **look,
+    )
+    axes.add_artist(trunk)
+    for x, y in product((-0.75, 0.75), (-0.5, 0.5)):
+        foot = (0.5 + x * width, 0.5 + y * length)
+        axes.add_artist(Line2D(*zip(foot, strict=True), marker="o", color="0.25", ms=1.8, **look))
+    nose = ([0.5], [0.5 + 0.36 * length])
+    axes.add_artist(Line2D(*nose, marker="^", color="#D55E00", ms=2.6, mew=0, **look))

@@ -1,0 +1,110 @@
+"""Loops in other processes and on clusters, and runs of several gaits and seeds."""
+
+import os
+from operator import mul
+from pathlib import Path
+
+import pytest
+from joblib import Parallel, delayed, parallel_config
+from threadpoolctl import threadpool_info
+
+from glassgait.models.errors import InputError
+from glassgait.studies.common.jobs import (
+    SweepConfig,
+    gaits_named,
+    jobs_of,
+    parallel_backend,
+    run_parallel,
+    run_sweep,
+)
+
+
+def where(_=None):
+    """Returns this process, that of a loop within, and the most threads of a library."""
+    inner = Parallel(2)(delayed(os.getpid)() for _ in range(2))
+    return os.getpid(), inner, max((own["num_threads"] for own in threadpool_info()), default=1)
+
+
+def test_results_come_in_the_order_of_the_calls():
+    assert list(run_parallel((delayed(mul)(i, 2) for i in range(5)), 1)) == [0, 2, 4, 6, 8]
+
+
+def refuse(_):
+    raise InputError("no")
+
+
+def test_an_error_in_a_call_is_raised():
+    with pytest.raises(InputError, match="no"):
+        list(run_parallel([delayed(refuse)(0)], 1))
+
+
+@pytest.mark.slow
+def test_calls_run_in_other_processes_on_one_thread_each():
+    with parallel_config("loky"):
+        found = list(run_parallel((delayed(where)(i) for i in range(4)), 2, in_order=False))
+    for own, inner, threads in found:
+        assert own != os.getpid() and inner == [own, own] and threads == 1
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_is_reported():
+    with parallel_config("loky"), pytest.raises(InputError, match="ended from outside"):
+        list(run_parallel([delayed(os._exit)(1)] * 2, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["dask", "ray"])
+def test_jobs_run_on_a_local_cluster(backend, tmp_path):
+    pytest.importorskip(backend)
+
+    def write(job):
+        (tmp_path / f"{job.gait} {job.seed}").touch()
+        return os.getpid()
+
+    config = SweepConfig(backend=backend, n_workers=2, n_seeds=2)
+    jobs = jobs_of(("trot", "walk"), 0, config, root=Path("runs"), output=None)
+    processes = run_sweep(jobs, write, config)
+    assert os.getpid() not in processes
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "trot 0",
+        "trot 1",
+        "walk 0",
+        "walk 1",
+    ]
+
+
+def test_a_cluster_that_does_not_answer_is_refused():
+    config = pytest.importorskip("dask.config")
+    with (
+        config.set({"scheduler-address": "nowhere://1"}),
+        pytest.raises(InputError, match="--backend dask: no cluster answers"),
+        parallel_backend("dask"),
+    ):
+        pass
+
+
+def folders(names, n_seeds=1, output=None):
+    jobs = jobs_of(names, 3, SweepConfig(n_seeds=n_seeds), root=Path("runs/train"), output=output)
+    return [str(job.folder) for job in jobs]
+
+
+def test_each_gait_and_seed_has_its_folder():
+    assert folders(["trot"]) == ["runs/train/trot"]
+    assert folders(["trot"], output=Path("mine")) == ["mine"]
+    assert folders(["trot", "walk"], output=Path("mine")) == ["mine/trot", "mine/walk"]
+    assert folders(["trot"], 2) == ["runs/train/trot/seed_3", "runs/train/trot/seed_4"]
+    assert len(gaits_named(["all"])) == 6
+
+
+def test_a_job_that_is_refused_stops_no_other(tmp_path, capsys):
+    def run(job):
+        if job.gait == "walk":
+            raise InputError("the walk: is refused")
+        return job.seed
+
+    config = SweepConfig(n_workers=1, n_seeds=2)
+    jobs = jobs_of(("walk", "trot"), 0, config, root=tmp_path, output=None)
+    with pytest.raises(InputError, match=r"2 of 4 jobs were refused.*walk, seed 0: the walk"):
+        run_sweep(jobs, run, config)
+    assert "trot, seed 1: done (4 of 4)" in " ".join(capsys.readouterr().out.split())
+    assert run_sweep(jobs[2:], run, config) == [0, 1]
