@@ -206,7 +206,7 @@ def test_a_formula_file_without_a_machine_names_no_gait(tmp_path):
         find_gait(path)
     for name in ("../up", '""', ".hidden", "config"):
         path.write_text(TEXT.replace("gait: trot", f"gait: {name}"))
-        with pytest.raises(InputError, match=r"header"):
+        with pytest.raises(InputError, match=r"(name|gait) is"):
             find_gait(path)
 
 

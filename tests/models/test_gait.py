@@ -107,9 +107,8 @@ def test_files_that_are_no_gaits_text_are_refused(tmp_path, content, message):
 def test_files_whose_name_can_name_no_gait_are_refused(tmp_path, name):
     path = tmp_path / name
     path.write_text(GOOD)
-    with pytest.raises(InputError, match="name") as raised:
+    with pytest.raises(InputError, match="name is"):
         load_gait(path)
-    assert str(raised.value).isprintable()
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "../gaits/trot", "x" * 5000, "a\nb", "\udcff"])
