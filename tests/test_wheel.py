@@ -1,10 +1,11 @@
-"""What a wheel holds, and that the commands run from one, installed, in another folder."""
+"""The wheel holds all files, and its commands run in another folder."""
 
 import os
 import shutil
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 from collections.abc import Callable
 from pathlib import Path
@@ -18,17 +19,13 @@ from glassgait.studies.distillation.students import default_student
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "systems", "diagrams", "studies")
-OWN = ("models/__init__.py", "models/files.py", "diagrams/__init__.py", "models.py")
-"""Files of a person who gives their modules the names that the folders have here."""
 LARGEST = 32_000_000
 """Bytes of a wheel; PyPI takes 100 MB."""
-
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def tracked() -> list[str]:
-    """Files of the packages that git knows."""
+    """Tracked files of the packages."""
     if not (ROOT / ".git").exists():
         pytest.skip("not a checkout")
     command = ["git", "-C", ROOT, "ls-files", *PACKAGES]
@@ -39,7 +36,7 @@ def tracked() -> list[str]:
 def wheel(tracked, tmp_path_factory) -> Path:
     """A wheel by way of a source distribution, as PyPI gets both.
 
-    It is of a copy of the tracked files: a `build` folder would add old ones.
+    It is built from a copy of the tracked files: a `build` folder would add old ones.
     """
     source, built = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("built")
     for name in (*tracked, "pyproject.toml", "README.md", "LICENSE"):
@@ -54,8 +51,8 @@ def wheel(tracked, tmp_path_factory) -> Path:
 def installed(wheel, tmp_path_factory) -> Callable[..., str]:
     """Runs a program of an environment that has the wheel and the dependencies, not the checkout.
 
-    A path in a `.pth` file is searched, but its own `.pth` files are not read, among them the one
-    by which an editable install finds the checkout.
+    Python searches a path from a `.pth` file, but does not read the `.pth` files there: that of an
+    editable install would lead to the checkout.
     """
     folder, elsewhere = tmp_path_factory.mktemp("venv"), tmp_path_factory.mktemp("elsewhere")
     venv.create(folder, with_pip=False)
@@ -85,18 +82,21 @@ def pip(target: str | Path, verb: str, *arguments: str | Path) -> None:
 
 def python(module: str, *arguments: str | Path) -> None:
     """Runs a module of this environment as a program."""
-    # What a path variable names would pass for installed.
+    # Packages on PYTHONPATH would count as installed.
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     command = [sys.executable, "-m", module, *arguments]
     done = subprocess.run(command, env=alone, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def top_names(wheel: Path) -> set[str]:
-    """What a wheel puts into `site-packages`."""
-    return {name.partition("/")[0] for name in ZipFile(wheel).namelist()}
+def test_every_folder_of_modules_is_a_package_of_the_project():
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    folders = [path.parent for name in PACKAGES for path in (ROOT / name).rglob("__init__.py")]
+    names = [f"glassgait.{'.'.join(path.relative_to(ROOT).parts)}" for path in folders]
+    assert sorted(listed) == sorted(names)
 
 
+@pytest.mark.slow
 def test_every_tracked_file_but_the_pages_and_their_pictures_is_in_the_wheel(wheel, tracked):
     of_pages = {
         name
@@ -112,34 +112,17 @@ def test_every_tracked_file_but_the_pages_and_their_pictures_is_in_the_wheel(whe
     assert wheel.stat().st_size < LARGEST
 
 
+@pytest.mark.slow
 def test_a_gait_is_checked_from_the_wheel(installed):
     assert "s0 --> s1" in installed("glassgait", "gait", "trot")
 
 
+@pytest.mark.slow
 def test_the_expert_is_rolled_out_from_the_wheel(installed):
     assert "stayed up after 0.50 s" in installed("glassgait", "view", "--n-steps", "25")
 
 
-def test_modules_of_a_user_do_not_pass_for_the_wheels(installed, tmp_path):
-    for name in OWN:
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("raise ImportError('of ones own')")
-    # Unlike the installed command, `-m` searches the folder it is called in first.
-    program = ("python", "-m", "glassgait.studies.cli")
-    reported = installed(*program, "view", "--n-steps", "25", where=tmp_path)
-    assert "stayed up after 0.50 s" in reported
-
-
-def test_pypis_diagrams_may_be_installed_beside_the_wheel(wheel, tmp_path):
-    command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", tmp_path]
-    done = subprocess.run([*command, "diagrams"], capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        pytest.skip(f"PyPI gave no diagrams: {done.stderr.strip().splitlines()[-1]}")
-    (other,) = tmp_path.glob("*.whl")
-    assert "diagrams" in top_names(other)
-    assert top_names(other).isdisjoint(top_names(wheel))
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("gait", ["trot", "bound"])
 def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
     reported = installed(
@@ -147,10 +130,3 @@ def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
     )
     kind = default_student(find_policies(load_gait(gait)))
     assert f"page written to runs/explain/page/{gait}/{kind}/index.html" in reported
-
-
-def test_the_report_is_written_from_the_wheel(installed, tmp_path):
-    tests = shutil.copytree(ROOT / "tests", tmp_path / "tests")
-    own = tests / "studies" / "test_report.py"
-    reported = installed("python", "-m", "pytest", "--import-mode=importlib", "-m", "slow", own)
-    assert "1 passed" in reported
