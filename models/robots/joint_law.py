@@ -1,4 +1,4 @@
-"""How joints follow a policy's targets: with which gains, and which of its targets."""
+"""The law by which joints follow a policy's targets."""
 
 from dataclasses import asdict, replace
 from typing import Annotated, Any, ClassVar
@@ -19,16 +19,13 @@ Gains = tuple[Stiffness, Damping]
 
 @checked
 class JointLaw(Settings):
-    """The law by which a policy's joints learned to follow targets, and are to be driven.
-
-    With other gains it is another robot that the policy moves.
+    """Gains and limits of the joints that a policy was trained with and needs.
 
     Attributes:
         gains: Stiffness and damping (N·m/rad, N·m·s/rad); by default the robot's.
-        limited: Whether joints follow targets within their ranges alone: where a policy asks for
-            more, the nearest target there, which is then what it is shown as its previous action.
-        limits: Limits that come last, and are what a policy is shown as its previous action; none
-            by default.
+        limited: Whether joints follow the nearest target within their ranges, which the policy
+            then observes as its previous action.
+        limits: Limits that come last; the policy observes the limited action as its previous one.
     """
 
     title: ClassVar[str] = "joint_law"
@@ -46,12 +43,7 @@ class JointLaw(Settings):
         return self.gains or (robot.stiffness, robot.damping)
 
     def torque(self, robot: Robot, *, action: Array, position: Array, velocity: Array) -> Array:
-        """Returns the joints' torques (..., 12; N·m) as an action (..., 12) is followed.
-
-        Args:
-            position: Joint positions (..., 12; rad).
-            velocity: Joint velocities (..., 12; rad/s).
-        """
+        """Returns the joints' torques (..., 12; N·m) as they follow an action (..., 12)."""
         return robot.joint_torque(
             target=robot.joint_targets(action, limited=self.limited),
             position=position,
@@ -72,11 +64,7 @@ class JointLaw(Settings):
         return replace(self, limits=limits)
 
     def check(self, robot: Robot) -> None:
-        """Refuses limits that let a joint at rest ask its motor for more torque than it has.
-
-        Raises:
-            InputError: if they count torques by less than the joints' stiffness.
-        """
+        """Refuses limits that let a joint at rest ask its motor for more torque than it has."""
         stiffness, _ = self.gains_of(robot)
         if self.limits is not None and self.limits.stiffness < stiffness:
             raise InputError(

@@ -20,7 +20,7 @@ LEVEL = 1e-9
 
 
 def stacked(*components: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Returns arrays (...) side by side (..., k): `np.stack` is slower for few robots."""
+    """Returns arrays (...) side by side (..., k); for few robots `np.stack` is slower."""
     first = np.asarray(components[0])
     values = np.empty((*first.shape, len(components)), first.dtype)
     for i, component in enumerate(components):
@@ -29,7 +29,7 @@ def stacked(*components: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
+    """Returns cross products (..., 3); for small arrays NumPy's function is slower."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return stacked(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
@@ -50,21 +50,13 @@ def rotation_matrix(quaternion: Array) -> Array:
 
 
 def gravity_direction(quaternion: Array) -> Array:
-    """Returns the world's downward axis in the trunk's frame (..., 3).
-
-    Args:
-        quaternion: Attitudes (..., 4; w, x, y, z), of any length.
-    """
+    """Returns the world's downward axis in the trunk's frame (..., 3), from quaternions."""
     w, x, y, z = _unit_components(quaternion)
     return -stacked(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
 
 
 def lean(quaternion: Array) -> Array:
-    """Returns the angle between the trunk's vertical axis and the world's (...; °).
-
-    Args:
-        quaternion: Attitudes (..., 4; w, x, y, z), of any length.
-    """
+    """Returns the angle between the trunk's vertical axis and the world's (...; °)."""
     upright = -gravity_direction(quaternion)[..., 2]
     return np.degrees(np.arccos(np.clip(upright, -1.0, 1.0)))
 
@@ -76,12 +68,12 @@ def foot_positions(robot: Robot, joint_position: Array) -> Array:
 
 
 class FootMotion(NamedTuple):
-    """How the feet move in the trunk's frame, each (..., 4, 3).
+    """Motion of the feet in the trunk's frame, each (..., 4, 3).
 
     Attributes:
-        position: Of their centres (m).
-        velocity: Of their centres (m/s).
-        turning: Of the shanks, which the feet are fixed to (rad/s).
+        position: Positions of their centres (m).
+        velocity: Velocities of their centres (m/s).
+        turning: Angular velocities of the shanks, which the feet are fixed to (rad/s).
     """
 
     position: Array
@@ -90,12 +82,7 @@ class FootMotion(NamedTuple):
 
 
 def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> FootMotion:
-    """Returns where the feet are in the trunk's frame, and how fast the joints move and turn them.
-
-    Args:
-        joint_position: Joint positions (..., 12; rad).
-        joint_velocity: Joint velocities (..., 12; rad/s).
-    """
+    """Returns the motion of the feet, from joint positions and velocities (..., 12; rad, rad/s)."""
     legs = leg_angles(joint_position)
     x, z = _foot(robot, legs, _knee(robot, legs))
     rates = joint_velocity.reshape(*joint_velocity.shape[:-1], quadruped.N_LEGS, 3)
@@ -115,10 +102,11 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
 
 
 def rolling_velocity(robot: Robot, turning: Array, down: Array) -> Array:
-    """Returns how fast the feet's lowest points move by their centres (..., 4, 3; m/s).
+    """Returns velocities of the feet's lowest points relative to their centres (..., 4, 3; m/s).
 
     Args:
-        turning: How fast the feet turn, by the trunk and the joints (..., 4, 3; rad/s).
+        robot: The robot.
+        turning: Angular velocities of the feet, by the trunk and the joints (..., 4, 3; rad/s).
         down: The world's downward axis (..., 1, 3).
     """
     return cross(turning, robot.foot_radius * down)
@@ -179,14 +167,7 @@ def leg_points(robot: Robot, legs: LegAngles) -> tuple[Array, Array, Array]:
 
 
 def foot_heights(robot: Robot, positions: Array) -> Array:
-    """Measures how far each foot's lowest point is above the ground.
-
-    Args:
-        positions: The plant's positions q (..., 19), or its state x (..., 37).
-
-    Returns:
-        Heights (..., 4; m), negative where a foot is pressed into the ground.
-    """
+    """Returns heights of the feet's lowest points (..., 4; m), from q (..., 19) or x (..., 37)."""
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
     feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
     base_height = positions[..., quadruped.POSITION][..., 2]
@@ -211,13 +192,10 @@ def world_feet(robot: Robot, positions: Array) -> Array:
 
 
 def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
-    """Locates where the collision boxes that `clearances` measures are lowest.
+    """Locates the lowest points (..., 9, 3; m, in the world) of the boxes of `clearances`.
 
-    Of a limb that is the lower end of its middle line: beside a step that its foot stands at, a
-    corner of its box would be taken for one inside of the step.
-
-    Returns:
-        Points (..., 9, 3; m) in the world; of the trunk the lowest corner.
+    A limb's is the lower end of its middle line: beside a step, a corner of its box would be taken
+    for one inside of the step.
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
     legs = leg_angles(positions[..., quadruped.JOINT_POSITION])
@@ -290,14 +268,7 @@ def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clea
 
 
 def base_velocity(state: Array) -> tuple[Array, Array]:
-    """Expresses the trunk's velocity in its own frame.
-
-    Args:
-        state: The plant's state x (..., 37).
-
-    Returns:
-        Linear (..., 3; m/s) and angular velocity (..., 3; rad/s) of the trunk in its own frame.
-    """
+    """Returns the trunk's linear and angular velocity (..., 3; m/s, rad/s) in the trunk's frame."""
     to_trunk = rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
     linear = np.einsum("...ij,...j->...i", to_trunk, state[..., quadruped.LINEAR_VELOCITY])
     angular = np.einsum("...ij,...j->...i", to_trunk, state[..., quadruped.ANGULAR_VELOCITY])
@@ -305,13 +276,11 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
 
 
 def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
-    """Places level robots, facing along x, at rest with their lowest foot just on the ground.
+    """Returns states x (..., 37) of level robots at the origin, at rest on their lowest foot.
 
     Args:
+        robot: The robot.
         joint_position: Joint positions (..., 12; rad); the default stance by default.
-
-    Returns:
-        The plant's state x (..., 37), at the world's origin.
     """
     if joint_position is None:
         joint_position = robot.default_stance

@@ -1,4 +1,4 @@
-"""What every robot here has in common: four legs of three joints, in one order.
+"""The layout of all robots: four legs of three joints, in one order.
 
 Legs are ordered FL, FR, RL, RR (front left, front right, rear left, rear right) and the joints of
 a leg hip, thigh, calf, in every array of this project.
@@ -38,14 +38,10 @@ def joint_index(joint: str | int) -> int:
     """
     if isinstance(joint, str) and joint in JOINTS:
         return JOINTS.index(joint)
-    # True and False are of type int as well.
-    if (
-        isinstance(joint, bool)
-        or not isinstance(joint, int | np.integer)
-        or not 0 <= joint < N_JOINTS
-    ):
-        raise InputError(
-            f"unknown joint {shown(joint)}; the joints are {', '.join(JOINTS)}, or 0 to "
-            f"{N_JOINTS - 1}"
-        )
-    return int(joint)
+    # True and False are whole numbers, too.
+    is_number = isinstance(joint, int | np.integer) and not isinstance(joint, bool)
+    if is_number and 0 <= joint < N_JOINTS:
+        return int(joint)
+    raise InputError(
+        f"unknown joint {shown(joint)}; the joints are {', '.join(JOINTS)}, or 0 to {N_JOINTS - 1}"
+    )

@@ -1,4 +1,4 @@
-"""A robot as data: what differs from one quadruped to another, as `quadruped` lays one out."""
+"""A robot as data, laid out as in `quadruped`."""
 
 from functools import cached_property
 from pathlib import Path
@@ -174,10 +174,7 @@ class Robot(Settings):
     def joint_targets(self, action: Array, *, limited: bool = False) -> Array:
         """Returns the joint position targets (..., 12; rad) that an action (..., 12) asks for.
 
-        Args:
-            action: Actions (..., 12).
-            limited: Whether to return what joints follow that are kept within their ranges: the
-                nearest targets there. NaN stays NaN.
+        If `limited`, they are the nearest within the joints' ranges. NaN stays NaN.
         """
         targets = self.default_stance + self.action_scale * action
         if not limited:
@@ -212,9 +209,6 @@ class Robot(Settings):
             position: Joint positions (..., 12; rad).
             velocity: Joint velocities (..., 12; rad/s).
             gains: Stiffness and damping (N·m/rad, N·m·s/rad).
-
-        Returns:
-            Torques (..., 12; N·m).
         """
         stiffness, damping = gains
         torque = stiffness * (target - position) - damping * velocity

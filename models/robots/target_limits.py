@@ -1,4 +1,4 @@
-"""What keeps any policy's targets safe: limits that come last, whatever it asks for.
+"""Limits of joint targets that come last and hold whatever a policy asks for.
 
 As formula files hold them, of each joint:
 
@@ -12,7 +12,7 @@ As formula files hold them, of each joint:
 all in rad; the first target is the default stance. Where not all angles and all that is asked are
 finite, every joint keeps its target.
 
-By the order of these lines it follows, whatever a policy asks and however its sensors fail:
+From the order of these lines it follows, whatever a policy asks and however its sensors fail:
 
 - **Range.** A target is from `lowest + margin` to `highest - margin`, the first one as well.
 - **Rate.** It moves by `reach` in a step at most: the last line brings a target nearer to the one
@@ -52,12 +52,10 @@ class TargetLimits(Settings):
     """Limits of joint targets.
 
     Attributes:
-        stiffness: Stiffness of the joints' position control, by which torques at rest are counted
-            (N·m/rad).
-        margin: By how much targets stay away from the ends of a joint's range (rad); by default
-            what an encoder may be wrong by in training.
-        lean: Angle of the trunk beyond which joints are damped alone (°); by default that of a
-            fall.
+        stiffness: Stiffness that torques at rest are computed with (N·m/rad).
+        margin: Distance of targets from the ends of a joint's range (rad); by default the greatest
+            error of an encoder in training.
+        lean: Angle of the trunk beyond which joints are only damped (°); by default that of a fall.
     """
 
     title: ClassVar[str] = "limits"
@@ -73,11 +71,7 @@ class TargetLimits(Settings):
         return -round(math.cos(math.radians(self.lean)), 12)
 
     def check(self, robot: Robot) -> None:
-        """Refuses a robot whose default stance, from which robots start, is beyond the limits.
-
-        Raises:
-            InputError: if it is.
-        """
+        """Refuses a robot whose default stance, from which robots start, is beyond the limits."""
         least, greatest = self.ends(robot)
         for joint, low, high in zip(JOINTS, least, greatest, strict=True):
             if not low <= 0.0 <= high:
@@ -87,7 +81,7 @@ class TargetLimits(Settings):
                 )
 
     def reach(self, robot: Robot) -> Array:
-        """Returns how far targets may be from joints, and from those before (12; actions)."""
+        """Returns the greatest distance of targets from joints and from targets before (12)."""
         return robot.effort / self.stiffness / robot.action_scale
 
     def ends(self, robot: Robot) -> tuple[Array, Array]:
