@@ -50,7 +50,7 @@ COMMANDS = {
         "Print the formulas of a policy, as the text of its file or as LaTeX.",
     ),
     "explain interventions": (
-        "explanation.interventions.command:ExplainInterventions",
+        "explanation.interventions:ExplainInterventions",
         "Change a term of a policy of formulas, and see whether the robot moves as it says.",
     ),
     "explain counterfactual": (

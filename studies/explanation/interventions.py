@@ -1,0 +1,156 @@
+"""`glassgait explain interventions`: whether the robot moves as the terms of its formulas predict.
+
+The input of one term is raised by one standard deviation, and the same robots walk with and without
+that change. A claim holds if the joint moves to the predicted side, beyond its 95 % interval.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import numpy as np
+import pandas as pd
+from annotated_types import Ge
+from numpy.typing import NDArray
+
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.arrays import Array
+from glassgait.models.files import write_atomically
+from glassgait.models.formulas.expression import canonical, plus
+from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
+from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.policies.controller import alone
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.settings import Count, Seed, checked
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import indices_of, machine_state_entries
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.observers import Observations
+from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig, roll_out
+from glassgait.studies.common.scores import interval
+from glassgait.studies.common.tables import print_table, write_table
+from glassgait.studies.distillation.students import OnePolicy, student_title
+from glassgait.studies.explanation.claims import (
+    Claim,
+    Walk,
+    derive_claims,
+    readable_terms,
+    refuse_too_few,
+)
+
+
+@checked
+class ExplainInterventions(OnePolicy):
+    """Raise the input of single terms of formulas, and measure whether joints move as predicted.
+
+    Attributes:
+        n_claims: Number of terms, those that move a target most.
+        n_robots: Robots of each walk.
+        n_steps: Control steps of each.
+        seed: Seed of starts, commands and noise, the same for every walk.
+        output: Folder of the results; runs/explain/interventions/<gait>/<policy> by default.
+    """
+
+    title: ClassVar[str] = "explain interventions"
+
+    n_claims: Count = 8
+    n_robots: Annotated[Count, Ge(2)] = 26
+    n_steps: Annotated[Count, Ge(2)] = 500
+    seed: Seed = REPORTED_SEEDS[0]
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Derives claims, tests them, and writes the table and the edited formulas."""
+        found, name = self.find()
+        policy, expert = found.formulas(name), found.expert_of(name)
+        file, stem = policy.to_file(), Path(name).stem
+        folder = self.output or found.output(self.title) / stem
+        refuse_too_few(len(readable_terms(file)), self.n_claims)
+        rollouts = RolloutConfig(
+            n_robots=self.n_robots, n_steps=self.n_steps, seed=self.seed, n_seeds=1
+        )
+
+        # Every walk has the same starts, commands and noise.
+        say("walking with the formulas as they are")
+        plain = walk(found.gait, expert, policy, rollouts)
+        rows = []
+        for number, claim in enumerate(derive_claims(file, plain, self.n_claims), start=1):
+            symbols, term = file.vocabulary.symbols, claim.term
+            said = f"{term.joint}: {term.text(symbols)} with {symbols[term.input]} + {claim.step:g}"
+            say(f"walking with {said}")
+            text = f"# {said}\n{write_formulas(with_input_raised(file, claim))}"
+            path = folder / "edited" / f"{number}_{term.joint}{SUFFIX}"
+            write_atomically(path, text)
+            edited = FormulaPolicy.from_file(read_formulas(text), policy.robot)
+            after = walk(found.gait, expert, edited, rollouts)
+            rows.append(result(claim, symbols, plain, after))
+        table = pd.DataFrame(rows)
+        write_table(table, folder / "interventions")
+        print_table(f"{found.gait.name}: {student_title(stem)}", table)
+        console.print(
+            f"{(table['holds'] == 'yes').sum()} of {len(table)} claims hold; written to {folder}"
+        )
+
+
+def walk(
+    gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, rollouts: RolloutConfig
+) -> Walk:
+    """Lets a policy walk in the training scenario, without the expert.
+
+    Args:
+        expert: Its estimator observes for a policy without odometry.
+    """
+    observations = Observations()
+    controller = alone(policy, expert)
+    log = roll_out(gait, controller, Scenario(), rollouts, observers=[observations])
+    observed = observations.array
+    fell = np.logical_or.accumulate(log.failures.any(axis=2), axis=0)
+    return walk_of(policy, observed, ~fell[: len(observed)])
+
+
+def walk_of(policy: FormulaPolicy, observed: Array, alive: NDArray[np.bool_]) -> Walk:
+    """Returns the walk of robots that observed (T + 1, n, N) and were up (T + 1, n)."""
+    names = policy.observation_names
+    quantities = policy.quantities(observed)
+    # The last step's outcome was never observed.
+    return Walk(
+        quantities=quantities[:-1],
+        state=np.argmax(quantities[:-1][..., machine_state_entries(names)], axis=-1),
+        angle=quantities[1:][..., list(indices_of("joint position", names))],
+        alive=alive[:-1],
+    )
+
+
+def with_input_raised(file: FormulaFile, claim: Claim) -> FormulaFile:
+    """Returns a file in which the claim's term reads its input greater by the claim's step."""
+    term, weight = claim.term, float(f"{claim.term.weight * claim.step:.4g}")
+    edited = canonical(plus(file.formulas[term.place], term.with_gates(weight)))
+    return replace(file, formulas={**file.formulas, term.place: edited})
+
+
+def result(claim: Claim, symbols: tuple[str, ...], plain: Walk, edited: Walk) -> dict[str, object]:
+    """Compares robots with themselves: a row of the table."""
+    difference = pd.Series(mean_angle(claim, edited) - mean_angle(claim, plain)).dropna()
+    measured = float(difference.mean()) if len(difference) else float("nan")
+    margin = interval(difference)
+    holds = bool(np.sign(claim.effect) * measured > margin)
+    return {
+        "joint": claim.term.joint,
+        "state": "every" if claim.term.state is None else claim.term.state,
+        "term": claim.term.text(symbols),
+        "input raised by": claim.step,
+        "predicted (rad)": claim.effect,
+        "measured (rad)": measured,
+        "± (rad)": margin,
+        "holds": "yes" if holds else "no",
+        "falls": int((~edited.alive[-1]).sum()),
+    }
+
+
+def mean_angle(claim: Claim, walk: Walk) -> Array:
+    """Returns each robot's mean joint angle at the claim's instants (n,; rad); NaN without any."""
+    mask = claim.instants(walk)
+    counts = mask.sum(axis=0)
+    total = np.where(mask, walk.angle[..., claim.term.place[-1]], 0.0).sum(axis=0)
+    return np.where(counts > 0, total / np.maximum(counts, 1), np.nan)
