@@ -1,5 +1,8 @@
 """Pictures of the robot by Drake's VTK engine, without a window or a server."""
 
+import ctypes
+import sys
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import (
@@ -18,16 +21,24 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from glassgait.diagrams.egl import check_egl
 from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.diagrams.visualization import TILE
 from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 
 _RENDERER = "vtk"
 _SKY = np.array([0.93, 0.95, 0.97])
 _TILES = (Rgba(0.80, 0.82, 0.84, 1.0), Rgba(0.74, 0.76, 0.79, 1.0))
+
+
+_PLATFORM_DEVICE = 0x313F
+"""EGL_PLATFORM_DEVICE_EXT."""
+
+_MOST_DEVICES = 16
+
+_POINTER = ctypes.c_void_p
 
 
 class Camera:
@@ -100,3 +111,41 @@ def _looking(eye: Array, target: Array) -> RigidTransform:
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
     return RigidTransform(RotationMatrix(np.stack([right, down, forward], axis=1)), eye)
+
+
+def check_egl() -> None:
+    """Opens a display of some device, as VTK does.
+
+    Raises:
+        InputError: if EGL's library is missing, or no driver behind it.
+    """
+    if sys.platform == "linux" and not _opens_display():
+        raise InputError(
+            "rendering: EGL cannot open a display; install it with a driver (Debian: libegl1 and "
+            "libgl1-mesa-dri), or do not render"
+        )
+
+
+def _opens_display() -> bool:
+    try:
+        library = ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return False
+    find = ctypes.CFUNCTYPE(_POINTER, ctypes.c_char_p)(("eglGetProcAddress", library))
+    number, out = ctypes.c_uint, ctypes.POINTER
+    signatures = {
+        b"eglQueryDevicesEXT": (number, ctypes.c_int, _POINTER * _MOST_DEVICES, out(ctypes.c_int)),
+        b"eglGetPlatformDisplayEXT": (_POINTER, number, _POINTER, _POINTER),
+        b"eglInitialize": (number, _POINTER, _POINTER, _POINTER),
+    }
+    addresses = [find(name) for name in signatures]
+    if not all(addresses):
+        return False
+    query_devices, get_display, initialize = (
+        ctypes.CFUNCTYPE(*types)(address)
+        for types, address in zip(signatures.values(), addresses, strict=True)
+    )
+    devices, count = (_POINTER * _MOST_DEVICES)(), ctypes.c_int()
+    query_devices(_MOST_DEVICES, devices, ctypes.byref(count))
+    displays = (get_display(_PLATFORM_DEVICE, device, None) for device in devices[: count.value])
+    return any(initialize(display, None, None) for display in displays)

@@ -1,4 +1,4 @@
-"""Where a robot's commands come from: fixed, drawn, or sliders."""
+"""Sources of commands: fixed, drawn, or sliders."""
 
 from dataclasses import asdict
 from typing import Annotated, ClassVar, Literal
@@ -34,16 +34,12 @@ class FixedCommand(Settings):
     dwell: Annotated[int, Ge(1)] = 8
 
     def of_robots(self, count: int) -> Command:
-        """Returns the command of so many robots: velocities (count, 2) and dwells (count,)."""
+        """Returns the command of each robot: velocities (count, 2) and dwells (count,)."""
         velocity = np.tile([self.speed, self.yaw_rate], (count, 1))
         return Command(velocity, np.full(count, float(self.dwell)))
 
     def check(self, gait: Gait) -> None:
-        """Checks that a gait is made for the command.
-
-        Raises:
-            InputError: if a value is beyond the gait's range.
-        """
+        """Raises an InputError if a value is beyond the gait's range."""
         check_command(gait, **asdict(self))
 
 
@@ -60,11 +56,7 @@ class DrawnCommands(Settings):
     speed_range: Range | None = None
 
     def check(self, gait: Gait) -> None:
-        """Checks that a gait is made for the commands.
-
-        Raises:
-            InputError: if a speed is beyond the gait's range.
-        """
+        """Raises an InputError if a speed is beyond the gait's range."""
         if any(abs(speed) > gait.max_speed for speed in self.speed_range or ()):
             raise InputError(
                 f"{self.title}: speed_range is {shown(self.speed_range)}; name speeds from "

@@ -30,7 +30,7 @@ HARSH = Randomization(
     straight=0.2,
     latency=(0.0, 0.03),
 )
-"""What differs between robots and episodes: more than what they are to stand later."""
+"""Differences between robots and episodes of training."""
 
 
 Kinds = Annotated[tuple[Kind, ...], FEW, MinLen(1)]
@@ -41,8 +41,8 @@ class TerrainRanges(Settings):
     """Ranges from which the ground of each group of robots is drawn.
 
     Attributes:
-        share: Share of the groups whose ground is drawn; that of the others is the station's.
-        kinds: Kinds of ground that those groups have, in turn; planes are slopes.
+        share: Share of the groups whose ground is drawn; the others have the station's.
+        kinds: Kinds of ground of those groups, in turn; planes are slopes.
         slope: Greatest angle of a slope (°), which rises in any direction.
         amplitude: Greatest height of the highest cell of blocks and uneven ground above the lowest
             (m).
@@ -100,7 +100,7 @@ class GroupRanges(Settings):
         gains: Factors on stiffness and on damping of the joints' control, each drawn by itself.
         armature: Inertia of the motors' rotors (kg·m²).
         relaxation_time: Time in which a contact lets penetration relax (s).
-        terrains: What the groups stand on.
+        terrains: Ranges of the ground.
     """
 
     title: ClassVar[str] = "groups"
@@ -146,20 +146,18 @@ class GroupRanges(Settings):
 
 @checked
 class DomainRandomization(Settings):
-    """The randomised scenarios of many robots: a station a group, and what is drawn for each robot.
+    """The randomised stations of groups of robots, and what is drawn for each robot.
 
     Attributes:
-        n_groups: Groups of robots, each with a station and a friction of its own.
-        groups: What differs between the groups' stations.
-        fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
-            only works in the coarse physics of the other groups is not learned.
+        n_groups: Groups of robots, each with its station and friction.
+        groups: Ranges of the groups' stations.
+        fine_steps: Time steps (s) of the plants of one group each, finer than the station's.
         mujoco_share: Share of the groups whose physics MuJoCo computes, with the contacts of all
-            bodies; it has no other times in which contacts let penetration relax. They are the
-            first ones, and none that has a fine step.
+            bodies. They are the first ones, and none that has a fine step.
         mujoco_step: Time step of their plants (s).
         mujoco_contact_time: Time constant of their contacts (s); see `StationConfig.contact_time`.
         station: Physics that the groups' stations vary.
-        randomization: What differs between robots and episodes.
+        randomization: Differences between robots and episodes.
     """
 
     title: ClassVar[str] = "domain randomization"
@@ -188,13 +186,7 @@ class DomainRandomization(Settings):
     def stations(
         self, robot: Robot, generator: np.random.Generator, law: JointLaw = OWN_LAW
     ) -> list[StationConfig]:
-        """Draws the physics of every group of robots.
-
-        Args:
-            robot: What robots they are.
-            generator: Source of randomness.
-            law: What gives the gains that the station leaves out; the robot's own by default.
-        """
+        """Draws the physics of every group; the law gives gains that the station leaves out."""
         station = self.station.with_gains(robot, law)
         drawn = self.groups.draw(robot, station, self.n_groups, generator)
         fine = [

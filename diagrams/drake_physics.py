@@ -1,15 +1,15 @@
 """Batch physics: hundreds of stations stepped in C++ threads, without Python in the loop."""
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common import Parallelism
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from glassgait.diagrams.physics import EnginePhysics, Held
+from glassgait.diagrams.physics import Engine, Held, IntArray
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints, set_friction
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
@@ -19,22 +19,17 @@ FEW_ROBOTS = 2
 """Robots for which Drake's batch takes longer to copy a context than they take in Python's loop."""
 
 
-class DrakePhysics(EnginePhysics):
+class DrakeEngine(Engine):
     """Steps the states of many stations in parallel; each group has a station of its own."""
 
     def __init__(
-        self, robot: Robot, *stations: StationConfig, n_threads: int | None = None
+        self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
     ) -> None:
         """
-        Args:
-            robot: What robots they are.
-            stations: Physics of each group; plants must be discrete.
-            n_threads: Threads to use; all cores by default.
-
         Raises:
             InputError: if a plant's period does not divide the control period.
         """
-        super().__init__(robot, stations)
+        super().__init__(stations)
         self._groups = [_Group(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
         # Drake releases the interpreter's lock, so groups run side by side, each on its share of
@@ -50,9 +45,7 @@ class DrakePhysics(EnginePhysics):
         for group, value in zip(self._groups, friction, strict=True):
             group.set_friction(float(value))
 
-    def _advance(
-        self, states: Array, held: Held, members: list[NDArray[np.int64]]
-    ) -> tuple[Array, None]:
+    def advance(self, states: Array, held: Held, members: list[IntArray]) -> tuple[Array, None]:
         after = np.full_like(states, np.nan)
 
         def step(i: int) -> None:

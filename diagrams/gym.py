@@ -23,7 +23,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.drake_physics import DrakePhysics
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
@@ -34,7 +34,7 @@ from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.randomization import Randomization
@@ -48,8 +48,6 @@ ACTION_BOUND: Final = 8.0
 
 SENSES: Final = {"true": (False, None), "odometry": (False, Odometry()), "imu": (True, Odometry())}
 """Whether gravity and the angular velocity are observed, and the estimator of the body state."""
-
-METADATA: Final = {"render_modes": ["rgb_array"], "render_fps": round(1 / CONTROL_PERIOD)}
 
 
 def action_space() -> gymnasium.spaces.Box:
@@ -78,7 +76,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     the next one, ignores the robot's action and pays nothing (`AutoresetMode.NEXT_STEP`).
     """
 
-    metadata = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -90,7 +88,6 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         randomization: Randomization | None = None,
         senses: str = "true",
         max_episode_steps: int = EPISODE_STEPS,
-        render_mode: str | None = None,
     ) -> None:
         """
         Args:
@@ -102,7 +99,6 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             senses: "true" to observe the true velocity and heights of the feet, "odometry" for
                 their estimates, "imu" for that, gravity's direction and the angular velocity.
             max_episode_steps: Control steps after which an episode is truncated.
-            render_mode: "rgb_array" for a picture (360, 640, 3) of each robot; needs EGL.
 
         Raises:
             InputError: if there is no such gait, robot or senses.
@@ -113,7 +109,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             )
         observes_imu, estimator = SENSES[senses]
         gait = gait if isinstance(gait, Gait) else find_gait(gait)
-        self.num_envs, self.render_mode, self._camera = num_envs, render_mode, None
+        self.num_envs = num_envs
         self.single_action_space = action_space()
         self.single_observation_space = observation_space(gait, imu=observes_imu)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -126,7 +122,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 robot=load_robot(robot),
                 observes_imu=observes_imu,
             ),
-            DrakePhysics(load_robot(robot), *(stations or [StationConfig()])),
+            make_physics(load_robot(robot), *(stations or [StationConfig()])),
             n_robots=num_envs,
             generator=self.np_random,
             estimator=estimator,
@@ -159,21 +155,6 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         info = self._info(outcome.failures & ~begun[:, None], plain_reward)
         return self._simulator.observe(), outcome.reward, terminated, truncated, info
 
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
-        """Takes a picture (360, 640, 3) of each robot; None without a render mode.
-
-        Raises:
-            InputError: if EGL cannot render here.
-        """
-        if self.render_mode is None:
-            return None
-        if self._camera is None:
-            # Imported here, and built when needed: VTK takes seconds.
-            from glassgait.diagrams.camera import Camera  # noqa: PLC0415
-
-            self._camera = Camera(self._simulator.task.robot)
-        return tuple(self._camera.take(state) for state in self._simulator.state.plant)
-
     def _info(self, failures: BoolArray, plain_reward: Array) -> dict[str, Any]:
         """Returns what is known of the robots, with gymnasium's masks."""
         names = np.empty(self.num_envs, dtype=object)
@@ -192,33 +173,27 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
     Its episode only ends by a failure; `gymnasium.make` adds a `TimeLimit` of 20 s.
     """
 
-    metadata = {**METADATA}  # noqa: RUF012
-
     def __init__(
         self,
         gait: Gait | str | Path = "trot",
         *,
         station: StationConfig | None = None,
-        render_mode: str | None = None,
         **settings: Any,
     ) -> None:
         """
         Args:
             gait: The gait, its name or its file.
             station: Physics; its friction is drawn anew for each episode.
-            render_mode: "rgb_array" for pictures (360, 640, 3); needs EGL.
             settings: `robot`, `randomization` and `senses`, as `LocomotionVectorEnv` takes them.
 
         Raises:
             InputError: if there is no such gait, robot or senses.
         """
-        self.render_mode = render_mode
         self._envs = LocomotionVectorEnv(
             1,
             gait,
             stations=[station or StationConfig()],
             max_episode_steps=2**31,
-            render_mode=render_mode,
             **settings,
         )
         self.action_space = self._envs.single_action_space
@@ -236,11 +211,6 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         """Holds an action (12,) for one control step."""
         observations, rewards, terminated, _, info = self._envs.step(np.asarray(action)[None])
         return observations[0], float(rewards[0]), bool(terminated[0]), False, _first(info)
-
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """Takes a picture (360, 640, 3) of the robot; None without a render mode."""
-        pictures = self._envs.render()
-        return None if pictures is None else pictures[0]
 
 
 def _first(info: dict[str, Any]) -> dict[str, Any]:

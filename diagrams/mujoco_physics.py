@@ -1,17 +1,18 @@
 """The batch simulator's physics by MuJoCo, a second opinion on what Drake's says."""
 
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
-from numpy.typing import NDArray
 from pydrake.common import Parallelism
 
-from glassgait.diagrams.physics import EnginePhysics, Held
+from glassgait.diagrams.physics import Engine, Held, IntArray
 from glassgait.diagrams.station import PATCH, PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.estimation.contact import BoolArray
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import Terrain
@@ -23,22 +24,17 @@ their ranges, which counts as a failure."""
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
-class MujocoPhysics(EnginePhysics):
+class MujocoEngine(Engine):
     """Steps the states of many robots in parallel; every group has a model of its own."""
 
     def __init__(
-        self, robot: Robot, *stations: StationConfig, n_threads: int | None = None
+        self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
     ) -> None:
         """
-        Args:
-            robot: What robots they are.
-            stations: Physics of each group.
-            n_threads: Threads to use; all cores by default.
-
         Raises:
             InputError: if a plant's period does not divide the control period.
         """
-        super().__init__(robot, stations)
+        super().__init__(stations)
         self._n_steps = [station.plant_steps() for station in stations]
         self._models = [make_model(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
@@ -53,9 +49,9 @@ class MujocoPhysics(EnginePhysics):
         for model, station, value in zip(self._models, self.stations, friction, strict=True):
             _set_friction(model, station.terrain, value)
 
-    def _advance(
-        self, states: Array, held: Held, members: list[NDArray[np.int64]]
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def advance(
+        self, states: Array, held: Held, members: list[IntArray]
+    ) -> tuple[Array, BoolArray]:
         touching = np.zeros((len(states), quadruped.N_LEGS), dtype=bool)
         sound = np.concatenate(members)
         # All groups' models have the same joints.
@@ -75,9 +71,7 @@ class MujocoPhysics(EnginePhysics):
         waiting = np.arange(n_steps) < held.waits(n_steps)[:, None]
         return np.where(waiting[..., None], held.late[:, None], held.targets[:, None])
 
-    def _roll_out(
-        self, group: int, given: Array, targets: Array
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def _roll_out(self, group: int, given: Array, targets: Array) -> tuple[Array, BoolArray]:
         model = self._models[group]
         before = np.zeros((len(given), mujoco.mj_stateSize(model, _STATE)))
         before[:, 1 : 1 + given.shape[1]] = given

@@ -1,4 +1,4 @@
-"""What the batch simulator asks of a physics engine."""
+"""The physics of many robots, by the engines of their stations."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics
+from glassgait.models.estimation.contact import BoolArray
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import Terrain
 
+IntArray = NDArray[np.int64]
+
 
 class PhysicsStep(NamedTuple):
-    """What a control period of physics brings, robots along the first axis.
+    """Result of a control period of physics, robots along the first axis.
 
     Attributes:
         states: Plant states x (n, 37).
@@ -27,15 +30,15 @@ class PhysicsStep(NamedTuple):
     """
 
     states: Array
-    touching: NDArray[np.bool_]
+    touching: BoolArray
 
 
 class Held(NamedTuple):
-    """What the joints of some robots follow over a control period.
+    """Joint targets of robots over a control period.
 
     Attributes:
         targets: Joint position targets (n, 12; rad).
-        late: Those that hold until they come (n, 12; rad).
+        late: Targets that hold until those come (n, 12; rad).
         latency: Time until they come (n,; s).
     """
 
@@ -43,50 +46,69 @@ class Held(NamedTuple):
     late: Array
     latency: Array
 
-    def of(self, part: slice | NDArray[np.int64]) -> "Held":
-        """Returns what some of the robots follow."""
+    def of(self, part: slice | IntArray) -> "Held":
+        """Returns the targets of some of the robots."""
         return Held(*(values[part] for values in self))
 
-    def waits(self, n_steps: int) -> NDArray[np.int64]:
+    def waits(self, n_steps: int) -> IntArray:
         """Returns the latencies (n,) in steps of a plant that takes `n_steps` in a period."""
         steps = np.rint(self.latency / CONTROL_PERIOD * n_steps).astype(np.int64)
         return np.clip(steps, 0, n_steps)
 
 
-class Physics(ABC):
-    """Advances many robots by control periods; they stand in groups, each on its own ground."""
+class Engine(ABC):
+    """Advances groups of robots, each by its station."""
 
-    def __init__(self, robot: Robot, stations: Sequence[StationConfig]) -> None:
-        """
-        Args:
-            robot: What robots they are.
-            stations: Physics of each group.
-        """
-        self.robot = robot
+    def __init__(self, stations: Sequence[StationConfig]) -> None:
         self.stations = stations
 
-    @property
-    def n_groups(self) -> int:
-        """Number of groups."""
-        return len(self.stations)
+    @abstractmethod
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
 
-    def members(self, n_robots: int) -> list[NDArray[np.int64]]:
+    @abstractmethod
+    def advance(
+        self, states: Array, held: Held, members: list[IntArray]
+    ) -> tuple[Array, BoolArray | None]:
+        """Advances the members of each group by a control period.
+
+        Returns:
+            Plant states x (n, 37), NaN of others, and whether each foot presses on the ground (n,
+            4); None where that follows from the pose.
+        """
+
+
+class Physics:
+    """Advances many robots by control periods; they stand in groups, each on its ground."""
+
+    def __init__(self, robot: Robot, engines: Sequence[Engine]) -> None:
+        """
+        Args:
+            robot: The robot.
+            engines: Engines of the first groups, of the next ones, and so on.
+        """
+        self.robot, self._engines = robot, engines
+        self._terrains = [own.terrain for engine in engines for own in engine.stations]
+        self.n_groups = len(self._terrains)
+
+    def members(self, n_robots: int) -> list[IntArray]:
         """Returns the robots of each group: they are split evenly, in order."""
         return _members(n_robots, self.n_groups)
 
     def gravity(self, n_robots: int) -> Array:
         """Returns the acceleration by gravity of each robot's group (n_robots, 3; m/s²)."""
-        members = self.members(n_robots)
-        vectors = [station.terrain.gravity for station in self.stations]
-        return np.repeat(vectors, [len(group) for group in members], axis=0)
+        sizes = [len(group) for group in self.members(n_robots)]
+        return np.repeat([terrain.gravity for terrain in self._terrains], sizes, axis=0)
 
     def ground(self, n_robots: int) -> Ground:
-        """Returns what each robot stands on."""
-        return _ground(tuple(station.terrain for station in self.stations), n_robots)
+        """Returns the ground of each robot."""
+        return _ground(tuple(self._terrains), n_robots)
 
-    @abstractmethod
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
+        ends = np.cumsum([len(engine.stations) for engine in self._engines])[:-1]
+        for engine, values in zip(self._engines, np.split(friction, ends), strict=True):
+            engine.set_friction(values)
 
     def step(
         self,
@@ -111,98 +133,57 @@ class Physics(ABC):
         """
         late = targets if previous_targets is None else previous_targets
         latency = np.zeros(len(states)) if latency is None else latency
-        return self._step(states, Held(targets, late, latency))
-
-    @abstractmethod
-    def _step(self, states: Array, held: Held) -> PhysicsStep:
-        """Advances every robot by one control period."""
-
-
-class EnginePhysics(Physics):
-    """Robots that one engine advances."""
-
-    def _step(self, states: Array, held: Held) -> PhysicsStep:
-        # Those that are sound, each on the tile of ground that is laid.
-        values = np.concatenate([states, held.targets, held.late], axis=1)
-        sound = np.all(np.isfinite(values), axis=1)
-        ground = self.ground(len(states))
-        away = ground.periods(states)
-        members = [group[sound[group]] for group in self.members(len(states))]
-        after, touching = self._advance(kinematics.moved_by(states, -away), held, members)
-        after = kinematics.moved_by(after, away)
-        if touching is None:
-            touching = ground.touching(self.robot, after)
+        held = Held(targets, late, latency)
+        after, touching = np.empty_like(states), np.empty((len(states), quadruped.N_LEGS), bool)
+        # Groups are contiguous, and none is smaller than the one after it: each engine splits its
+        # robots as they are split here.
+        sizes, start, first = [len(group) for group in self.members(len(states))], 0, 0
+        for engine in self._engines:
+            last = first + len(engine.stations)
+            part = slice(start, start + sum(sizes[first:last]))
+            after[part], touching[part] = self._advance(engine, states[part], held.of(part))
+            start, first = part.stop, last
         return PhysicsStep(after, touching)
 
-    @abstractmethod
-    def _advance(
-        self, states: Array, held: Held, members: list[NDArray[np.int64]]
-    ) -> tuple[Array, NDArray[np.bool_] | None]:
-        """Advances those of each group's robots that are sound.
-
-        Returns:
-            Plant states x (n, 37), NaN of others, and whether each foot presses on the ground (n,
-            4); None where that follows from the pose.
-        """
-
-
-class MixedPhysics(Physics):
-    """Robots of which some are advanced by one engine and some by another, one after the other."""
-
-    def __init__(self, parts: Sequence[Physics]) -> None:
-        """
-        Args:
-            parts: Physics of the first groups, of the next ones, and so on.
-        """
-        stations = [station for part in parts for station in part.stations]
-        super().__init__(parts[0].robot, stations)
-        self._parts = parts
-        self._ends = np.cumsum([part.n_groups for part in parts])[:-1]
-
-    def set_friction(self, friction: Array) -> None:
-        """Sets the friction (n_groups,) of each group's ground."""
-        for part, own in zip(self._parts, np.split(friction, self._ends), strict=True):
-            part.set_friction(own)
-
-    def _step(self, states: Array, held: Held) -> PhysicsStep:
-        # Groups are contiguous, and none is smaller than the one after it: each part splits its
-        # robots as they are split here.
-        sizes = [len(group) for group in self.members(len(states))]
-        ends = np.cumsum([0, *sizes])[self._ends]
-        parts = zip(self._parts, np.split(np.arange(len(states)), ends), strict=True)
-        steps = [part._step(states[own], held.of(own)) for part, own in parts]
-        return PhysicsStep(*(np.concatenate(values) for values in zip(*steps, strict=True)))
+    def _advance(self, engine: Engine, states: Array, held: Held) -> PhysicsStep:
+        """Advances the sound robots of an engine, each on the tile of ground that is laid."""
+        values = np.concatenate([states, held.targets, held.late], axis=1)
+        sound = np.all(np.isfinite(values), axis=1)
+        terrains = tuple(station.terrain for station in engine.stations)
+        ground = _ground(terrains, len(states))
+        away = ground.periods(states)
+        groups = _members(len(states), len(terrains))
+        members = [group[sound[group]] for group in groups]
+        after, touching = engine.advance(kinematics.moved_by(states, -away), held, members)
+        after = kinematics.moved_by(after, away)
+        return PhysicsStep(
+            after, ground.touching(self.robot, after) if touching is None else touching
+        )
 
 
-def make_physics(robot: Robot, *stations: StationConfig) -> Physics:
+def make_physics(robot: Robot, *stations: StationConfig, n_threads: int | None = None) -> Physics:
     """Makes the physics of groups of robots.
 
     Args:
-        robot: What robots they are.
+        robot: The robot.
         stations: Physics of each group; those of an engine stand side by side.
+        n_threads: Number of threads; all cores by default.
 
     Raises:
-        InputError: if a station is continuous.
+        InputError: if a plant's period does not divide the control period.
     """
-    parts = [
-        _physics_of(robot, engine, list(own))
-        for engine, own in groupby(stations, key=lambda station: station.engine)
-    ]
-    return parts[0] if len(parts) == 1 else MixedPhysics(parts)
+    engines = []
+    for name, group in groupby(stations, key=lambda station: station.engine):
+        # Imported here: most processes need one engine.
+        if name == "drake":
+            from glassgait.diagrams.drake_physics import DrakeEngine as MakeEngine  # noqa: PLC0415
+        else:
+            from glassgait.diagrams.mujoco_physics import MujocoEngine as MakeEngine  # noqa: PLC0415
+        engines.append(MakeEngine(robot, list(group), n_threads))
+    return Physics(robot, engines)
 
 
-def _physics_of(robot: Robot, engine: str, stations: Sequence[StationConfig]) -> Physics:
-    # Imported here: most processes need one engine.
-    if engine == "drake":
-        from glassgait.diagrams.drake_physics import DrakePhysics  # noqa: PLC0415
-
-        return DrakePhysics(robot, *stations)
-    from glassgait.diagrams.mujoco_physics import MujocoPhysics  # noqa: PLC0415
-
-    return MujocoPhysics(robot, *stations)
-
-
-def _members(n_robots: int, n_groups: int) -> list[NDArray[np.int64]]:
+def _members(n_robots: int, n_groups: int) -> list[IntArray]:
     return np.array_split(np.arange(n_robots), n_groups)
 
 

@@ -20,10 +20,7 @@ from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 
-NO_SLIDERS = (
-    "command is of sliders, which one robot has that a person watches; give a speed or a "
-    "speed_range"
-)
+NO_SLIDERS = "command is of sliders, which only a robot in Meshcat has; give a speed"
 
 
 @checked
@@ -32,13 +29,13 @@ class TaskConfig(Settings):
 
     Attributes:
         gait: The gait.
-        randomization: What differs between robots and episodes.
+        randomization: Differences between robots and episodes.
         weights: Weights of the reward.
         limits: Bounds of the termination.
         episode_steps: Control steps of an episode.
-        command: Where commands come from.
-        joint_law: How joints follow targets, by which their torques are charged.
-        robot: What robots they are.
+        command: The source of commands.
+        joint_law: How joints follow targets.
+        robot: The robot.
         observes_imu: Whether gravity's direction and the angular velocity are observed.
     """
 
@@ -63,25 +60,17 @@ class TaskConfig(Settings):
         *,
         episode_steps: int = EPISODE_STEPS,
     ) -> "TaskConfig":
-        """Returns the task of a gait in a scenario.
-
-        Args:
-            gait: The gait.
-            scenario: The scenario.
-            policy: The controller, where the scenario leaves it to the policy how joints follow
-                targets.
-            episode_steps: Control steps of an episode.
+        """Returns the task of a gait in a scenario, with a policy's joints and observation.
 
         Raises:
-            InputError: if commands come from sliders, or the gait is not made for them, or a policy
-                holds another machine.
+            InputError: if commands come from sliders, or the gait is not made for them, or the
+                policy holds another machine.
         """
         command = scenario.command
         if isinstance(command, SliderCommand):
             raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
         command.check(gait)
         refuse_other_machine(policy, gait)
-        robot = scenario.robot_of(policy)
         return cls(
             gait,
             scenario.randomization(),
@@ -90,6 +79,6 @@ class TaskConfig(Settings):
             episode_steps=episode_steps,
             command=command,
             joint_law=scenario.joint_law(policy),
-            robot=robot,
+            robot=scenario.robot_of(policy),
             observes_imu=policy is not None and expert_of(policy).layout.imu,
         )

@@ -1,25 +1,36 @@
-"""Meshcat: the robot on its ground, the gait's display, live or as a standalone page."""
+"""Meshcat: the robot on its ground, a replay as a page, and a robot beside its ghost."""
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import (
     Box,
+    IllustrationProperties,
     Meshcat,
     MeshcatParams,
+    MeshcatVisualizer,
     Rgba,
+    Role,
+    SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from glassgait.diagrams.rollout import Rollout, set_plant_state
 from glassgait.diagrams.station import laid
+from glassgait.models.arrays import Array
+from glassgait.models.files import write_atomically
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
-from glassgait.systems.gait_display import (
-    PAVEMENT_PATH,
-    TILE,
-    WORLD_PATH,
-)
+from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH, GaitDisplay
 
 BOXES_PATH = f"{WORLD_PATH}/terrain"
 """Meshcat's root of ground that is made of boxes."""
@@ -28,20 +39,26 @@ SHADES = ((0.62, 0.64, 0.66), (0.56, 0.58, 0.60))
 PATCH_SHADE = (0.55, 0.66, 0.78)
 """Colours of the boxes, and of those with the patches' friction."""
 
+GHOST_PATH, GHOST_COLOR = f"{WORLD_PATH}/visualizer/ghost", Rgba(0.54, 0.58, 0.64, 0.4)
+
+LANE = 0.6
+"""Distance of the ghost to the robot's left (m)."""
+
 
 def open_meshcat(port: int | None = None) -> Meshcat:
     """Starts a Meshcat server that only this machine can reach."""
-    with _quiet():
+    log = logging.getLogger("drake")
+    level = log.level
+    # Drake announces the server, which nobody needs to open.
+    log.setLevel(logging.WARNING)
+    try:
         return Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
+    finally:
+        log.setLevel(level)
 
 
 def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
-    """Draws a pavement of tiles, since a plain plane hides how fast a robot moves, or the boxes.
-
-    Args:
-        meshcat: Where it shows, at `PAVEMENT_PATH`; the boxes at `BOXES_PATH`.
-        terrain: The ground.
-    """
+    """Draws the boxes of a terrain at `BOXES_PATH`, or a plane's pavement at `PAVEMENT_PATH`."""
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
@@ -50,6 +67,7 @@ def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
     if not terrain.is_plane:
         _draw_boxes(meshcat, terrain)
         return
+    # Tiles, since a plain plane hides how fast a robot moves.
     ground = f"{PAVEMENT_PATH}/ground"
     meshcat.SetObject(ground, Box(30.0, 30.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
     meshcat.SetTransform(ground, RigidTransform([0.0, 0.0, -0.0125]))
@@ -66,7 +84,7 @@ def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
 def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
     grid = grid_of(terrain)
     for i, box in enumerate(terrain.boxes(laid(terrain))):
-        # Neighbours in two shades, so that one sees where one ends.
+        # Neighbours have two shades, which show where one ends.
         number = int(np.floor((box.centre[:2] - grid.origin) / grid.cell).sum())
         path = f"{BOXES_PATH}/{i}"
         shade = PATCH_SHADE if box.is_patch else SHADES[number % 2]
@@ -74,13 +92,144 @@ def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
         meshcat.SetTransform(path, RigidTransform(RotationMatrix(box.rotation), box.centre))
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps Drake from telling of a server that nobody needs to open."""
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
+def save_replay(
+    diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path, *, repetitions: int = 1
+) -> None:
+    """Draws every recorded control step into an animation, and writes it as an HTML page.
+
+    Args:
+        diagram: A diagram that `MakeLocomotion` built to show in `meshcat`.
+        meshcat: The Meshcat.
+        rollout: The rollout; its first instant is the replay's time 0.
+        path: File of the page.
+        repetitions: How often it plays before it stands still.
+    """
+    context = diagram.CreateDefaultContext()
+    display = diagram.GetSubsystemByName("gait_display")
+    display_context = display.GetMyMutableContextFromRoot(context)
+    meshcat.DeleteRecording()
+    meshcat.StartRecording(
+        frames_per_second=1.0 / CONTROL_PERIOD, set_visualizations_while_recording=False
+    )
+    samples = zip(rollout.time, rollout["state"], rollout["rm_state"], strict=True)
+    for time, state, rm_state in samples:
+        context.SetTime(time - rollout.time[0])
+        set_plant_state(diagram, context, state)
+        # The machine's history is not recorded, only its state.
+        display.GetInputPort("rm_state").FixValue(display_context, rm_state)
+        diagram.ForcedPublish(context)
+    meshcat.StopRecording()
+    meshcat.get_mutable_recording().set_repetitions(repetitions)
+    meshcat.PublishRecording()
+    write_atomically(path, _replay_page(meshcat))
+
+
+def _replay_page(meshcat: Meshcat) -> str:
+    """Returns what Meshcat shows as a page that opens without a server.
+
+    A page around it may ask for a moment by the message `{replay: seconds}`.
+    """
+    page, end = meshcat.StaticHtml(), "</body>"
+    for plain, named in _NAMED:
+        page = page.replace(plain, named, 1)
+    start = page.rindex(end) if end in page else len(page)
+    return f"{page[:start]}{_FOLLOWING}{page[start:]}"
+
+
+_NAMED = (
+    ("<html>", '<html lang="en">'),
+    ("<title>", '<meta name="viewport" content="width=device-width, initial-scale=1"><title>'),
+    ("Drake MeshCat", "Replay"),
+)
+
+_FOLLOWING = """<script>
+window.addEventListener("message", event => {
+  const seconds = event.data && event.data.replay;
+  if (typeof seconds !== "number" || typeof viewer === "undefined" || !viewer.animator) return;
+  viewer.animator.pause();
+  viewer.animator.seek(seconds);
+});
+if (window.parent !== window) {
+  // Meshcat begins to play once it has loaded, which it does not announce.
+  const announce = () => window.parent.postMessage({replay: "ready"}, "*");
+  for (const wait of [0, 400, 1500, 4000]) setTimeout(announce, wait);
+}
+else if (matchMedia("(prefers-reduced-motion: reduce)").matches)
+  for (const wait of [0, 400, 1500]) setTimeout(() => viewer.animator?.pause(), wait);
+</script>
+"""
+
+
+class LiveDisplay:
+    """Draws states as they come: the robot with its feet's contacts, and its ghost beside it."""
+
+    def __init__(
+        self, robot: Robot, gait: Gait, meshcat: Meshcat, *, terrain: Terrain = PLANE
+    ) -> None:
+        """
+        Args:
+            robot: The robot.
+            gait: Its gait.
+            meshcat: The Meshcat that shows them; what it showed before is deleted.
+            terrain: The ground.
+        """
+        self._meshcat, self._ground = meshcat, Ground([terrain])
+        meshcat.Delete()
+
+        # A plant of both robots, which are posed and never simulated.
+        builder = DiagramBuilder()
+        self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+        self._instances = [
+            Parser(self._plant, name).AddModels(str(robot.urdf_path))[0]
+            for name in ("robot", "ghost")
+        ]
+        self._plant.Finalize()
+        _paint(self._plant, scene_graph, self._instances[1])
+
+        # The scene.
+        draw_ground(meshcat, terrain)
+        meshcat.SetCameraPose([0.85, -1.0, 0.55], [0.0, 0.2, 0.1])
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+        marks = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
+        for name in ("state", "rm_state", "foot_contact"):
+            builder.ExportInput(marks.GetInputPort(name), name)
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+        self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
+        meshcat.SetTransform(GHOST_PATH, RigidTransform([0.0, LANE, 0.0]))
+
+    def show(
+        self, state: Array, *, rm_state: Array, foot_contact: Array, ghost: Array | None = None
+    ) -> None:
+        """Draws one moment.
+
+        Args:
+            state: The robot's state x (37).
+            rm_state: The machine's state (n_states, one-hot).
+            foot_contact: Whether each foot touches (4).
+            ghost: The ghost's state x (37), if there is one.
+        """
+        # Ground that repeats is only laid around its middle period.
+        away = self._ground.periods(state)
+        beside = kinematics.moved_by(state if ghost is None else ghost, -away)
+        state = kinematics.moved_by(state, -away)
+        given = {"state": state, "rm_state": rm_state, "foot_contact": foot_contact}
+        for name, value in given.items():
+            self._diagram.GetInputPort(name).FixValue(self._context, value)
+        for instance, pose in zip(self._instances, (state, beside), strict=True):
+            self._plant.SetPositions(self._plant_context, instance, pose[: quadruped.N_POSITIONS])
+        self._diagram.ForcedPublish(self._context)
+        self._meshcat.SetProperty(GHOST_PATH, "visible", ghost is not None)
+
+
+def _paint(plant: MultibodyPlant, scene_graph: SceneGraph, ghost: ModelInstanceIndex) -> None:
+    """Gives the ghost its colour, before a visualizer is added."""
+    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
+    for body in plant.GetBodyIndices(ghost):
+        frame = plant.GetBodyFrameIdOrThrow(body)
+        for geometry in inspector.GetGeometries(frame, Role.kIllustration):
+            painted = IllustrationProperties(inspector.GetIllustrationProperties(geometry))
+            painted.UpdateProperty("phong", "diffuse", GHOST_COLOR)
+            # Replaced in one call, it would have Drake warn of visualizers.
+            scene_graph.RemoveRole(source, geometry, Role.kIllustration)
+            scene_graph.AssignRole(source, geometry, painted)

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.live_display import LiveDisplay
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import begin_anew, make_simulator, push, recenter
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.visualization import open_meshcat
+from glassgait.diagrams.visualization import LiveDisplay, open_meshcat
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController

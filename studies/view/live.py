@@ -9,9 +9,9 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.visualization import save_replay
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait

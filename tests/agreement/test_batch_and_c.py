@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.drake_physics import DrakePhysics
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import load_scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.control import Sensors
@@ -21,7 +21,7 @@ def test_c_acts_as_the_batch_on_what_every_robot_senses(name, trot, compiled_pag
     page, scenario = load_student("trot", "sparse_formula"), load_scenario(name)
     simulator = BatchSimulator(
         TaskConfig.of_scenario(trot, scenario, page),
-        DrakePhysics(load_robot(), scenario.station_of(page)),
+        make_physics(load_robot(), scenario.station_of(page)),
         n_robots=N_ROBOTS,
         generator=np.random.default_rng(2),
         estimator=page.estimator,

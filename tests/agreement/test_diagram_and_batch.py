@@ -8,8 +8,8 @@ import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.drake_physics import DrakePhysics
 from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.rollout import make_simulator, push
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
@@ -136,7 +136,7 @@ def batch_beside(gait, policy, scenario, drawn, state):
     task = TaskConfig.of_scenario(gait, scenario, policy)
     simulator = BatchSimulator(
         SimpleNamespace(**(vars(task) | {"randomization": drawn})),
-        DrakePhysics(A1, scenario.station_of(policy)),
+        make_physics(A1, scenario.station_of(policy)),
         n_robots=1,
         generator=np.random.default_rng(0),
         estimator=estimator_in_loop(policy, true_body_state=scenario.true_body_state),

@@ -7,7 +7,6 @@ import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
-from glassgait.diagrams.drake_physics import DrakePhysics
 from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
@@ -32,7 +31,7 @@ def make_simulator(
 ):
     return BatchSimulator(
         TaskConfig(gait, randomization, **task),
-        DrakePhysics(A1, *[StationConfig()] * n_groups),
+        make_physics(A1, *[StationConfig()] * n_groups),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=estimator,
@@ -160,7 +159,7 @@ def test_a_scenario_is_played_as_it_says(trot):
         NOMINAL, friction=(0.3, 0.3), push_speed=0.7, push_interval=3.0, sensor_noise=2.0
     )
     assert (task.weights, task.limits) == (scenario.weights, scenario.limits)
-    physics = DrakePhysics(A1, scenario.station)
+    physics = make_physics(A1, scenario.station)
     simulator = BatchSimulator(
         task, physics, n_robots=3, generator=np.random.default_rng(0), estimator=None
     )

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from glassgait.diagrams.drake_physics import DrakePhysics
 from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
@@ -14,7 +13,7 @@ A1 = load_robot()
 
 
 def drake(*groups, n_threads=1):
-    return DrakePhysics(A1, *groups or (StationConfig(),), n_threads=n_threads)
+    return make_physics(A1, *groups or (StationConfig(),), n_threads=n_threads)
 
 
 def mujoco(*groups):
@@ -65,7 +64,7 @@ def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(n_threads):
 
 
 def test_drakes_threads_and_pythons_loop_agree_in_every_bit():
-    loop, threads = (DrakePhysics(A1, StationConfig(), n_threads=count) for count in (1, 2))
+    loop, threads = (make_physics(A1, StationConfig(), n_threads=count) for count in (1, 2))
     states, targets = standing_batch(7)
     ends = []
     for physics in (loop, threads):
@@ -78,7 +77,7 @@ def test_drakes_threads_and_pythons_loop_agree_in_every_bit():
 
 
 def test_as_few_as_python_steps_are_as_all_that_drake_steps():
-    physics = DrakePhysics(A1, StationConfig(), n_threads=2)
+    physics = make_physics(A1, StationConfig(), n_threads=2)
     states, targets = standing_batch(5)
     states[:, 6] += np.linspace(0.0, 0.1, 5)
     together = physics.step(states, targets).states
@@ -103,11 +102,11 @@ def test_slippery_groups_slide_further(engine):
 def test_steps_that_do_not_divide_the_control_period_are_refused():
     for step in (0.0, 0.015):
         with pytest.raises(InputError, match="must divide the control period"):
-            DrakePhysics(A1, StationConfig(time_step=step))
+            make_physics(A1, StationConfig(time_step=step))
 
 
 def test_robots_of_one_group_get_their_targets_each_at_its_time():
-    physics = DrakePhysics(A1, StationConfig(time_step=0.005))
+    physics = make_physics(A1, StationConfig(time_step=0.005))
     states, targets = standing_batch(4)
     states[:, 6] += 0.2
     moved = targets + 0.3
@@ -122,7 +121,7 @@ def test_robots_of_one_group_get_their_targets_each_at_its_time():
 
 
 def _by_quarters(station, state, old, new, delay):
-    quarter = DrakePhysics(A1, station)._groups[0]
+    quarter = make_physics(A1, station)._engines[0]._groups[0]
     for step in range(4):
         state = quarter._advance(state, old if step < delay else new, 1, None)
     return state

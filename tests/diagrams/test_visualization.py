@@ -4,14 +4,17 @@ import logging
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from glassgait.diagrams.commands import FixedCommand, SliderCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.visualization import open_meshcat
+from glassgait.diagrams.visualization import LiveDisplay, open_meshcat, save_replay
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
+from glassgait.models.task.ground import Ground
+from glassgait.models.task.terrain import PLANE, Terrain
 from glassgait.systems.commands import SPEED_SLIDER
 
 A1 = load_robot()
@@ -64,3 +67,19 @@ def test_sliders_command_the_robot(trot, make_policy):
     meshcat.SetSliderValue(SPEED_SLIDER, -0.3)
     rollout = record(simulator, 2, stop_on_failure=False)
     np.testing.assert_allclose(rollout["command"][-1], [-0.3, 0.0])
+
+
+@pytest.mark.parametrize("terrain", [PLANE, Terrain(kind="blocks", amplitude=0.05)])
+def test_a_robot_far_from_where_it_began_stands_on_ground_that_is_drawn(
+    trot, standing, meshcat, terrain
+):
+    display = LiveDisplay(A1, trot, meshcat, terrain=terrain)
+    standing[quadruped.POSITION] += [40.0, -3.0, 0.0]
+    shown = {"rm_state": np.eye(2)[0], "foot_contact": np.ones(4)}
+    display.show(standing, **shown, ghost=standing)
+    assert meshcat.HasPath("/drake/visualizer/ghost")
+    plant = display._plant
+    place = plant.GetPositions(display._plant_context, display._instances[0])[quadruped.POSITION]
+    away = np.zeros(3) if terrain.is_plane else Ground([terrain]).periods(standing)
+    np.testing.assert_allclose(place, standing[quadruped.POSITION] - away)
+    assert terrain.is_plane or np.abs(place[:2]).max() < 5.0
