@@ -1,7 +1,6 @@
 """Moves a Unitree Go2 by an exported controller, over DDS. No hardware was ever tried.
 
-    python -m glassgait.studies.examples.unitree_bridge --contract deploy.yaml --domain 0 \
-        --interface eth0
+    python -m glassgait.studies.examples.unitree_bridge --contract deploy.yaml --interface eth0
 
 The contract is written by `glassgait export`; the C file beside it is compiled and loaded by
 ctypes. The robot stands up by interpolation, then follows the controller at 50 Hz. Its joints are
