@@ -12,8 +12,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

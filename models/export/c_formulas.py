@@ -79,7 +79,7 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
     act by the formulas of the mirrored robot.
     """
     real, vocabulary = style.real, policy.vocabulary
-    statewise = len(policy.dims) == 2
+    statewise = policy.statewise
     written = policy.to_file().written()
 
     # The formulas of each state, and the definitions and quantities that they use.
@@ -129,7 +129,7 @@ def _mirror(
     assert policy.mirror is not None
     observation = reflect_observation(policy.vocabulary.names, policy.mirror)
     return Mirror(
-        style.signature(takes_state=len(policy.dims) == 2, name="formulas", writes="target"),
+        style.signature(takes_state=policy.statewise, name="formulas", writes="target"),
         tuple(style.constants[image] for image in policy.mirror),
         tuple(f"0x{sum(1 << joint for joint in row):03x}" for row in rows),
         (

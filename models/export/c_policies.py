@@ -10,8 +10,7 @@ import numpy as np
 from glassgait.models.errors import InputError
 from glassgait.models.export.c_language import LINE_LENGTH, CArray, Real, rendered
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.arrays import lower_neighbours
-from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy, lower_neighbours
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy

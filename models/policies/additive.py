@@ -1,6 +1,6 @@
 """Explainable boosting machines, compiled to look-up tables for all joints at once."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import variable
-from glassgait.models.policies.arrays import Indices, Reals, rounded
+from glassgait.models.policies.arrays import ArraySpec, Indices, Reals, rounded
 from glassgait.models.policies.policy import (
     INTERCEPT,
     Contributions,
@@ -16,6 +16,7 @@ from glassgait.models.policies.policy import (
     Policy,
     contributions_of_action,
 )
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import symbols_of
 
@@ -44,7 +45,7 @@ class AdditivePolicy(Policy):
     """
 
     kind = "additive"
-    array_specs: ClassVar = {
+    array_specs: ClassVar[Mapping[str, ArraySpec]] = {
         "cuts": Reals("observations cuts", most=np.inf, ascending=True),
         "pair_cuts": Reals("observations pair_cuts", most=np.inf, ascending=True),
         "tables": Reals("joints observations cuts+1"),
@@ -124,33 +125,29 @@ class AdditivePolicy(Policy):
 
     def __call__(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
-        single, paired = self._looked_up(rows, self.tables, self.pair_tables)
+        single, paired = self._looked_up(rows)
         action = single.sum(axis=-1).T + self.intercepts + paired @ self._of_joint
         return action.reshape(*observation.shape[:-1], -1)
 
-    def _looked_up(self, rows: Array, tables: Array, pair_tables: Array) -> tuple[Array, Array]:
-        """Returns the entries (12, m, n) and (m, p) of tables where rows (m, n) fall."""
-        single = tables[:, self._feature, _digitize(rows, self.cuts)]
+    def _looked_up(self, rows: Array) -> tuple[Array, Array]:
+        """Returns the values (12, m, n) and (m, p) of all functions at rows (m, n)."""
+        single = self.tables[:, self._feature, _digitize(rows, self.cuts)]
         if not len(self.pairs):
             return single, np.zeros((len(rows), 0))
         coarse = _digitize(rows, self.pair_cuts)
         first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
-        return single, pair_tables[self._pair, first, second]
+        return single, self.pair_tables[self._pair, first, second]
 
     def compact(self) -> Self:
-        """Returns the policy with tables that its file holds in single precision.
+        """Returns the policy with tables that fit into single precision.
 
-        Deviations, which no action depends on, are rounded to half precision, and the coarse bins
+        Deviations, on which no action depends, are rounded to half precision, and the coarse bins
         of observations that are in no pair are left out. The file is half as large or less. The few
-        cuts stay as they are, so that an action differs by rounding alone.
+        cuts stay as they are, so an action differs by rounding only.
         """
-        in_pairs = np.isin(self._feature, self.pairs)
-        pair_cuts = _padded(
-            [
-                own[np.isfinite(own) & used]
-                for own, used in zip(self.pair_cuts, in_pairs, strict=True)
-            ]
-        )
+        paired = np.isin(self._feature, self.pairs)
+        cuts = zip(self.pair_cuts, paired, strict=True)
+        pair_cuts = _padded([one[np.isfinite(one) & used] for one, used in cuts])
         bins = slice(pair_cuts.shape[1] + 1)
         return self.with_arrays(
             pair_cuts=pair_cuts,
@@ -166,57 +163,34 @@ class AdditivePolicy(Policy):
         pairs = self.pairs[self.pair_joints == joint]
         return (*names, *(f"{names[first]} & {names[second]}" for first, second in pairs))
 
-    def term_values(self, observations: Array) -> tuple[Array, Array]:
-        """Evaluates every function on observations (m, n).
-
-        Returns:
-            Functions of one observation (m, 12, n), and of two (m, p).
-        """
-        single, paired = self._looked_up(observations, self.tables, self.pair_tables)
-        return np.moveaxis(single, 0, 1), paired
-
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         pairs = self.pairs[self.pair_joints == joint].tolist()
-        of = [(index,) for index in range(len(self.observation_names))] + pairs
+        arguments = [(index,) for index in range(len(self.observation_names))] + pairs
         robot = self.robot
         intercept = robot.default_stance[joint] + robot.action_scale * self.intercepts[joint]
-        functions = (FactoredTerm((), tuple(variable(index) for index in own)) for own in of)
+        functions = (FactoredTerm((), tuple(map(variable, one))) for one in arguments)
         return (FactoredTerm((float(intercept),), ()), *functions)
 
     def importance(self, observations: Array) -> tuple[str, Array]:
         """Returns the mean size of each function; a function of a pair counts half for each."""
-        single, pairs = self.term_values(observations)
+        single, pairs = self._looked_up(observations)
+        single = np.moveaxis(single, 0, 1)
         importances = np.abs(single - single.mean(axis=0)).mean(axis=0)
         sizes = np.abs(pairs - pairs.mean(axis=0)).mean(axis=0)
         for (first, second), joint, size in zip(self.pairs, self.pair_joints, sizes, strict=True):
             importances[joint, [first, second]] += 0.5 * size
         return "terms", importances
 
-    def disagreement(self, observations: Array) -> Array:
-        """Measures how far the bagged models' actions differ.
-
-        Of each joint's functions the standard deviations between the models count as if they were
-        independent: the root of the sum of their squares.
-
-        Args:
-            observations: Observations (..., n).
-
-        Returns:
-            The greatest over the joints (...), in actions; 0 of a single model.
-        """
-        rows = observations.reshape(-1, observations.shape[-1])
-        single, paired = self._looked_up(rows, self.deviations, self.pair_deviations)
-        variance = np.square(single).sum(axis=-1).T + np.square(paired) @ self._of_joint
-        return np.sqrt(variance.max(axis=-1)).reshape(observations.shape[:-1])
-
-    def _explain(self, observation: Array, joint: int) -> Contributions:
+    def explain(self, observation: Array, joint: int | str) -> Contributions:
+        joint = quadruped.joint_index(joint)
         rows = observation.reshape(-1, observation.shape[-1])
-        single, paired = self.term_values(rows)
-        mine = np.flatnonzero(self.pair_joints == joint)
+        single, paired = self._looked_up(rows)
         constant = np.full((len(rows), 1), self.intercepts[joint])
-        values = np.concatenate([constant, single[:, joint], paired[:, mine]], axis=1)
-        terms = (INTERCEPT, *self.term_names(joint))
+        values = np.concatenate(
+            [constant, single[joint], paired[:, self.pair_joints == joint]], axis=1
+        )
         values = values.reshape(*observation.shape[:-1], -1)
+        terms = (INTERCEPT, *self.term_names(joint))
         return contributions_of_action(self.robot, terms, values, joint)
 
 

@@ -1,46 +1,44 @@
 """Gradient-boosted trees, evaluated for all joints at once."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.arrays import (
-    Indices,
-    Reals,
-    lower_neighbours,
-    rounded,
-    single_precision_cuts,
-)
+from glassgait.models.policies.arrays import ArraySpec, Indices, Reals, rounded
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot
 
+if TYPE_CHECKING:
+    from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
+
+    Model = GradientBoostingRegressor | HistGradientBoostingRegressor
+
 _LOWER = "thresholds_lower_neighbours"
-"""The array that a file holds instead of thresholds that hold no more."""
+"""The array that a file holds in place of thresholds that follow from it."""
 
 
 class BoostedTreesPolicy(Policy):
     """Each action is a constant plus the leaves that the observation falls into (paper, Eq. GBM).
 
-    Every tree is stored as a complete binary tree, its nodes in breadth-first order; a branch that
-    ends early goes left for ever.
+    Every tree is stored as a complete binary tree, its nodes in breadth-first order. In a branch
+    that ends early all nodes go left.
 
     Attributes:
-        features: Observation that an inner node asks for (12, n_trees, 2**depth - 1).
+        features: Observation that an inner node compares (12, n_trees, 2**depth - 1).
         thresholds: The node goes left where the observation is at most this, same shape.
         leaves: Contribution of each leaf, learning rate included (12, n_trees, 2**depth).
         intercepts: Constants (12,).
-        importances: Share of the fit's gain at nodes that ask for each observation (12, n), the
+        importances: Share of the fit's gain at nodes that compare each observation (12, n), the
             impurity importance.
-        depth: Questions on the longest branch.
+        depth: Comparisons on the longest branch.
     """
 
     kind = "boosted_trees"
-    array_specs: ClassVar = {
+    array_specs: ClassVar[Mapping[str, ArraySpec]] = {
         "features": Indices("joints trees nodes", of="observations"),
         # A branch that ends early goes left of infinity.
         "thresholds": Reals("joints trees nodes", most=np.inf),
@@ -65,25 +63,13 @@ class BoostedTreesPolicy(Policy):
                 "2**depth - 1; make it anew"
             )
         self._trees = np.arange(n_joints * n_trees)
-        # Level by level, all trees beside one another: where node i of a level goes to is node
-        # 2 i or 2 i + 1 of the next, and what the first levels ask for stays in the cache.
+        # Level by level, with all trees side by side: node i of a level leads to node 2 i or
+        # 2 i + 1 of the next level, and the first levels stay in the cache.
         levels = [slice(2**level - 1, 2 ** (level + 1) - 1) for level in range(self.depth)]
         small = np.min_scalar_type(len(self.observation_names))
         self._features = [self.features[..., nodes].ravel().astype(small) for nodes in levels]
         self._thresholds = [self.thresholds[..., nodes].ravel() for nodes in levels]
         self._leaves = self.leaves.ravel()
-
-    @classmethod
-    def compile(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        models: Sequence[GradientBoostingRegressor | HistGradientBoostingRegressor],
-        robot: Robot | None = None,
-    ) -> Self:
-        """Compiles one fitted scikit-learn model a joint."""
-        compiled = compiled_trees(models, len(observation_names))
-        return cls(gait, observation_names, robot=robot, **compiled)
 
     def __call__(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
@@ -102,15 +88,15 @@ class BoostedTreesPolicy(Policy):
         return action.reshape(*observation.shape[:-1], -1)
 
     def compact(self) -> Self:
-        """Returns the policy with leaves, and thresholds, that its file holds in single precision.
+        """Returns the policy with leaves and thresholds that fit into single precision.
 
         The file is half as large. The thresholds of scikit-learn's exact trees stay as they are, so
-        that every branch is the same and an action differs by rounding alone. Those of trees by
+        every branch is the same and an action differs by rounding only. Those of trees by
         histograms are rounded.
         """
-        as_they_are = lower_neighbours(self.thresholds) is not None
+        exact = lower_neighbours(self.thresholds) is not None
         return self.with_arrays(
-            thresholds=self.thresholds if as_they_are else rounded(self.thresholds, np.float32),
+            thresholds=self.thresholds if exact else rounded(self.thresholds, np.float32),
             leaves=rounded(self.leaves, np.float32),
             importances=rounded(self.importances, np.float32),
         )
@@ -127,16 +113,16 @@ class BoostedTreesPolicy(Policy):
     def from_arrays(
         cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
-        own = dict(arrays)
-        if _LOWER in own and "thresholds" not in own:
-            own["thresholds"] = single_precision_cuts(own.pop(_LOWER))
-        return super().from_arrays(own, values, **names)
+        parts = dict(arrays)
+        if _LOWER in parts and "thresholds" not in parts:
+            parts["thresholds"] = single_precision_cuts(parts.pop(_LOWER))
+        return super().from_arrays(parts, values, **names)
 
     def importance(self, observations: Array) -> tuple[str, Array]:
         return "impurity", self.importances
 
     def tree_values(self, observations: Array, joint: int) -> Array:
-        """Returns what each tree adds to a joint's action (m, n_trees), of observations (m, n)."""
+        """Returns the contribution of each tree to a joint's action (m, n_trees)."""
         features, thresholds = self.features[joint], self.thresholds[joint]
         row, tree = np.arange(len(observations))[:, None], np.arange(len(features))
         node = np.zeros((len(observations), len(tree)), dtype=np.intp)
@@ -145,40 +131,87 @@ class BoostedTreesPolicy(Policy):
             node = 2 * node + 1 + (observations[row, asked] > thresholds[tree, node])
         return self.leaves[joint, tree, node - (2**self.depth - 1)]
 
+    @classmethod
+    def compile(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        models: "Sequence[Model]",
+        robot: Robot | None = None,
+    ) -> Self:
+        """Compiles one fitted scikit-learn model a joint."""
+        compiled = compiled_trees(models, len(observation_names))
+        return cls(gait, observation_names, robot=robot, **compiled)
 
-def compiled_trees(
-    models: Sequence[GradientBoostingRegressor | HistGradientBoostingRegressor], n_observations: int
-) -> dict[str, NDArray[Any]]:
-    """Compiles one fitted model a joint.
+
+# ---- Thresholds of single precision ----------------------------------------------------------
+
+
+def single_precision_cuts(thresholds: NDArray[np.floating]) -> Array:
+    """Returns cuts for doubles that were compared in single precision.
+
+    scikit-learn's exact trees round an observation before they compare it. With these cuts the
+    branches are the same without rounding.
+
+    Args:
+        thresholds: Thresholds, any shape.
 
     Returns:
-        The arrays of `BoostedTreesPolicy`, by name.
+        Cuts c of the same shape: `x <= c` if and only if `float32(x) <= threshold`.
     """
-    joints = [
-        _histogram_trees(model)
-        if isinstance(model, HistGradientBoostingRegressor)
-        else _exact_trees(model)
-        for model in models
-    ]
+    below = _single_precision_below(thresholds)
+    above = np.nextafter(below, np.float32(np.inf))
+    middle = 0.5 * (below.astype(float) + above.astype(float))
+    # Halfway, rounding goes to the neighbour whose last bit is 0.
+    goes_down = middle.astype(np.float32) == below
+    return np.where(goes_down, middle, np.nextafter(middle, -np.inf))
+
+
+def lower_neighbours(cuts: Array) -> NDArray[np.float32] | None:
+    """Returns the thresholds, in single precision, that lead to these cuts, if there are such."""
+    below = _single_precision_below(cuts)
+    return below if np.array_equal(single_precision_cuts(below), cuts) else None
+
+
+def _single_precision_below(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Returns the greatest numbers of single precision that are at most as large."""
+    with np.errstate(over="ignore"):
+        near = values.astype(np.float32)
+    return np.where(near > values, np.nextafter(near, np.float32(-np.inf)), near)
+
+
+# ---- Models of scikit-learn ------------------------------------------------------------------
+
+
+def compiled_trees(models: "Sequence[Model]", n_observations: int) -> dict[str, NDArray[Any]]:
+    """Compiles one fitted model a joint into the arrays of `BoostedTreesPolicy`, by name."""
+    joints = [[_Tree.of(tree, model) for tree in _fitted(model)] for model in models]
     n_trees = max(len(trees) for trees in joints)
     depth = max(1, *(tree.depth() for trees in joints for tree in trees))
-    compiled = [
-        [tree.complete(depth) for tree in trees] + [_nothing(depth)] * (n_trees - len(trees))
-        for trees in joints
-    ]
-    return {
-        "features": np.array([[tree.features for tree in joint] for joint in compiled]),
-        "thresholds": np.array([[tree.thresholds for tree in joint] for joint in compiled]),
-        "leaves": np.array([[tree.leaves for tree in joint] for joint in compiled]),
+    shape = (len(models), n_trees)
+    arrays: dict[str, NDArray[Any]] = {
+        "features": np.zeros((*shape, 2**depth - 1), dtype=np.int32),
+        "thresholds": np.full((*shape, 2**depth - 1), np.inf),
+        "leaves": np.zeros((*shape, 2**depth)),
         "intercepts": np.array([_constant(model) for model in models]),
         "importances": np.array([_importances(model, n_observations) for model in models]),
     }
+    for joint, trees in enumerate(joints):
+        for index, tree in enumerate(trees):
+            parts = (arrays[name][joint, index] for name in ("features", "thresholds", "leaves"))
+            tree.fill(*parts)
+    return arrays
 
 
-class _CompleteTree(NamedTuple):
-    features: NDArray[np.int32]
-    thresholds: Array
-    leaves: Array
+def _is_histogram(model: Any) -> bool:
+    return hasattr(model, "_predictors")
+
+
+def _fitted(model: Any) -> list[Any]:
+    """Returns the fitted trees of a model, as scikit-learn holds them."""
+    if _is_histogram(model):
+        return [predictors[0].nodes for predictors in model._predictors]
+    return [estimator.tree_ for estimator in model.estimators_[:, 0]]
 
 
 class _Tree(NamedTuple):
@@ -190,77 +223,52 @@ class _Tree(NamedTuple):
     right: NDArray[Any]
     values: Array
 
+    @classmethod
+    def of(cls, tree: Any, model: Any) -> Self:
+        if _is_histogram(model):
+            left = np.where(tree["is_leaf"], -1, tree["left"].astype(int))
+            right = tree["right"].astype(int)
+            return cls(tree["feature_idx"], tree["num_threshold"], left, right, tree["value"])
+        cuts = single_precision_cuts(tree.threshold)
+        values = model.learning_rate * tree.value[:, 0, 0]
+        return cls(tree.feature, cuts, tree.children_left, tree.children_right, values)
+
     def depth(self, node: int = 0) -> int:
-        """Counts the questions on the longest branch."""
+        """Counts the comparisons on the longest branch."""
         if self.left[node] < 0:
             return 0
         return 1 + max(self.depth(self.left[node]), self.depth(self.right[node]))
 
-    def complete(self, depth: int) -> _CompleteTree:
-        """Fills the tree up to a depth."""
-        done = _nothing(depth)
-
-        def place(node: int, slot: int, level: int) -> None:
-            if level == depth:
-                done.leaves[slot - (2**depth - 1)] = self.values[node]
-            elif self.left[node] < 0:
-                place(node, 2 * slot + 1, level + 1)
-            else:
-                done.features[slot] = self.features[node]
-                done.thresholds[slot] = self.thresholds[node]
-                place(self.left[node], 2 * slot + 1, level + 1)
-                place(self.right[node], 2 * slot + 2, level + 1)
-
-        place(0, 0, 0)
-        return done
-
-
-def _nothing(depth: int) -> _CompleteTree:
-    inner = 2**depth - 1
-    return _CompleteTree(
-        np.zeros(inner, dtype=np.int32), np.full(inner, np.inf), np.zeros(inner + 1)
-    )
+    def fill(
+        self,
+        features: NDArray[Any],
+        thresholds: Array,
+        leaves: Array,
+        node: int = 0,
+        slot: int = 0,
+    ) -> None:
+        """Writes the branch from a node on into the arrays of a complete tree, from a slot on."""
+        if slot >= len(features):
+            leaves[slot - len(features)] = self.values[node]
+        elif self.left[node] < 0:
+            self.fill(features, thresholds, leaves, node, 2 * slot + 1)
+        else:
+            features[slot], thresholds[slot] = self.features[node], self.thresholds[node]
+            self.fill(features, thresholds, leaves, self.left[node], 2 * slot + 1)
+            self.fill(features, thresholds, leaves, self.right[node], 2 * slot + 2)
 
 
 def _constant(model: Any) -> float:
-    if isinstance(model, HistGradientBoostingRegressor):
+    if _is_histogram(model):
         return float(np.ravel(model._baseline_prediction)[0])
     # scikit-learn starts from the mean of the samples, held by a dummy regressor.
     return float(np.ravel(model.init_.constant_)[0])
 
 
 def _importances(model: Any, n_observations: int) -> Array:
-    if not isinstance(model, HistGradientBoostingRegressor):
+    if not _is_histogram(model):
         return model.feature_importances_
     nodes = np.concatenate([predictors[0].nodes for predictors in model._predictors])
     inner = nodes[nodes["is_leaf"] == 0]
     gains = np.bincount(inner["feature_idx"], inner["gain"], minlength=n_observations)
     return gains / max(gains.sum(), np.finfo(float).tiny)
-
-
-def _exact_trees(model: GradientBoostingRegressor) -> list[_Tree]:
-    trees = [estimator.tree_ for estimator in model.estimators_[:, 0]]
-    return [
-        _Tree(
-            tree.feature,
-            single_precision_cuts(tree.threshold),
-            tree.children_left,
-            tree.children_right,
-            model.learning_rate * tree.value[:, 0, 0],
-        )
-        for tree in trees
-    ]
-
-
-def _histogram_trees(model: HistGradientBoostingRegressor) -> list[_Tree]:
-    every_nodes = [predictors[0].nodes for predictors in model._predictors]
-    return [
-        _Tree(
-            nodes["feature_idx"],
-            nodes["num_threshold"],
-            np.where(nodes["is_leaf"], -1, nodes["left"].astype(int)),
-            nodes["right"].astype(int),
-            nodes["value"],
-        )
-        for nodes in every_nodes
-    ]

@@ -3,53 +3,27 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
-from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import read_text, read_yaml
-from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy, read_policy_file
-from glassgait.models.policies.symbolic import (
-    FormulaPolicy,
-    StatewiseSymbolicPolicy,
-    SymbolicPolicy,
-)
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot, robot_folder, robot_of
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
 
-POLICY_CLASSES: dict[str, type[Policy]] = {
-    policy.kind: policy
-    for policy in (
-        NeuralPolicy,
-        OpenLoopPolicy,
-        LinearPolicy,
-        StatewiseLinearPolicy,
-        BoostedTreesPolicy,
-        AdditivePolicy,
-        SymbolicPolicy,
-        StatewiseSymbolicPolicy,
-    )
-}
-"""The classes of policies that have files, by their kind.
+if TYPE_CHECKING:
+    from glassgait.models.formulas.file import FormulaFile
+    from glassgait.models.policies.neural import NeuralPolicy
+    from glassgait.models.task.gait import Gait
 
-A student that names a class of its own registers it; elsewhere POLICY_CLASSES[Own.kind] = Own does.
-Its `to_arrays` and `from_arrays` hold all that it acts by, in arrays that `array_specs` lists or in
-values; its files end in .safetensors.
-"""
-
-POLICY_SUFFIXES = tuple(dict.fromkeys(policy.suffix for policy in POLICY_CLASSES.values()))
-"""How the names of policy files end."""
+FORMULAS = ".formulas"
+POLICY_SUFFIXES = (Policy.suffix, FORMULAS)
+"""Endings of the names of policy files."""
 
 SAVED_TOLERANCE = 1e-9
 """Greatest difference of the actions of a policy and of its file, absolute and relative."""
@@ -58,13 +32,35 @@ EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
 STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
 
 RECORDS = ("distillation.yaml", "config.yaml")
-"""What may stand beside students and name their expert: where they ship, and in a run's folder."""
+"""Files beside students that may name their expert: of shipped ones, and in a run's folder."""
 
 
 def policy_path(folder: Path, name: str) -> Path:
-    """Returns where a folder keeps a policy, by the file that is there, or would keep it."""
+    """Returns the file of a policy in a folder, or the one that it would have."""
     paths = [folder / f"{name}{suffix}" for suffix in POLICY_SUFFIXES]
     return next((path for path in paths if path.exists()), paths[0])
+
+
+def policy_class(kind: str) -> type[Policy] | None:
+    """Returns the class of the policies of a kind that have safetensors files.
+
+    It is one of this project's, or any subclass of `Policy` that was imported.
+    """
+    # Imported here: programs that load one kind do not need the others.
+    match kind:
+        case "neural":
+            import glassgait.models.policies.neural  # noqa: PLC0415
+        case "linear" | "statewise_linear" | "open_loop":
+            import glassgait.models.policies.linear  # noqa: PLC0415
+        case "boosted_trees":
+            import glassgait.models.policies.boosting  # noqa: PLC0415
+        case "additive":
+            import glassgait.models.policies.additive  # noqa: F401, PLC0415
+    classes: list[type[Policy]] = [Policy]
+    for one in classes:
+        classes.extend(one.__subclasses__())
+    found = [one for one in classes if vars(one).get("kind") == kind and one.suffix != FORMULAS]
+    return found[-1] if found else None
 
 
 def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
@@ -72,42 +68,44 @@ def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
 
     Args:
         path: Its file.
-        robot: The robot that it has to be of; by default the one that ships which it names.
+        robot: The robot that it must be of; by default the shipped robot that it names.
 
     Raises:
-        InputError: if the file is missing, damaged, of an unknown kind, of another robot, or holds
-            anything that a policy of its kind must not.
+        InputError: if the file is missing, damaged, of an unknown kind, of another robot, or not
+            valid for its kind.
     """
     path = Path(path)
-    if path.suffix == FormulaPolicy.suffix:
+    if path.suffix == FORMULAS:
+        from glassgait.models.policies.symbolic import FormulaPolicy  # noqa: PLC0415
+
         with naming(path):
-            file = read_formulas(_read_formula_text(path))
+            file = _read_formula_file(path)
             return FormulaPolicy.from_file(file, robot_of(path, file.robot, robot))
     arrays, header = read_policy_file(path)
-    policy = POLICY_CLASSES.get(header["kind"])
-    if policy is None or issubclass(policy, FormulaPolicy):
+    found = policy_class(header["kind"])
+    if found is None:
         raise InputError(
             f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew, or "
-            "register the class of one of your own in POLICY_CLASSES"
+            "import the class of that kind first"
         )
     names = {"gait": header["gait"], "observation_names": tuple(header["observation_names"])}
     robot = robot_of(path, header.get("robot"), robot)
-    try:
+    with naming(path):
         law = JointLaw.from_plain(header.get("joint_law", {}), JointLaw.title)
-        own = policy.from_arrays(arrays, header["values"], robot=robot, **names)
-        return own.with_joint_law(law)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        policy = found.from_arrays(arrays, header["values"], robot=robot, **names)
+        return policy.with_joint_law(law)
 
 
-def _read_formula_text(path: Path) -> str:
-    # The checker of certificates reads every byte.
-    return read_text(path, encoding="utf-8")
+def _read_formula_file(path: Path) -> "FormulaFile":
+    from glassgait.models.formulas.reader import read_formulas  # noqa: PLC0415
+
+    # The checker of certificates reads every byte, a byte-order mark too.
+    return read_formulas(read_text(path, encoding="utf-8"))
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Puts a file's path, once, before what is wrong with it."""
+    """Puts a file's path, once, before the message of an error."""
     try:
         yield
     except InputError as error:
@@ -116,23 +114,23 @@ def naming(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
-def find_gait(gait: str | Path, robot: str | None = None) -> Gait:
+def find_gait(gait: str | Path, robot: str | None = None) -> "Gait":
     """Loads a gait by its name, or from a gait file, or from a formula file that holds one.
 
     Args:
         gait: The name, or path of a file.
-        robot: Name of a robot, or path of its robot.yaml, which a formula file has to be of; by
-            default any.
+        robot: Name of a robot, or path of its robot.yaml, that a formula file must be of.
 
     Raises:
-        InputError: if there is no such gait, or the file breaks a rule of its kind, or is of
-            another robot.
+        InputError: if the gait is unknown, or the file is not valid or of another robot.
     """
+    from glassgait.models.task.gait import load_gait  # noqa: PLC0415
+
     path = Path(gait)
-    if path.suffix != FormulaPolicy.suffix:
+    if path.suffix != FORMULAS:
         return load_gait(gait)
     with naming(path):
-        file = read_formulas(_read_formula_text(path))
+        file = _read_formula_file(path)
     if robot is not None:
         robot_of(path, file.robot, load_robot(robot))
     if file.machine is None:
@@ -141,14 +139,15 @@ def find_gait(gait: str | Path, robot: str | None = None) -> Gait:
 
 
 def save_policy(policy: Policy, path: Path, observations: Array) -> None:
-    """Saves a policy, loads it again at once, and compares how both act.
+    """Saves a policy, loads it again, and compares the actions of both.
 
     Args:
+        policy: The policy.
         path: Its file, which is deleted where it does not hold the policy.
-        observations: Where the actions are compared (m, n).
+        observations: Observations at which actions are compared (m, n).
 
     Raises:
-        InputError: if the file cannot be written, cannot be loaded, or does not act as the policy.
+        InputError: if the file cannot be written, cannot be loaded, or acts otherwise.
     """
     policy.save(path)
     reason = None
@@ -158,7 +157,7 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
         reason = f"it cannot be loaded again ({error})"
     else:
         acted = policy(observations)
-        # Sums over an array that lies otherwise in memory differ in their last bits.
+        # Sums over an array with another memory layout differ in their last bits.
         if not np.allclose(loaded, acted, rtol=SAVED_TOLERANCE, atol=SAVED_TOLERANCE):
             difference = np.abs(loaded - acted).max()
             reason = f"loaded again, its actions differ by up to {difference:.3g}"
@@ -166,24 +165,23 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
         path.unlink(missing_ok=True)
         raise InputError(
             f"{path}: does not hold the {type(policy).__name__}: {reason}; let its to_arrays and "
-            "from_arrays hold all that it acts by, and register it in POLICY_CLASSES of "
-            "glassgait.models.policies.library"
+            "from_arrays hold all that it acts by"
         )
 
 
 def shipped_experts(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
-    """Lists the gaits whose expert for a robot ships with the project."""
+    """Lists the gaits with a shipped expert for a robot."""
     folder = robot_folder(EXPERT_DIRECTORY, robot)
     return tuple(sorted(path.stem for path in folder.glob("*.safetensors")))
 
 
 def shipped_expert(gait: str, robot: str = DEFAULT_ROBOT) -> Path:
-    """Returns where a gait's expert for a robot ships, or would ship."""
+    """Returns the file that a gait's shipped expert has, or would have."""
     return robot_folder(EXPERT_DIRECTORY, robot) / f"{gait}.safetensors"
 
 
 def shipped_students(gait: str, robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
-    """Lists the kinds of students of a gait for a robot that ship with the project."""
+    """Lists the kinds of shipped students of a gait for a robot."""
     folder = robot_folder(STUDENT_DIRECTORY, robot) / gait
     paths = (path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES)
     return tuple(sorted(path.stem for path in paths))
@@ -193,7 +191,7 @@ def recorded_expert(folder: Path) -> tuple[Path, str] | None:
     """Returns the digest of the expert that a folder's students were distilled with.
 
     Returns:
-        The record that says so, and the digest; None where no record does.
+        The record that holds it, and the digest; None without such a record.
 
     Raises:
         InputError: if a record cannot be read.
@@ -207,21 +205,20 @@ def recorded_expert(folder: Path) -> tuple[Path, str] | None:
 
 
 def load_student_of(expert: Policy, path: Path) -> Policy:
-    """Loads a student, with the estimator of its expert.
-
-    A neural one has its own, and so have formulas whose file holds odometry; these may observe an
-    IMU where the expert does not.
+    """Loads a student, with the estimator of its expert unless its file holds one.
 
     Args:
+        expert: The expert.
         path: The student's file, beside which a record may name its expert.
 
     Raises:
-        InputError: if the file is no policy, the student does not fit the expert, or it was
+        InputError: if the file is not valid, the student does not fit the expert, or it was
             distilled with another one.
     """
     student = load_policy(path, expert.robot)
     names = expert.observation_names
-    if isinstance(student.estimator, Odometry):
+    if student.estimator is not None and not callable(student.estimator):
+        # Formulas that hold odometry may observe an IMU where the expert does not.
         states = expert.layout.n_machine_states
         names = ObservationLayout(states, imu=student.layout.imu).names
     with naming(path):
@@ -239,11 +236,11 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
 
 
 def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
-    """Loads a shipped student, with the estimator of the shipped expert.
+    """Loads a shipped student, with its estimator.
 
     Raises:
-        InputError: if no such student ships with the project, or the shipped expert is not the one
-            that it was distilled with.
+        InputError: if no such student ships, or the shipped expert is not the one that it was
+            distilled with.
     """
     robot = robot or load_robot()
     shipped = shipped_students(gait, robot.name)
@@ -259,39 +256,42 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
 
 
 def load_expert(
-    gait: str | Gait, path: Path | None = None, robot: Robot | None = None
-) -> NeuralPolicy:
-    """Loads the shipped expert of a gait, or one of one's own.
+    gait: "str | Gait", path: Path | None = None, robot: Robot | None = None
+) -> "NeuralPolicy":
+    """Loads the expert of a gait.
 
     Args:
         gait: The gait, or its name if it ships.
         path: The expert's file; the shipped one by default.
-        robot: The robot; by default that of the file, and of what ships the default one.
+        robot: The robot; by default that of the file, and of shipped experts the default one.
 
     Raises:
-        InputError: if there is no expert, or the file holds something else, or the expert of
-            another gait.
+        InputError: if the file is missing, or holds something else or the expert of another gait.
     """
+    from glassgait.models.policies.neural import NeuralPolicy  # noqa: PLC0415
+    from glassgait.models.task.gait import load_gait  # noqa: PLC0415
+
     machine = load_gait(gait) if isinstance(gait, str) else gait
-    gait = machine.name
     if path is None:
         robot = robot or load_robot()
-        path = shipped_expert(gait, robot.name)
+        path = shipped_expert(machine.name, robot.name)
         if not path.exists():
             raise InputError(
-                f"no expert for gait {gait!r} of the {robot.name} ships with the project; train "
-                f"one with 'glassgait train --gait {gait}{robot.option}', or name its run with "
-                "--source"
+                f"no expert for gait {machine.name!r} of the {robot.name} ships with the project; "
+                f"train one with 'glassgait train --gait {machine.name}{robot.option}', or name "
+                "its run with --source"
             )
     policy = load_policy(path, robot)
     if not isinstance(policy, NeuralPolicy):
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
-    if policy.gait != gait:
-        raise InputError(f"{path}: is an expert for gait {policy.gait!r}, not {gait!r}")
+    if policy.gait != machine.name:
+        raise InputError(
+            f"{path}: is an expert for gait {policy.gait!r}, not {machine.name!r}; name another"
+        )
     layout = ObservationLayout(machine.n_states, imu=policy.layout.imu)
     if policy.observation_names != layout.names:
         raise InputError(
-            f"{path}: was trained for a {gait} of other states than the gait's file has now; train "
-            "it anew"
+            f"{path}: was trained for a {machine.name} of other states than the gait's file has "
+            "now; train it anew"
         )
     return policy

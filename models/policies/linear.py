@@ -1,5 +1,7 @@
-"""Linear policies: one weight vector a joint, or one a joint and state of the reward machine."""
+"""Policies of few numbers: linear ones, and open-loop tables."""
 
+from collections.abc import Mapping
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +16,8 @@ from glassgait.models.policies.policy import (
     Policy,
     contributions_of_action,
 )
-from glassgait.models.task.observation import symbols_of
+from glassgait.models.robots import quadruped
+from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, symbols_of
 
 
 class LinearPolicy(Policy):
@@ -26,7 +29,7 @@ class LinearPolicy(Policy):
     """
 
     kind = "linear"
-    array_specs: ClassVar[dict[str, ArraySpec]] = {
+    array_specs: ClassVar[Mapping[str, ArraySpec]] = {
         "weights": Reals("joints observations"),
         "intercepts": Reals("joints"),
     }
@@ -51,15 +54,16 @@ class LinearPolicy(Policy):
         slopes = (scale * weights[:, joint]).T.tolist()
         return (
             FactoredTerm(constant, ()),
-            *(FactoredTerm(tuple(own), (variable(i),)) for i, own in enumerate(slopes)),
+            *(FactoredTerm(tuple(one), (variable(i),)) for i, one in enumerate(slopes)),
         )
 
     def importance(self, observations: Array) -> tuple[str, Array]:
         slopes = np.tensordot(self.state_shares(observations), np.abs(self.by_state()[0]), axes=1)
         return "derivatives", slopes * observations.std(axis=0)
 
-    def _explain(self, observation: Array, joint: int) -> Contributions:
-        weights, intercepts = (own[:, joint] for own in self.by_state())
+    def explain(self, observation: Array, joint: int | str) -> Contributions:
+        joint = quadruped.joint_index(joint)
+        weights, intercepts = (array[:, joint] for array in self.by_state())
         state = self.machine_state(observation) if len(weights) > 1 else 0
         parts = weights[state] * observation
         constant = np.broadcast_to(intercepts[state], observation.shape[:-1])[..., None]
@@ -77,11 +81,10 @@ class StatewiseLinearPolicy(LinearPolicy):
     """
 
     kind = "statewise_linear"
-    array_specs: ClassVar[dict[str, ArraySpec]] = {
+    array_specs: ClassVar[Mapping[str, ArraySpec]] = {
         "weights": Reals("states joints observations"),
         "intercepts": Reals("states joints"),
     }
-    needed_groups = ("machine state",)
 
     def __call__(self, observation: Array) -> Array:
         state = self.machine_state(observation)
@@ -93,3 +96,25 @@ class StatewiseLinearPolicy(LinearPolicy):
 
     def state_shares(self, observations: Array) -> Array:
         return observations[:, self._one_hot].mean(axis=0)
+
+
+class OpenLoopPolicy(Policy):
+    """Each action is looked up by RM state and the time in it; no other sensor counts.
+
+    Attributes:
+        table: Actions (n_states, n_iterations, 12); later iterations take the last entry.
+    """
+
+    kind = "open_loop"
+    array_specs: ClassVar[Mapping[str, ArraySpec]] = {"table": Reals("states iterations joints")}
+    table: Array
+
+    @cached_property
+    def _iterations(self) -> int:
+        (entry,) = indices_of("iterations", self.observation_names)
+        return entry
+
+    def __call__(self, observation: Array) -> Array:
+        iterations = np.rint(observation[..., self._iterations] / ITERATIONS_SCALE).astype(int)
+        last = self.table.shape[1] - 1
+        return self.table[self.machine_state(observation), np.clip(iterations, 0, last)]

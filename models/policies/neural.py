@@ -1,6 +1,6 @@
 """Neural policies: the experts, with the state estimator that they learned to rely on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, ClassVar, Self
@@ -38,7 +38,7 @@ class Network:
     biases: tuple[Array, ...]
 
     reflections: ClassVar[tuple[Reflection, ...]] = ()
-    """Of inputs and of outputs, where it treats left and right alike."""
+    """Mirror images of inputs and of outputs, of networks that treat left and right alike."""
 
     @property
     def plain(self) -> "Network":
@@ -47,7 +47,7 @@ class Network:
 
     @property
     def hidden_layers(self) -> tuple[int, ...]:
-        """Widths of the layers but for the last."""
+        """Widths of all layers but the last."""
         return tuple(len(bias) for bias in self.biases[:-1])
 
     def __call__(self, x: Array) -> Array:
@@ -64,42 +64,19 @@ class Network:
         weights = {f"{prefix}.{i}.weight": weight for i, weight in enumerate(self.weights)}
         return weights | {f"{prefix}.{i}.bias": bias for i, bias in enumerate(self.biases)}
 
-    def to_arrays(self, prefix: str) -> dict[str, NDArray[Any]]:
-        """Returns the layers by name, in single precision as they were trained."""
-        return {name: layer.astype(np.float32) for name, layer in self.layers(prefix).items()}
-
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array], prefix: str) -> Self:
-        """Rebuilds the network that `to_arrays` named."""
-        layers = range(_count_layers(arrays, prefix))
-        return cls(
-            tuple(arrays[f"{prefix}.{i}.weight"] for i in layers),
-            tuple(arrays[f"{prefix}.{i}.bias"] for i in layers),
+        """Rebuilds the network that `layers` took apart."""
+        count = _count_layers(arrays, prefix)
+        weights, biases = (
+            tuple(arrays[f"{prefix}.{i}.{part}"] for i in range(count))
+            for part in ("weight", "bias")
         )
+        return cls(weights, biases)
 
 
 def _count_layers(arrays: Mapping[str, NDArray[Any]], prefix: str) -> int:
     return next(i for i in range(len(arrays) + 1) if f"{prefix}.{i}.weight" not in arrays)
-
-
-_NETWORKS = {"actor": ("observations", "joints"), "estimator": ("proprioception", "estimated")}
-"""What each network maps to what."""
-
-
-def _specs(arrays: Mapping[str, NDArray[Any]], *, estimator: bool) -> dict[str, ArraySpec]:
-    """Says what the networks' arrays must be: each layer takes what the one before it gives."""
-    specs: dict[str, ArraySpec] = {}
-    for prefix, (n_in, n_out) in _NETWORKS.items():
-        if prefix == "estimator" and not estimator:
-            continue
-        count = _count_layers(arrays, prefix)
-        if count > MAX_LAYERS:
-            raise InputError(f"its {prefix} has {count} layers; train one of {MAX_LAYERS} or fewer")
-        widths = (n_in, *(f"{prefix}_{i}" for i in range(count - 1)), n_out)
-        for i, (before, after) in enumerate(pairwise(widths)):
-            specs[f"{prefix}.{i}.weight"] = Reals(f"{after} {before}")
-            specs[f"{prefix}.{i}.bias"] = Reals(after)
-    return specs
 
 
 @dataclass(frozen=True)
@@ -123,13 +100,13 @@ class MirroredNetwork:
 
     @property
     def reflections(self) -> tuple[Reflection, ...]:
-        """Of inputs and of outputs."""
+        """Mirror images of inputs and of outputs."""
         return self.reflect_input, self.reflect_output
 
     def __call__(self, x: Array) -> Array:
         """Maps inputs (..., n_in) to outputs (..., n_out), in double precision."""
-        own, image = self.network(np.stack([x, self.reflect_input(x)]))
-        return 0.5 * (own + self.reflect_output(image))
+        plain, image = self.network(np.stack([x, self.reflect_input(x)]))
+        return 0.5 * (plain + self.reflect_output(image))
 
 
 class NeuralPolicy(Policy):
@@ -137,9 +114,8 @@ class NeuralPolicy(Policy):
 
     Attributes:
         actor: Maps the observation to the action.
-        estimator: Maps proprioception to the last seven entries of the observation, or is odometry.
-        mirrored_states: What the machine's states stand for in the mirror, if both networks treat
-            left and right alike.
+        mirrored_states: The mirror image of each RM state, if the networks treat left and right
+            alike.
     """
 
     kind = "neural"
@@ -156,53 +132,54 @@ class NeuralPolicy(Policy):
     ) -> None:
         """
         Args:
+            gait: Name of the gait.
             observation_names: Names of the observations, in order.
             actor: Network from the observation to the action.
             estimator: Network from proprioception to the last seven entries of the observation, or
                 odometry.
-            mirrored_states: `symmetry.mirrored_states` of the gait, for networks that are to treat
-                left and right alike.
+            mirrored_states: `symmetry.mirrored_states` of the gait, for networks that treat left
+                and right alike.
+            robot: The robot; the default one by default.
 
         Raises:
-            InputError: if a layer is not what it must be, or the states are no mirror images.
+            InputError: if a layer is not valid, or the states are no mirror images.
         """
         super().__init__(gait, observation_names, robot=robot)
         self._networks = {"actor": actor}
         if isinstance(estimator, Network):
             self._networks["estimator"] = estimator
-        layers = [own.layers(name) for name, own in self._networks.items()]
-        self._taken(
-            {name: layer for own in layers for name, layer in own.items()},
-            observation_names,
-            estimator=isinstance(estimator, Network),
-        )
+        layers: dict[str, Array] = {}
+        for name, network in self._networks.items():
+            layers |= network.layers(name)
+        self._taken(layers, observation_names, estimator="estimator" in self._networks)
         self.mirrored_states = self._checked_states(mirrored_states)
         self.actor: Network | MirroredNetwork = actor
         self._estimator: Network | MirroredNetwork | Odometry = estimator
         if self.mirrored_states is not None:
             observation = reflect_observation(observation_names, self.mirrored_states)
-            own, body = observation.split(len(observation_names) - N_ESTIMATED)
+            proprioception, body = observation.split(len(observation_names) - N_ESTIMATED)
             self.actor = MirroredNetwork(actor, observation, REFLECT_JOINTS)
             if isinstance(estimator, Network):
-                self._estimator = MirroredNetwork(estimator, own, body)
+                self._estimator = MirroredNetwork(estimator, proprioception, body)
 
     def __call__(self, observation: Array) -> Array:
         return self.actor(observation)
 
     @property
     def estimator(self) -> Network | MirroredNetwork | Odometry:
-        """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+        """Odometry, or the map from proprioception to the body state (..., 7)."""
         return self._estimator
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         layers: dict[str, NDArray[Any]] = {}
         for name, network in self._networks.items():
-            layers |= network.to_arrays(name)
-        states, values = self.mirrored_states, {}
+            # Files hold the single precision of training.
+            layers |= {key: one.astype(np.float32) for key, one in network.layers(name).items()}
+        values: dict[str, Any] = {}
         if isinstance(self._estimator, Odometry):
             values["odometry"] = asdict(self._estimator)
-        if states is not None:
-            values["mirrored_states"] = list(states)
+        if self.mirrored_states is not None:
+            values["mirrored_states"] = list(self.mirrored_states)
         return layers, values
 
     @classmethod
@@ -210,9 +187,9 @@ class NeuralPolicy(Policy):
         cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
         odometry = values.get("odometry")
+        layers = cls._taken(arrays, names["observation_names"], estimator=odometry is None)
         with cls._naming_this_kind():
-            estimator = None if odometry is None else Odometry.from_plain(odometry, "odometry")
-        layers = cls._taken(arrays, names["observation_names"], estimator=estimator is None)
+            estimator = odometry and Odometry.from_plain(odometry, "odometry")
         return cls(
             **names,
             actor=Network.from_arrays(layers, "actor"),
@@ -220,18 +197,17 @@ class NeuralPolicy(Policy):
             mirrored_states=values.get("mirrored_states"),
         )
 
-    def _checked_states(self, states: Sequence[int] | None) -> tuple[int, ...] | None:
+    def _checked_states(self, states: Any) -> tuple[int, ...] | None:
         if states is None:
             return None
-        with self._naming_this_kind():
-            count = self._sizes(self.observation_names)["states"]
-            numbers = list(range(count))
-            whole = isinstance(states, tuple | list) and all(type(i) is int for i in states)
-            if not whole or sorted(states) != numbers or [states[i] for i in states] != numbers:
-                raise InputError(
-                    f"mirrored_states is {shown(states)}; it must pair the {count} states of the "
-                    "machine, so train the expert anew"
-                )
+        count = self.layout.n_machine_states
+        numbers = list(range(count))
+        whole = isinstance(states, tuple | list) and all(type(i) is int for i in states)
+        if not whole or sorted(states) != numbers or [states[i] for i in states] != numbers:
+            raise InputError(
+                f"{self.kind} policy: mirrored_states is {shown(states)}; it must pair the {count} "
+                "RM states, so train the expert anew"
+            )
         return tuple(states)
 
     @classmethod
@@ -245,6 +221,23 @@ class NeuralPolicy(Policy):
         """Checks the layers of both networks and returns them in double precision."""
         with cls._naming_this_kind():
             sizes = cls._sizes(observation_names)
-            sizes["proprioception"] = sizes["observations"] - N_ESTIMATED
-            specs = _specs(layers, estimator=estimator)
-            return take_arrays(layers, specs, sizes | {"estimated": N_ESTIMATED})
+            sizes |= {"proprioception": sizes["observations"] - N_ESTIMATED, "body": N_ESTIMATED}
+            specs = _specs(layers, "actor", "observations", "joints")
+            if estimator:
+                specs |= _specs(layers, "estimator", "proprioception", "body")
+            return take_arrays(layers, specs, sizes)
+
+
+def _specs(
+    arrays: Mapping[str, NDArray[Any]], prefix: str, n_in: str, n_out: str
+) -> dict[str, ArraySpec]:
+    """Specifies the arrays of a network, whose layers take what the layers before them give."""
+    count = _count_layers(arrays, prefix)
+    if not 1 <= count <= MAX_LAYERS:
+        raise InputError(f"its {prefix} has {count} layers; train one of 1 to {MAX_LAYERS}")
+    widths = (n_in, *(f"{prefix}_{i}" for i in range(count - 1)), n_out)
+    specs: dict[str, ArraySpec] = {}
+    for i, (before, after) in enumerate(pairwise(widths)):
+        specs[f"{prefix}.{i}.weight"] = Reals(f"{after} {before}")
+        specs[f"{prefix}.{i}.bias"] = Reals(after)
+    return specs

@@ -18,7 +18,6 @@ from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import (
     AlternatingController,
     ControllerOutput,
-    WrappedController,
 )
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
@@ -250,7 +249,8 @@ def closed_loop_table(
         One row an engine: `falls` and mean `return` of both, and the greatest difference of a
         robot's return (share of it).
     """
-    in_c = _CompiledController(controller, compiled)
+    parts = controller.expert, controller.student, controller.period
+    in_c = _CompiledController(*parts, compiled)
     rows = []
     for engine, name in ENGINES.items():
         scenario, scores = load_scenario(name), []
@@ -296,10 +296,10 @@ def _one_command(gait: Gait, n_robots: int, seed: int) -> Event:
 
 
 @dataclass(frozen=True)
-class _CompiledController(WrappedController):
+class _CompiledController(AlternatingController):
     """Acts by a compiled controller for each robot, whose sensors an event reads."""
 
-    compiled: LoadedController
+    compiled: LoadedController | None = None
     _sensed: list[Moment] = field(default_factory=list)
 
     def sense(self, running: Episode, _: BoolArray) -> None:
@@ -307,9 +307,11 @@ class _CompiledController(WrappedController):
         self._sensed[:] = moments(running.simulator.state)
 
     def begin(self, n_robots: int) -> list[Array]:
+        assert self.compiled is not None
         return [self.compiled.initial() for _ in range(n_robots)]
 
     def advance(self, step: int, observation: Array, memory: list[Array]) -> ControllerOutput:
+        assert self.compiled is not None
         memory = [
             self.compiled.step(one, *moment).memory
             for one, moment in zip(memory, self._sensed, strict=True)

@@ -17,9 +17,8 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped

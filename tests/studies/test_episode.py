@@ -11,9 +11,8 @@ from glassgait import studies
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import (
+    AlternatingController,
     ControllerOutput,
-    WrappedController,
-    alone,
 )
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
@@ -129,15 +128,15 @@ def test_a_command_holds_from_its_step_on(expert):
 
 
 def test_memory_goes_from_step_to_step(expert):
-    class Counting(WrappedController):
+    class Counting(AlternatingController):
         def begin(self, n_robots):
             return np.zeros(n_robots)
 
         def advance(self, step, observation, memory):
-            action = self.inner.advance(step, observation, None).action
+            action = super().advance(step, observation, None).action
             return ControllerOutput(action, np.ones(len(action), dtype=bool), memory + 1.0)
 
-    steps, _ = play(Counting(alone(expert)), events=[far(0, [1])], leave_out_every=3)
+    steps, _ = play(Counting(expert), events=[far(0, [1])], leave_out_every=3)
     assert [step.output.memory.tolist() for step in steps][2:4] == [[3.0] * 3, [4.0] * 2]
 
 

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.formulas.grammar import parse_expression, variable_names
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot

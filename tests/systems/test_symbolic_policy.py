@@ -19,8 +19,7 @@ from glassgait.models.policies.library import (
     shipped_experts,
     shipped_students,
 )
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
