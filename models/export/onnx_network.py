@@ -18,7 +18,6 @@ from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import exported_estimator
 from glassgait.models.export.contract import robot_terms
-from glassgait.models.formulas.latex import odometry_program
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.robots import quadruped
@@ -190,11 +189,7 @@ def _metadata(
         "reward_machine": json.dumps(machine),
         "policy": policy_name,
         "policy_digest": controller.policy.digest(),
-        **(
-            {"odometry": "\n".join(odometry_program(estimator))}
-            if isinstance(estimator, Odometry)
-            else {}
-        ),
+        **({"odometry_gain": repr(estimator.gain)} if isinstance(estimator, Odometry) else {}),
     }
 
 

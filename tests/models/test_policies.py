@@ -10,8 +10,8 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import load_arrays, save_arrays
-from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.formulas.grammar import parse_formula
+from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.arrays import narrowest
 from glassgait.models.policies.boosting import (

@@ -164,7 +164,7 @@ def test_a_graph_acts_as_its_network(kind, real, trot, learned_expert):
     assert table["target"].item() < (1e-12 if real == "double" else 1e-6)
     assert graph.metadata["joint_names"].startswith("FL_hip,FL_thigh")
     assert json.loads(graph.metadata["reward_machine"])["states"] == list(trot.states)
-    assert ("odometry" in graph.metadata) == (kind == "odometry")
+    assert ("odometry_gain" in graph.metadata) == (kind == "odometry")
     # Rows are independent of each other.
     rows = np.random.default_rng(0).normal(size=(3, expert.layout.n_proprioceptive))
     body = np.zeros((3, 7))
