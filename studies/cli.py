@@ -133,12 +133,12 @@ def _parse(name: str, arguments: list[str]) -> Any:
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     flags = (tyro.conf.FlagCreatePairsOff, tyro.conf.SuppressFixed)
     prog = f"glassgait {name}"
-    if not name.startswith("reproduce "):
+    if not name.startswith("reproduce ") or name == "reproduce benchmark":
         return tyro.cli(command_class(name), prog=prog, args=arguments, config=flags)
-    from glassgait.studies.reproduction.settings import load_settings, settings_file, study_of
+    from glassgait.studies.reproduction.settings import load_settings, settings_file
 
     path = settings_file(name.removeprefix("reproduce "))
-    kind = command_class(f"reproduce {study_of(path)}")
+    kind = command_class("reproduce report")
     published = load_settings(kind, path, quick="--quick" in arguments)
     return tyro.cli(kind, default=published, prog=prog, args=arguments, config=flags)
 

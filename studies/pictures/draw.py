@@ -59,7 +59,7 @@ def draw(names: Sequence[str] = ()) -> None:
     """Draws the named pictures, by default all."""
     experts = list(shipped_experts())
     known = ["locomotion.svg", "learning_curves.png", "worlds.png"]
-    known += [f"{gait}.gif" for gait in experts] + [f"{gait}_gait.png" for gait in experts]
+    known += [*(f"{gait}.gif" for gait in experts), "trot_gait.png"]
     for name in names or known:
         say(f"drawing {name}")
         path = FOLDER / name

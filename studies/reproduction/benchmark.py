@@ -4,7 +4,7 @@ import resource
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -12,36 +12,37 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
+from pydrake.common import Parallelism
+from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
+from pydrake.systems.framework import DiagramBuilder
 
-from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.physics import PhysicsStep
+from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import FLAGS, compile_c, has_compiler, write_source
 from glassgait.models.export.c_source import write_controller
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Count, checked
-from glassgait.models.task.gait import Gait
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import OneGait
 from glassgait.studies.common.pages import page_template
 from glassgait.studies.common.policies import ALL, Policies
 from glassgait.studies.common.run import CONFIG_NAME, default_folder, read_run, refuse_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.boosting import EnsembleSettings, fit_models
-from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.config import StudentsSettings
-from glassgait.studies.distillation.dataset import Dataset
 from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.export.command import controller_name
 from glassgait.studies.reproduction.page import TEMPLATES
-from glassgait.studies.reproduction.throughput import throughput
 from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.run import TrainingRun
 
-Part = Literal["throughput", "actions", "students"]
+Part = Literal["throughput", "actions"]
 
-PARTS: tuple[Part, ...] = ("throughput", "actions", "students")
+PARTS: tuple[Part, ...] = ("throughput", "actions")
 
 STEPS = 20_000
 """Steps of a controller in C that are timed."""
@@ -55,16 +56,15 @@ REPETITIONS = 5
 
 @checked
 class Benchmark(OneGait):
-    """Measure training throughput and the time of one action, as ratios.
+    """Measure training throughput and the time of one action.
 
     Attributes:
-        parts: What to measure: training, actions of policies in Python and in C, students beside
-            the models of their libraries; all by default.
+        parts: What to measure: training beside bare physics, and actions of policies in Python and
+            in C; both by default.
         training: Folder of a training run to continue in memory, so that robots walk rather than
             fall; from the beginning by default.
         updates: Updates that are timed at once.
         repeats: Number of timings; medians are reported.
-        gym_steps: Steps of gymnasium's sixteen environments.
         output: Folder of the results; runs/reproduce/benchmark by default.
     """
 
@@ -74,7 +74,6 @@ class Benchmark(OneGait):
     training: Path | None = None
     updates: Count = 4
     repeats: Count = 5
-    gym_steps: Count = 200
     output: Path | None = None
 
     def run(self) -> None:
@@ -85,7 +84,6 @@ class Benchmark(OneGait):
         measures: dict[str, tuple[str, Callable[[], pd.DataFrame]]] = {
             "throughput": ("Throughput", self._throughput),
             "actions": ("One action, one robot", lambda: action_times(self.policies())),
-            "students": ("Students beside their libraries' models", self._students),
         }
         metrics: dict[str, Any] = {}
         for part in dict.fromkeys(self.parts):
@@ -105,11 +103,7 @@ class Benchmark(OneGait):
         if self.training is not None:
             settings = read_run(self.training, "train")["settings"]
             config = TrainingConfig.from_plain(settings, str(self.training / CONFIG_NAME))
-        return throughput(config, self.training, self.updates, self.repeats, self.gym_steps)
-
-    def _students(self) -> pd.DataFrame:
-        found = self.policies()
-        return library_times(expert_samples(found, n_steps=1000), found, StudentsSettings())
+        return throughput(config, self.training, self.updates, self.repeats)
 
 
 def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
@@ -179,47 +173,101 @@ def step_times(
     }
 
 
-def expert_samples(found: Policies, n_steps: int) -> Dataset:
-    """Collects four episodes of the expert alone."""
-    return collect(
-        found.gait,
-        alone(found.expert),
-        episodes=range(1, 5),
-        n_steps=n_steps,
-        worlds=Scenario(),
-        generator=np.random.default_rng(0),
-    )
+def throughput(
+    config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
+) -> pd.DataFrame:
+    """Times training and its physics: a row each, with training's share.
 
-
-def library_times(samples: Dataset, found: Policies, settings: StudentsSettings) -> pd.DataFrame:
-    """Times an action of all 12 joints: compiled, and `predict` of the library joint by joint.
-
-    Boosted trees are as many and as deep as the study's; additive models have as many terms, but
-    few rounds, which a prediction does not notice.
+    Args:
+        config: The training run.
+        checkpoint: Folder of a run to start from, or None to start at the beginning.
+        n_updates: Updates to time at once.
+        repeats: Number of turns, of which medians are reported.
     """
-    gait, expert = found.gait, found.expert
-    few = replace(settings.of("ebm"), outer_bags=1, max_rounds=50)
-    settings = replace(settings, **{"ebm": few})
-    training_set = samples.training_set(gait, expert)
+    pairs = pd.DataFrame(training_and_physics(config, checkpoint, n_updates, repeats))
+    training, bare = pairs["training"].median(), pairs["physics"].median()
+    share = (pairs["training"] / pairs["physics"]).median()
+    rows = [
+        (f"PPO training, {config.n_robots} robots", training, "1"),
+        ("BatchEvalUniquePeriodicDiscreteUpdate only, same states", bare, f"{share:.2f} of it"),
+    ]
+    table = pd.DataFrame(rows, columns=pd.Index(["what", "control steps/s", "training is"]))
+    return table.round({"control steps/s": 0})
+
+
+def training_and_physics(
+    config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
+) -> list[dict[str, float]]:
+    """Times updates of PPO, and Drake's physics over the same states and targets.
+
+    Both are timed in turn, so that they meet the same other load of the machine.
+
+    Returns:
+        Control steps/s of `training` and bare `physics`, a row a turn.
+    """
+    config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = checkpoint or Path(temporary)
+        gait = load_gait(config.gait)
+        run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
+    robot = load_robot(config.robot)
+    stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
+    physics, recorded = _BarePhysics(robot, stations), _record_steps(run)
+    run.update()
     rows = []
-    for kind in ("gbm", "histogram_gbm", "ebm"):
-        fitted: EnsembleSettings = getattr(settings, kind)
-        models = fit_models(training_set, fitted, seed=0, n_jobs=2)
-        compiled = fitted.policy.compile(expert.gait, expert.observation_names, models)
+    for _ in range(repeats):
+        recorded.clear()
+        n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
+        training = _seconds(lambda: [run.update() for _ in range(n_updates)])
+        bare = _seconds(lambda: [physics.step(*pair) for pair in recorded])
+        rows.append({"training": n_steps / training, "physics": n_steps / bare})
+    return rows
 
-        def library(observations: Array, models: Any = models) -> Array:
-            return np.stack([model.predict(observations) for model in models], axis=1)
 
-        row = samples.observations[:1]
-        ours, theirs = call_time(compiled, row), call_time(library, row)
-        error = compiled(samples.observations) - library(samples.observations)
-        rows.append(
-            {
-                "student": kind,
-                "compiled (µs)": round(ours, 1),
-                "predict × 12 (µs)": round(theirs),
-                "ratio": round(theirs / ours),
-                "greatest difference": float(np.abs(error).max()),
-            }
-        )
-    return pd.DataFrame(rows)
+class _BarePhysics:
+    """Calls Drake's batch evaluation for each group and control step, and nothing else."""
+
+    def __init__(self, robot: Robot, stations: Sequence[StationConfig]) -> None:
+        self._groups = []
+        for station in stations:
+            builder = DiagramBuilder()
+            plant, _, instance = AddStation(builder, robot, station)
+            builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
+            diagram = builder.Build()
+            n_steps = round(CONTROL_PERIOD / station.time_step)
+            self._groups.append((diagram, diagram.CreateDefaultContext(), n_steps))
+
+    def step(self, states: Array, targets: Array) -> None:
+        desired = np.hstack([targets, np.zeros_like(targets)])
+        n = len(self._groups)
+        parts = zip(np.array_split(states, n), np.array_split(desired, n), strict=True)
+        for (diagram, context, n_steps), (mine, inputs) in zip(self._groups, parts, strict=True):
+            BatchEvalUniquePeriodicDiscreteUpdate(
+                diagram,
+                context,
+                times=np.zeros(len(mine)),
+                states=mine.T,
+                inputs=inputs.T,
+                num_time_steps=n_steps,
+                parallelize=Parallelism.Max(),
+            )
+
+
+def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:
+    """Returns a list that records the states and targets of the run's physics from now on."""
+    physics = run.environment.simulator.physics
+    recorded: list[tuple[Array, Array]] = []
+    step = physics.step
+
+    def recording_step(states: Array, targets: Array, **late: Array) -> PhysicsStep:
+        recorded.append((states.copy(), targets.copy()))
+        return step(states, targets, **late)
+
+    setattr(physics, "step", recording_step)  # noqa: B010
+    return recorded
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start

@@ -1,77 +1,15 @@
-"""The report's contents: each of the paper's tables and figures, and ours for it."""
+"""The report's contents: the paper's tables and figures, and ours in their place."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from glassgait.models.robots.robot import Robot
 from glassgait.studies.distillation.students import STUDENTS, paper_students, student_title
 from glassgait.studies.reproduction.gait import GaitResults
 from glassgait.studies.reproduction.page import Section
 
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
-
-DEVIATIONS = (
-    "Experts are trained with 256 robots for 17 to 32 % of the paper's control steps, "
-    "with a curriculum on the reward machine that the paper does not have.",
-    "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "
-    "quarter of the samples; explainable boosting takes larger and fewer steps than interpret's "
-    "defaults, with fewer bins and bags. While samples are collected trees are boosted by "
-    "histograms and additive models are smaller.",
-    "Formulas start from a sparse sum found by least squares, gated by the reward machine and by "
-    "which feet are in the air, which Operon may then correct. Of several shapes, with the samples "
-    "of an episode's start counting once or often, the simplest is taken that walks alone about as "
-    "well as the best. The paper evolves them with PySR alone. "
-    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 400, but "
-    "Operon counts a weighted observation as one.",
-    "After the paper's episodes come rounds in which the student acts alone.",
-    "Students are refitted when the alternation ratio changes, not after every episode.",
-    "R² is given for whole episodes held out beside the paper's split, which shuffles steps.",
-    "Gait sequences are drawn as contacts over time, not as stills; glassgait view draws "
-    "those, with --stills.",
-    "Importances of legs are merged by a stated rule: added up over observations that differ by "
-    "leg alone; each of a type's four joints names its own first, second and third.",
-)
-"""What a report of experts that are there does otherwise than the paper."""
-
-DEVIATIONS_IN_FULL = (
-    "Friction differs between 16 groups of robots while experts learn, not between all robots.",
-    "In distillation and rollouts an episode ends where the trunk is below 0.20 m or an action "
-    "changes by more than 60 squared; while experts learn, at the reference code's 0.25 m and 40.",
-    "The walk is asked for at most 0.5 m/s, so its episodes of 0.75 m/s ask for 0.5.",
-    "A robot that falls while samples are collected starts again, and its episode goes on.",
-    "Students that act are fitted to four of five episodes, whole ones; R² by the paper's split, "
-    "which shuffles steps, is of another fit to the same episodes.",
-    "While n is 1 the expert acts at every step, so students are first fitted after that.",
-    "Explainable boosting takes the machine's state, which is 0 or 1, for a number. Trees and "
-    "tables are rounded to single precision, numbers in formulas to three digits.",
-    "Gait sequences are drawn as contacts over time, not as stills.",
-)
-"""What a report whose experts are trained does otherwise than the paper, by any settings."""
-
-WITHOUT_PYSR = (
-    "Formulas are searched by Operon, not by PySR: operators, nodes and iterations are counted "
-    "otherwise, there is no cube, and what a function is applied to has no bound of its own. Their "
-    "numbers are not the paper's method's."
-)
-
-
-def deviations(robot: Robot, *, trains: bool) -> tuple[str, ...]:
-    """Lists what a report does otherwise than the paper, by any settings."""
-    if trains:
-        return (
-            f"The robot is a {robot.full_name} in Drake, SAP contact at 10 ms, on flat ground; the "
-            "paper's stands in IsaacGym. What else differs in robot and task is listed in "
-            "studies/training/README.md.",
-            *DEVIATIONS_IN_FULL,
-        )
-    return (
-        f"The robot is a {robot.full_name} in Drake, SAP contact at 10 ms; the paper names neither "
-        "its simulator's contact model nor its time step.",
-        *DEVIATIONS,
-    )
-
 
 JOINT_FIGURES = (
     ("Figure 6", "A weak learner of the GBM", "gbm_FL_hip_tree", True),

@@ -1,14 +1,10 @@
-"""What the report needs of one gait: students, scores, importances and figures, in its folder."""
+"""Distils, evaluates and explains one gait for the report."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
 
-import numpy as np
 import pandas as pd
-import tyro
-from annotated_types import Ge, MinLen
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
@@ -17,18 +13,17 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students import load_students, paper_students, student_title
+from glassgait.studies.distillation.students import load_students, student_title
 from glassgait.studies.distillation.study import distill, write_r2_table
-from glassgait.studies.evaluation.alternation import PERIODS, alternation_report, alternation_scores
+from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
 from glassgait.studies.evaluation.tables import standalone_table
 from glassgait.studies.importance.figures import contribution_figure, student_figures
 from glassgait.studies.importance.study import (
@@ -46,49 +41,15 @@ SPEED = 0.5
 """Commanded forward speed of the gait sequences (m/s)."""
 
 
-PAPER_GAITS = ("walk", "trot", "pace", "bound")
-
-
-@checked
-class ReportConfig(Settings):
-    """How much is computed for each gait.
-
-    Attributes:
-        distillation: Settings of the distillation; the gait is set for each.
-        periods: Control steps from one action of the expert to the next, at each of which students
-            are rolled out; 0 is never.
-        rollouts: How robots are rolled out.
-        n_samples: Held-out samples that importances are measured on.
-        repeats: Shuffles of each observation.
-    """
-
-    title: ClassVar[str] = "report"
-
-    distillation: Annotated[DistillationConfig, tyro.conf.Fixed] = field(
-        default_factory=lambda: DistillationConfig(students=paper_students())
-    )
-    periods: Annotated[tuple[Natural, ...], MinLen(1), FEW, DISTINCT] = PERIODS
-    rollouts: Annotated[RolloutConfig, tyro.conf.Fixed] = field(default_factory=RolloutConfig)
-    n_samples: Annotated[Count, Ge(2)] = 1000
-    repeats: Count = 10
-
-    def rollouts_of(self, gait: Gait) -> RolloutConfig:
-        """Returns how the robots of a gait are rolled out: at most as fast as it goes."""
-        if self.rollouts.speed_range is None:
-            return self.rollouts
-        slowest, fastest = np.clip(self.rollouts.speed_range, -gait.max_speed, gait.max_speed)
-        return replace(self.rollouts, speed_range=(float(slowest), float(fastest)))
-
-
 @dataclass(frozen=True)
 class GaitResults:
-    """What was found about one gait.
+    """Results of one gait.
 
     Attributes:
-        gait: Its name.
-        folder: Where its figures lie.
+        gait: Name of the gait.
+        folder: Folder of its figures.
         r2: R² of each student, as `distill` returns them.
-        standalone: Scores alone, formatted.
+        standalone: Scores without the expert, formatted.
         tops: The most important observations beside the paper's.
     """
 
@@ -99,31 +60,37 @@ class GaitResults:
     tops: pd.DataFrame
 
 
-def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Path) -> GaitResults:
+def study_gait(
+    gait: Gait,
+    expert: NeuralPolicy,
+    folder: Path,
+    *,
+    distillation: DistillationConfig,
+    rollouts: RolloutConfig,
+    periods: tuple[int, ...],
+    n_samples: int,
+    repeats: int,
+) -> GaitResults:
     """Distils, evaluates and explains one gait, from where an earlier run stopped."""
-    gait = load_gait(name)
-    title = name.capitalize()
-    distillation = replace(config.distillation, gait=name)
+    name, title = gait.name, gait.name.capitalize()
     source = folder / "distillation"
     r2 = distill(distillation, gait, expert, source, resume=True)
     write_r2_table(r2, name, source)
     students = load_students(source, expert)
 
     say(f"{title}: rolling out every student at every alternation ratio")
-    rollouts = config.rollouts_of(gait)
-    scores = alternation_scores(
-        gait, expert, students, rollouts, folder / "rollouts", config.periods
-    )
+    kept = folder / "rollouts"
+    scores = alternation_scores(gait, expert, students, rollouts, kept, periods)
     alternation_report(scores, title).write(folder)
     standalone = standalone_table(scores)
 
-    seed = config.rollouts.seed
-    # Formulas are read; what the paper explains by figures are its ensembles.
+    seed = rollouts.seed
+    # The paper explains its ensembles by figures; formulas are read.
     explained = {kind: students[kind] for kind in ("gbm", "ebm")}
     measured = []
     for kind, student in explained.items():
-        samples = held_out_samples(source, kind, config.n_samples, seed)
-        found = measure_importances(student, samples, seed=seed, repeats=config.repeats)
+        samples = held_out_samples(source, kind, n_samples, seed)
+        found = measure_importances(student, samples, seed=seed, repeats=repeats)
         measured.append(found.assign(policy=kind))
         drawn = student_figures(name, kind, student, JOINT, samples.observations, seed)
         Report(figures=drawn).write(folder)

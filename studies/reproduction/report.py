@@ -1,82 +1,95 @@
 """`glassgait reproduce report` and `reproduce paper`: the paper's tables and figures, made anew."""
 
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
-from itertools import product
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import numpy as np
 import tyro
+from annotated_types import Ge, MinLen
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import DISTINCT, FEW, checked
-from glassgait.models.task.gait import load_gait
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.jobs import Gaits, Job, SweepConfig, gaits_named, run_sweep
+from glassgait.studies.common.jobs import Gaits, Job, WorkersConfig, gaits_named, run_sweep
 from glassgait.studies.common.policies import find_policies
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.students import StudentKind
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students import paper_students
 from glassgait.studies.distillation.symbolic import Engine, pysr_starts
-from glassgait.studies.reproduction.contents import (
-    WITHOUT_PYSR,
-    contents,
-    deviations,
-    r2_by_gait,
-)
-from glassgait.studies.reproduction.gait import PAPER_GAITS, GaitResults, ReportConfig, study_gait
+from glassgait.studies.evaluation.alternation import PERIODS
+from glassgait.studies.reproduction.contents import contents, r2_by_gait
+from glassgait.studies.reproduction.gait import GaitResults, study_gait
 from glassgait.studies.reproduction.page import Section, write_page
 from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
 from glassgait.studies.training.command import train_job
 from glassgait.studies.training.config import TrainingConfig
 
+PAPER_GAITS = ("walk", "trot", "pace", "bound")
+
+WITHOUT_PYSR = (
+    "Formulas are searched by Operon, not by PySR: operators, nodes and iterations are counted in "
+    "another way, and there is no cube."
+)
+
 
 @checked
-class Report(ReportConfig):
+class Report(Settings):
     """Distil, evaluate and explain experts, and write one report beside the paper.
 
-    The settings stand in studies/reproduction/report.yaml, which takes the experts that ship, and
-    in paper.yaml, the paper's own, which trains them: that takes days, of which --resume loses
-    minutes. --quick does less of everything, to see that all runs.
+    The settings are those of studies/reproduction/report.yaml, which takes the experts that ship,
+    or of paper.yaml, the paper's own, which trains them for days. --quick does less of everything.
 
     Attributes:
         gait: Names of gaits; `all` for every gait that ships. A continued run may name others.
         training: How experts learn, the gait set for each; by default those that ship are taken.
-        policy: Kinds of students beside the paper's.
-        engine: What searches the formulas, in place of the settings' engine. PySR, the paper's,
-            needs Julia and is refused where there is none; with `operon` the report says so.
+        distillation: Settings of the distillation; the gait is set for each.
+        periods: Control steps from one action of the expert to the next, at each of which students
+            are rolled out; 0 is never.
+        rollouts: How robots are rolled out.
+        n_samples: Held-out samples that importances are measured on.
+        repeats: Shuffles of each observation.
+        engine: What searches the formulas, in place of the settings' engine. PySR needs Julia.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies that
             ship. Of another robot your own experts are taken, or trained.
         quick: Do what the settings file names under `quick` instead.
-        sweep: How many seeds of distillation, and where their gaits are studied.
+        workers: Where gaits are studied, and how many at once.
         resume: Continue the run that the folder holds.
         output: Folder of the report; runs/reproduce/report by default, of the paper's settings
-            runs/reproduce/paper, with --quick followed by _quick. Of several seeds each has a
-            report in its folder seed_<seed>.
+            runs/reproduce/paper, with --quick followed by _quick.
     """
 
     title: ClassVar[str] = "reproduce report"
 
     gait: Gaits = PAPER_GAITS
     training: Annotated[TrainingConfig | None, tyro.conf.Fixed] = None
-    policy: Annotated[tuple[StudentKind, ...], FEW, DISTINCT] = ()
+    distillation: Annotated[DistillationConfig, tyro.conf.Fixed] = field(
+        default_factory=lambda: DistillationConfig(students=paper_students())
+    )
+    periods: Annotated[tuple[Natural, ...], MinLen(1), FEW, DISTINCT] = PERIODS
+    rollouts: Annotated[RolloutConfig, tyro.conf.Fixed] = field(default_factory=RolloutConfig)
+    n_samples: Annotated[Count, Ge(2)] = 1000
+    repeats: Count = 10
     engine: Engine | None = None
     robot: str | None = None
     quick: bool = False
-    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
     resume: bool = False
     output: Path | None = None
 
     @property
     def study(self) -> str:
-        """What a run's record calls the study."""
+        """Name of the study in a run's record."""
         return "reproduce report" if self.training is None else "reproduce paper"
 
     @cached_property
@@ -84,25 +97,91 @@ class Report(ReportConfig):
         return load_robot() if self.robot is None else load_robot(self.robot)
 
     def run(self) -> None:
-        """Runs every study, then writes report.html."""
-        names = gaits_named(self.gait)
-        inputs = self._inputs(names)
-        started = time.monotonic()
-        reports = self._reports()
-        with ExitStack() as runs:
-            for folder, own in reports.items():
-                of = {"study": self.study, "inputs": inputs, "resume": self.resume}
-                runs.enter_context(open_run(folder, settings=own, free=("gait",), **of))
-            results = _study(names, reports)
-            for folder, own in reports.items():
-                path = own._write(results[folder], folder)
-                print_table("R²", r2_by_gait(results[folder]))
-                console.print(f"report written to {path}")
-        console.print(f"after {(time.monotonic() - started) / 60:.1f} minutes")
+        """Studies every gait, then writes report.html."""
+        started, names, report = time.monotonic(), gaits_named(self.gait), self.settled()
+        folder = self.output or default_folder(self.study + "_quick" * self.quick, self._robot.name)
+        with open_run(
+            folder,
+            study=self.study,
+            settings=report,
+            inputs=self._inputs(names),
+            resume=self.resume,
+            free=("gait",),
+        ):
+            jobs = [Job(name, 0, folder / load_gait(name).name, name) for name in names]
+            if len(jobs) == 1 and self.workers.backend == "loky":
+                results = [_study_job(report, jobs[0])]
+            else:
+                results = run_sweep(jobs, partial(_study_job, report), self.workers)
+            path = report.write(results, folder)
+        print_table("R²", r2_by_gait(results))
+        minutes = (time.monotonic() - started) / 60
+        console.print(f"report written to {path} after {minutes:.1f} minutes")
 
-    def _write(self, results: Sequence[GaitResults], folder: Path) -> Path:
-        """Writes the page, and the tables on it."""
-        gaits = [found.gait for found in results]
+    def settled(self) -> "Report":
+        """Returns the settings with the engine and the robot that flags name.
+
+        Raises:
+            InputError: if formulas are PySR's, and Julia could not be started.
+        """
+        distillation, training = self.distillation, self.training
+        if self.engine is not None:
+            symbolic = replace(distillation.settings.of("symbolic"), engine=self.engine)
+            settings = replace(distillation.settings, symbolic=symbolic)
+            distillation = replace(distillation, settings=settings)
+        if training is not None and self.robot is not None:
+            training = replace(training, robot=self.robot)
+        report = replace(self, distillation=distillation, training=training, engine=None)
+        if report.searches_by == "pysr" and not pysr_starts():
+            raise InputError(
+                f"{self.title}: formulas are PySR's, which needs Julia, and Julia could not be "
+                "started here; install it, or take Operon in place of PySR with --engine operon"
+            )
+        return report
+
+    @property
+    def searches_by(self) -> str | None:
+        """Engine that searches the formulas; None without formulas."""
+        settings: object = self.distillation.settings.of("symbolic")
+        return vars(settings)["engine"] if "symbolic" in self.distillation.students else None
+
+    def rollouts_of(self, gait: Gait) -> RolloutConfig:
+        """Returns how the robots of a gait are rolled out: at most as fast as it goes."""
+        if self.rollouts.speed_range is None:
+            return self.rollouts
+        slowest, fastest = np.clip(self.rollouts.speed_range, -gait.max_speed, gait.max_speed)
+        return replace(self.rollouts, speed_range=(float(slowest), float(fastest)))
+
+    def expert(self, name: str, folder: Path) -> NeuralPolicy:
+        """Trains the expert of a gait if the settings say so; otherwise finds it."""
+        gait = load_gait(name)
+        if self.training is None:
+            return find_policies(gait, robot=self.robot, quiet=True).expert
+        trained = folder / "training"
+        say(f"{gait.name}: training the expert")
+        train_job(self.training, Job(name, self.training.seed, trained, name), resume=True)
+        return load_expert(gait, trained / f"{gait.name}.safetensors", self._robot)
+
+    def deviations(self, folder: Path) -> list[str]:
+        """Lists what differs from the paper, and writes differences.csv where all is done anew."""
+        pages = (
+            f"The robot is a {self._robot.full_name} in Drake. What else differs in robot, task, "
+            "training and distillation is listed in studies/training/README.md and "
+            "studies/distillation/README.md."
+        )
+        if self.training is None:
+            return [pages]
+        table = differences(load_settings(Report, settings_file("paper")), self)
+        write_table(table, folder / "differences")
+        if len(table):
+            print_table("Not as in paper.yaml", table)
+        changed = [
+            f"{row['setting']}: {row['here']}, not {row['in full']}." for _, row in table.iterrows()
+        ]
+        return [*changed, *[WITHOUT_PYSR] * (self.searches_by == "operon"), pages]
+
+    def write(self, results: Sequence[GaitResults], folder: Path) -> Path:
+        """Writes the page and its tables, and returns the path of the page."""
         sections = contents(results)
         for section in sections:
             for place, (_, table) in enumerate(section.tables, start=1):
@@ -112,62 +191,14 @@ class Report(ReportConfig):
         quick = "; the quick setting is for looking, not for quoting" * self.quick
         lead = (
             "Distilling Reinforcement Learning Policies for Interpretable Robot Locomotion "
-            f"(Acero and Li), on Drake: {', '.join(gaits)}. For each gait {distillation.episodes} "
-            f"episodes of {distillation.episode_steps} control steps were distilled, and "
-            f"{rollouts.n_robots * rollouts.n_seeds} robots rolled out for {rollouts.n_steps} "
-            f"steps{quick}."
+            f"(Acero and Li), on Drake: {', '.join(found.gait for found in results)}. For each "
+            f"gait {distillation.episodes} episodes of {distillation.episode_steps} control steps "
+            f"were distilled, and {rollouts.n_robots * rollouts.n_seeds} robots rolled out for "
+            f"{rollouts.n_steps} steps{quick}."
         )
         differs = Section("Where this differs from the paper", points=self.deviations(folder))
         title = "The paper's tables and figures, made anew"
         return write_page(folder, title, [lead], [differs, *sections])
-
-    def deviations(self, folder: Path) -> tuple[str, ...]:
-        """Lists what differs from the paper: by nature and, where all is done anew, by settings.
-
-        Differences in settings are printed, and written to the folder.
-        """
-        by_nature = deviations(self._robot, trains=self.training is not None)
-        if self.training is None:
-            return by_nature
-        less = differences(load_settings(Report, settings_file("paper")), self)
-        write_table(less, folder / "differences")
-        if len(less):
-            print_table("Not as in paper.yaml", less)
-        here = [
-            f"{row['setting']}: {row['here']}, not {row['in full']}." for _, row in less.iterrows()
-        ]
-        engine = (WITHOUT_PYSR,) if self._searches_by() == "operon" else ()
-        return (*here, *engine, *by_nature)
-
-    def settled(self) -> "Report":
-        """Returns the settings with the engine, robot and further students that flags name.
-
-        Raises:
-            InputError: if formulas are PySR's, and Julia could not be started.
-        """
-        own = self.distillation
-        students = tuple(dict.fromkeys((*own.students, *self.policy)))
-        settings = own.settings
-        if self.engine is not None:
-            symbolic = replace(settings.of("symbolic"), engine=self.engine)
-            settings = replace(settings, **{"symbolic": symbolic})
-        distillation = replace(own, students=students, settings=settings)
-        training = self.training
-        if training is not None and self.robot is not None:
-            training = replace(training, robot=self.robot)
-        changed = {"distillation": distillation, "training": training}
-        report = replace(self, **changed, policy=(), engine=None)
-        if report._searches_by() == "pysr" and not pysr_starts():
-            raise InputError(
-                f"{self.title}: formulas are PySR's, which needs Julia, and Julia could not be "
-                "started here; install it, or take Operon in place of PySR with --engine operon"
-            )
-        return report
-
-    def _searches_by(self) -> str | None:
-        """Returns what searches the formulas; None where there are none."""
-        settings = self.distillation.settings.of("symbolic")
-        return vars(settings)["engine"] if "symbolic" in self.distillation.students else None
 
     def _inputs(self, names: Sequence[str]) -> dict[str, str]:
         if self.training is not None:
@@ -175,53 +206,17 @@ class Report(ReportConfig):
         found = {name: find_policies(load_gait(name), robot=self.robot) for name in names}
         return {f"expert of the {name}": own.expert.digest() for name, own in found.items()}
 
-    def expert(self, name: str, trained: Path | None = None) -> NeuralPolicy:
-        """Returns the expert of a gait: that of a run of its own, or the one that a user has."""
-        gait = load_gait(name)
-        if trained is not None:
-            return load_expert(gait, trained / f"{gait.name}.safetensors", self._robot)
-        return find_policies(gait, robot=self.robot, quiet=True).expert
 
-    def _reports(self) -> dict[Path, "Report"]:
-        """Returns the settings of each seed's report by its folder."""
-        report, root = self.settled(), self.output
-        if root is None:
-            root = default_folder(self.study + "_quick" * self.quick, self._robot.name)
-        if self.sweep.n_seeds == 1:
-            return {root: report}
-        own = report.distillation
-        return {
-            root / f"seed_{seed}": replace(report, distillation=replace(own, seed=seed))
-            for seed in range(own.seed, own.seed + self.sweep.n_seeds)
-        }
-
-
-def _study(names: Sequence[str], reports: Mapping[Path, Report]) -> dict[Path, list[GaitResults]]:
-    """Studies every gait for every report, and returns the results by the report's folder."""
-    jobs = [
-        Job(
-            name,
-            reports[folder].distillation.seed,
-            folder / load_gait(name).name,
-            f"{folder}: {name}",
-        )
-        for folder, name in product(reports, names)
-    ]
-    sweep = next(iter(reports.values())).sweep
-    if len(jobs) == 1 and sweep.backend == "loky":
-        found = iter([_study_job(reports, jobs[0])])
-    else:
-        found = iter(run_sweep(jobs, partial(_study_job, reports), sweep))
-    return {folder: [next(found) for _ in names] for folder in reports}
-
-
-def _study_job(reports: Mapping[Path, Report], job: Job) -> GaitResults:
-    """Trains the expert of a gait, if it is to be, and studies it, from where the job stopped."""
-    report, trained = reports[job.folder.parent], None
-    if report.training is not None:
-        trained = job.folder / "training"
-        say(f"{job.title}: training the expert")
-        train_job(
-            report.training, Job(job.gait, report.training.seed, trained, job.title), resume=True
-        )
-    return study_gait(job.gait, report.expert(job.gait, trained), report, job.folder)
+def _study_job(report: Report, job: Job) -> GaitResults:
+    """Studies one gait, from where the job stopped."""
+    gait = load_gait(job.gait)
+    return study_gait(
+        gait,
+        report.expert(job.gait, job.folder),
+        job.folder,
+        distillation=replace(report.distillation, gait=job.gait),
+        rollouts=report.rollouts_of(gait),
+        periods=report.periods,
+        n_samples=report.n_samples,
+        repeats=report.repeats,
+    )

@@ -1,47 +1,29 @@
-"""Settings files: what a study is by its published settings, which the command line changes."""
+"""Settings files, which the command line changes."""
 
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pandas as pd
 
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
 from glassgait.models.settings import Settings
 from glassgait.studies.common.run import default_folder, to_plain
 
 SETTINGS_FOLDER = Path(__file__).parent
 
-STUDY = "study"
-"""Key of a settings file that names the study."""
-
 QUICK = "quick"
-"""Key of a settings file that holds what a quick run does less of."""
+"""Key of a settings file that holds the changes of a quick run."""
 
-BESIDE = ("output", "resume", "sweep", "workers", "quick", "engine", "policy", "robot")
-"""Settings that are no difference from what was published, or show in another one."""
+BESIDE = ("output", "resume", "workers", "quick", "engine", "robot")
+"""Settings that do not count as a difference, or show in another setting."""
 
 S = TypeVar("S", bound=Settings)
 
 
 def settings_file(name: str) -> Path:
-    """Returns the file of settings that ship, by their name, or of one's own, by its path."""
+    """Returns a file of settings by its path, or one that ships by its name."""
     return Path(name) if Path(name).suffix == ".yaml" else SETTINGS_FOLDER / f"{name}.yaml"
-
-
-def study_of(path: Path) -> str:
-    """Returns the name of the study that a settings file is for.
-
-    Raises:
-        InputError: if the file cannot be read, or names none.
-    """
-    study = _mapping(path).get(STUDY)
-    known = sorted({str(_mapping(own).get(STUDY)) for own in SETTINGS_FOLDER.glob("*.yaml")})
-    if study not in known:
-        raise InputError(
-            f"{path}: key {STUDY!r} is {shown(study)}; it must be one of {', '.join(known)}"
-        )
-    return study
 
 
 def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
@@ -50,14 +32,13 @@ def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
     Args:
         kind: The study's class.
         path: The file.
-        quick: Whether to do less: what stands under the file's key `quick` replaces the rest.
+        quick: Whether the values under the file's key `quick` replace the others.
 
     Raises:
         InputError: if the file cannot be read or breaks a rule; the message names file and key.
     """
     values = _mapping(path)
     less = values.pop(QUICK, None)
-    values.pop(STUDY, None)
     if path.parent != SETTINGS_FOLDER:
         folder = default_folder(f"reproduce {path.stem}{'_quick' * quick}")
         values = {"output": str(folder)} | values

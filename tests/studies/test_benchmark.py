@@ -1,25 +1,17 @@
 """The benchmark times what it says it times."""
 
 import json
-from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.export.binding import has_compiler
-from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.distillation.boosting import (
-    EbmSettings,
-    GbmSettings,
-    HistogramGbmSettings,
-)
-from glassgait.studies.distillation.config import StudentsSettings
 from glassgait.studies.reproduction import benchmark
-from glassgait.studies.reproduction.throughput import training_and_physics
+from glassgait.studies.reproduction.benchmark import training_and_physics
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 
@@ -34,21 +26,6 @@ def test_training_and_physics_are_timed_over_the_same_steps():
     # Other jobs of the machine slow one timing of a few milliseconds, seldom all.
     best = {name: max(row[name] for row in rows) for name in rows[0]}
     assert best["physics"] > best["training"] > 0
-
-
-@pytest.mark.slow
-def test_compiled_students_equal_their_libraries_models():
-    found = SimpleNamespace(gait=load_gait("trot"), expert=load_expert("trot"))
-    settings = StudentsSettings(
-        gbm=GbmSettings(n_trees=3, depth=2),
-        histogram_gbm=HistogramGbmSettings(n_trees=3),
-        ebm=EbmSettings(interactions=1),
-    )
-    samples = benchmark.expert_samples(found, n_steps=40)
-    table = benchmark.library_times(samples, found, settings)
-    assert {"gbm", "histogram_gbm", "ebm"} <= set(table["student"])
-    assert (table["greatest difference"] < 1e-9).all()
-    assert (table["compiled (µs)"] > 0).all()
 
 
 @pytest.mark.slow
