@@ -33,12 +33,11 @@ JOINT_NOISE.flags.writeable = False
 OVERDUE = 2
 """Control steps by which the observed time in a state may pass the commanded one.
 
-Longer waits are hardly among the samples. Students of a walk that observed the growing time waited
-two seconds and fell; with the time held they go on.
+Longer waits are rare among the samples; students that observed the growing time waited and fell.
 """
 
 N_ESTIMATED = 7
-"""Length of the part that a deployed robot has to estimate: base velocity and foot heights."""
+"""Length of the part that a robot has to estimate: base velocity and foot heights."""
 
 Group = Literal[
     "commanded velocity",
@@ -62,8 +61,7 @@ _FACTORS: dict[Group, float] = {
     "commanded iterations": ITERATIONS_SCALE,
     "base velocity": BASE_VELOCITY_SCALE,
 }
-"""Factors on quantities; others are observed as they are, the previous action in the robot's
-scale."""
+"""Factors on quantities; others are observed as they are."""
 
 
 @dataclass(frozen=True)
@@ -72,15 +70,13 @@ class ObservationEntry:
 
     Attributes:
         name: Its name in policy files and tables, such as "DoF Vel FL Hip".
-        group: The quantity. Joint positions are counted from the default stance, and so are joint
-            targets, which the previous action stands for.
+        group: The quantity. Joint positions and previous actions count from the default stance.
         unit: Unit of the quantity; empty for the one-hot state of the machine.
         symbol: Short symbol, such as "dq.FL_hip".
         latex: The same for LaTeX.
         merged_name: The name without its leg and without the number of the machine's state.
         leg: The leg that it belongs to, or None.
-        mirror_sign: -1 if the quantity changes its sign in a mirror that exchanges left and right,
-            else 1.
+        mirror_sign: -1 if the quantity changes its sign when left and right are exchanged, else 1.
     """
 
     name: str
@@ -226,11 +222,7 @@ def _foot_height(leg: str) -> ObservationEntry:
 
 
 def entry_of(name: str) -> ObservationEntry:
-    """Returns the entry of a name that a policy stores.
-
-    Raises:
-        InputError: if no entry is called so.
-    """
+    """Returns the entry of a name that a policy stores; raises an InputError if there is none."""
     entry = _entries_by_name().get(name)
     if entry is None:
         raise InputError(f"no observation is called {shown(name)}; make the policy anew")
@@ -253,11 +245,7 @@ def indices_of(group: Group, names: Sequence[str]) -> tuple[int, ...]:
 
 
 def machine_state_entries(names: Sequence[str]) -> slice:
-    """Finds the one-hot machine state, whose entries stand in a row, in an observation.
-
-    Raises:
-        InputError: if no name is of the machine's state.
-    """
+    """Finds the one-hot machine state, whose entries stand in a row, in an observation."""
     indices = indices_of("machine state", names)
     if not indices:
         raise InputError("no observation is of the machine's state; make the policy anew")
@@ -283,26 +271,23 @@ def proprioception(
     imu: Array | None = None,
     limited: bool = False,
 ) -> Array:
-    """Assembles the part of the observation that needs no estimator.
+    """Assembles the part of the observation that needs no estimator (..., 40 + n_states).
+
+    Robots are along the leading axes of all arrays; units are rad, rad/s, m/s and control steps.
 
     Args:
-        command: Forward speed and yaw rate (..., 2; m/s, rad/s).
-        joint_position: Joint positions (..., 12; rad).
-        joint_velocity: Joint velocities (..., 12; rad/s).
-        previous_action: Action of the previous control step (..., 12).
-        rm_state: One-hot state of the reward machine (..., n_states).
-        rm_iterations: Control steps spent in that state (...), which are observed up to `OVERDUE`
-            more than the commanded ones.
-        commanded_dwell: Commanded iterations (...; control steps).
-        joint_noise: Errors of positions, then velocities (..., 24; rad, rad/s).
-        imu: The IMU's reading (..., 9), where the policy observes gravity and angular velocity.
-        limited: Whether joints only follow targets within their ranges. Then these are observed,
-            not what was asked for: a policy that multiplies its last targets could otherwise make
-            them grow from step to step.
-
-    Returns:
-        Proprioception (..., 40 + n_states; 46 + n_states with an IMU), in the order of
-        `ObservationLayout`.
+        robot: The robot.
+        command: Forward speed and yaw rate.
+        joint_position: Joint positions.
+        joint_velocity: Joint velocities.
+        previous_action: Action of the previous control step.
+        rm_state: One-hot state of the reward machine.
+        rm_iterations: Control steps in that state, observed up to `OVERDUE` past the commanded.
+        commanded_dwell: Commanded iterations.
+        joint_noise: Errors of positions, then velocities (..., 24).
+        imu: The IMU's reading (..., 9), if the policy observes it; it adds six entries.
+        limited: Whether joints only follow targets within their ranges. Then these are observed:
+            a policy that multiplies its last targets could otherwise make them grow step by step.
     """
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
     held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
@@ -323,12 +308,7 @@ def proprioception(
 
 
 def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Returns which robots wait (...): their time in a state is `OVERDUE` past the commanded one.
-
-    Args:
-        observation: Observations (..., n).
-        names: Names of their entries (n).
-    """
+    """Returns which robots wait (...): their time in a state is `OVERDUE` past the command."""
     (spent,), (commanded,) = (
         indices_of(group, names) for group in ("iterations", "commanded iterations")
     )
@@ -337,12 +317,7 @@ def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def body_state(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Array:
-    """Returns the true base velocity, scaled by 2, and foot heights (..., 7; m/s, m).
-
-    Args:
-        state: The plant's state x (..., 37).
-        ground: What they stand on.
-    """
+    """Returns the true base velocity, scaled by 2, and foot heights (..., 7; m/s, m)."""
     linear, _ = kinematics.base_velocity(state)
     heights = ground.foot_heights(robot, state)
     return np.concatenate([BASE_VELOCITY_SCALE * linear, heights], axis=-1)

@@ -48,12 +48,11 @@ class RewardWeights(Settings):
         high_swing: Weight of the feet's heights above what costs nothing (1/m).
         tilt: Weight of the squared lean of the trunk over the ground, the sine of its angle.
         slip: Weight of the squared speeds of the feet that are on the ground (s²/m²).
-        landing: Weight of the squared speeds at which the feet that touch came down (s²/m²). They
-            count as long as a foot stands, so that the factor of a transition meets them.
-        tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
-            one distinguishes small errors.
-        tracking_time: Time over which speeds are averaged, older ones counting less, before they
-            are compared with the command (s); 0 compares those of the instant.
+        landing: Weight of the squared speeds at which the feet that touch came down (s²/m²), as
+            long as they stand.
+        tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²).
+        tracking_time: Time constant with which speeds are averaged before they are compared with
+            the command (s); 0 compares those of the instant.
     """
 
     title: ClassVar[str] = "reward weights"
@@ -104,15 +103,9 @@ class Reward(NamedTuple):
 
 
 def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array:
-    """Averages forward speed and yaw rate by a low-pass of the first order.
+    """Averages forward speed and yaw rate (..., 2; m/s, rad/s) by a low-pass of the first order.
 
-    Args:
-        state: The plant's state x (..., 37).
-        before: What this returned a control step before (..., 2; m/s, rad/s).
-        weights: They hold the time of the average.
-
-    Returns:
-        Speeds that are compared with the command (..., 2; m/s, rad/s).
+    `before` is the result of the control step before; `weights` hold the time of the average.
     """
     return _tracked(*kinematics.base_velocity(state), before, weights)
 
@@ -124,14 +117,9 @@ def fall_speeds(
     before: Array,
     weights: RewardWeights,
 ) -> Array:
-    """Measures how fast each foot came down (..., 4; m/s) when it last was in the air.
+    """Returns the downward speed of each foot when it was last in the air (..., 4; m/s).
 
-    Args:
-        robot: The robot.
-        state: The plant's state x (..., 37).
-        foot_contact: Whether each foot touches, now or at the previous step (..., 4).
-        before: What this returned a control step before (..., 4; m/s).
-        weights: Where landings cost nothing, nothing is measured.
+    `before` is the result of the control step before, which stays where landings cost nothing.
     """
     if weights.landing == 0.0:
         return before
@@ -157,18 +145,18 @@ def step_reward(
 ) -> Reward:
     """Rewards the step that led to `state`.
 
+    Robots are along the leading axes of all arrays; units are m, rad, s and their quotients.
+
     Args:
         robot: The robot.
         state: The plant's state x after the step (..., 37).
-        previous_joint_velocity: Joint velocities before the step (..., 12; rad/s).
-        action: Action held during the step (..., 12).
-        previous_action: Action of the step before (..., 12).
-        command: Forward speed and yaw rate (..., 2; m/s, rad/s).
-        foot_contact: Whether each foot touches, now or at the previous step (..., 4).
-        foot_height: Heights of the feet above the ground (..., 4; m).
-        air_time: Time each foot had been in the air before the step (..., 4; s).
-        fall_speed: `Reward.fall_speed` of the step before (..., 4; m/s).
-        tracked: `Reward.tracked` of the step before (..., 2; m/s, rad/s).
+        previous_joint_velocity: Joint velocities before the step.
+        action: Action held during the step.
+        previous_action: Action of the step before.
+        command: Forward speed and yaw rate.
+        foot_contact: Whether each foot touches, now or at the previous step.
+        foot_height: Heights of the feet above the ground.
+        air_time, fall_speed, tracked: The same of `Reward`, of the step before.
         weights: Weights of the terms.
         joint_law: How the joints follow targets.
     """

@@ -61,7 +61,7 @@ STEEPEST = 1.0
 
 
 class Grid(NamedTuple):
-    """Cells that repeat.
+    """A period of cells.
 
     Attributes:
         origin: Corner of the first cell (2; m).
@@ -69,7 +69,7 @@ class Grid(NamedTuple):
         top: Height of the middle of each cell's top (nx, ny; m).
         tilt: Rise of each top over its run, along x and y (nx, ny, 2).
         patch: Whether a cell has the patches' friction (nx, ny).
-        rise: How much higher the next period along x is (m).
+        rise: Rise from a period to the next along x (m).
         depth: Thickness of the boxes (m).
     """
 
@@ -88,7 +88,7 @@ class Grid(NamedTuple):
 
     @property
     def overlap(self) -> float:
-        """How far a box reaches into its neighbours' cells (m)."""
+        """Length by which a box reaches into its neighbours' cells (m)."""
         return min(OVERLAP, MOST_OVERLAP * float(self.cell.min()))
 
     @property
