@@ -1,4 +1,4 @@
-"""Collecting what the expert would do in the states that expert and student visit together."""
+"""Collects the expert's actions in the states that expert and student visit together."""
 
 from dataclasses import replace
 
@@ -11,8 +11,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, alone, refuse_other_machine
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.controller import AlternatingController, refuse_other_machine
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS
@@ -43,14 +42,15 @@ def collect(
 ) -> Dataset:
     """Rolls out the episodes of one round at once (paper, Algorithm 1, lines 8 to 18).
 
-    Commands are drawn over the gait's range and change every 10 s, but for forward speeds that are
-    named: they stay. A robot that falls starts again, its episode going on.
+    Commands are drawn over the gait's range and change every 10 s, except for given forward speeds,
+    which stay. A robot that falls starts again within its episode.
 
     Args:
+        gait: The gait.
         controller: The expert, whose actions are the samples' labels, and the student.
         episodes: Numbers of the episodes, counted from 1.
         n_steps: Control steps of each.
-        worlds: The worlds, of which every round draws some anew; or one, but for its commands.
+        worlds: Scenarios of which each round draws new ones, or one scenario.
         generator: Source of randomness.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
 
@@ -58,6 +58,8 @@ def collect(
         InputError: if a sample is not finite, or a policy was made for another machine.
     """
     refuse_other_machine(controller, gait)
+
+    # The scenario, or a station for each robot.
     n, numbers = len(episodes), np.array(episodes)
     if isinstance(worlds, Scenario):
         world: Scenario | World = replace(worlds, command=DrawnCommands())
@@ -73,6 +75,8 @@ def collect(
             observes_imu=controller.expert.layout.imu,
         )
         world = World(task, make_physics(robot, *stations))
+
+    # Roll out, and record.
     events = []
     if speeds is not None:
         events = [_commanding(gait, speeds[(numbers - 1) % len(speeds)], generator)]
@@ -92,7 +96,7 @@ def collect(
 
 
 def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Event:
-    """Returns what keeps each robot's forward speed (n,; m/s), and draws the rest every 10 s."""
+    """Returns the event that keeps each robot's forward speed (n,; m/s) and draws its turns."""
     turns = None
 
     def command(running: Episode, _: BoolArray) -> None:
@@ -106,38 +110,8 @@ def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Ev
     return Event(None, None, command)
 
 
-def collect_alone(
-    gait: Gait, expert: NeuralPolicy, policy: Policy, *, n_robots: int, n_steps: int, seed: int
-) -> Dataset:
-    """Rolls a policy out alone in the training scenario; a robot that falls starts again.
-
-    Commands are drawn over the gait's range.
-
-    Args:
-        expert: The expert; its estimator observes for the policy.
-        policy: The policy that acts: a student, or the expert.
-        n_steps: Control steps of each.
-        seed: Seed of initial states, commands and noise.
-
-    Returns:
-        What the robots observed and the expert would do (n_robots · n_steps samples), each robot
-        an episode.
-
-    Raises:
-        InputError: if a sample is not finite.
-    """
-    return collect(
-        gait,
-        alone(policy, expert),
-        episodes=range(1, n_robots + 1),
-        n_steps=n_steps,
-        worlds=Scenario(),
-        generator=np.random.default_rng(seed),
-    )
-
-
 class _Samples(Observer):
-    """Records what is observed, and what the expert would do."""
+    """Records observations and the expert's actions there."""
 
     def __init__(self, expert: Policy) -> None:
         self._expert = expert
@@ -145,10 +119,17 @@ class _Samples(Observer):
         self._labels: list[Array] = []
 
     def observe(self, step: ControlStep) -> None:
-        # Where the expert acts, what it does is known.
+        # Where the expert acts, its action is known.
         by_expert = step.output.expert_acts.all()
         label = step.output.action if by_expert else self._expert(step.observation)
-        _refuse_not_finite(self._expert, step.step, step.observation, label)
+        found = first_not_finite(np.concatenate([step.observation, label], axis=1))
+        if found is not None:
+            actions = (f"the action of {joint}" for joint in quadruped.JOINTS)
+            name = (*self._expert.observation_names, *actions)[found[1]]
+            raise InputError(
+                f"expert: {name} is not finite at control step {step.step} of its episode; train "
+                "it again, or name the run of another with --source"
+            )
         self._observations.append(step.observation)
         self._labels.append(label)
 
@@ -159,14 +140,3 @@ class _Samples(Observer):
             for rows in (self._observations, self._labels)
         )
         return Dataset(observations, labels, np.repeat(episodes, len(self._labels)))
-
-
-def _refuse_not_finite(expert: Policy, step: int, observation: Array, label: Array) -> None:
-    found = first_not_finite(np.concatenate([observation, label], axis=1))
-    if found is not None:
-        actions = (f"the action of {joint}" for joint in quadruped.JOINTS)
-        name = (*expert.observation_names, *actions)[found[1]]
-        raise InputError(
-            f"expert: {name} is not finite at control step {step} of its episode; train it again, "
-            "or name the run of another with --source"
-        )

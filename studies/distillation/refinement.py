@@ -25,9 +25,8 @@ from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
+from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Count, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
@@ -94,15 +93,8 @@ class RefinementConfig(Settings):
     worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
     ppo: PpoConfig = REFINING
 
-    def training(
-        self, gait: str, *, robot: str = DEFAULT_ROBOT, law: JointLaw = OWN_LAW
-    ) -> TrainingConfig:
-        """Returns the settings as those of a run that learns.
-
-        Args:
-            gait: Name of the gait.
-            robot: Name of the robot, or path of its robot.yaml.
-            law: How joints follow targets; the robot's own way by default.
+    def training(self, gait: str, robot: str, law: JointLaw) -> TrainingConfig:
+        """Returns the settings of the run that learns.
 
         Raises:
             InputError: if there are too few robots for an update, or for the worlds' groups.
@@ -197,8 +189,8 @@ class RefinementRun(LearningRun):
         self._expert = expert
         self._policy = policy
         self._name = name
-        law, robot = alone(policy, expert).joint_law, policy.robot.source
-        training = config.training(gait.name, robot=robot, law=law)
+        law = alone(policy, expert).joint_law
+        training = config.training(gait.name, policy.robot.source, law)
         super().__init__(training, gait, folder, resume=resume)
 
     def update(self) -> dict[str, float]:

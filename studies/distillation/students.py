@@ -1,6 +1,6 @@
 """The kinds of students: their titles, colours and settings, and where runs keep them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
@@ -78,14 +78,10 @@ else:
     StudentKind = Literal[tuple(STUDENTS)]
 
 
-def student_title(name: str) -> str:
-    """Returns the title of a student; other policies are called by their name."""
-    return STUDENTS[name].title if name in STUDENTS else name
-
-
 def policy_title(name: str) -> str:
     """Returns the title of the expert or a student; other policies are called by their name."""
-    return "Neural expert" if name == "expert" else student_title(name)
+    titles = {"expert": "Neural expert"} | {own: STUDENTS[own].title for own in STUDENTS}
+    return titles.get(name, name)
 
 
 def paper_students() -> tuple[str, ...]:
@@ -97,21 +93,6 @@ def sums_of_terms() -> tuple[str, ...]:
     """Lists the students whose actions are sums of terms, the shortest first."""
     ranked = [(student.brevity, name) for name, student in STUDENTS.items() if student.brevity]
     return tuple(name for _, name in sorted(ranked))
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """Settings to choose from: the simplest of those that walk equally well is taken.
-
-    Attributes:
-        title: Its name in tables.
-        settings: The settings, which leave no choice.
-        complexity: How complex the student is that they fit; only the order counts.
-    """
-
-    title: str
-    settings: "StudentSettings"
-    complexity: tuple[int, ...]
 
 
 @checked
@@ -140,9 +121,13 @@ class StudentSettings(Settings):
         """Returns the settings of the fit that is scored by the paper's split."""
         return self
 
-    def candidates(self) -> Sequence[Candidate]:
-        """Lists the settings to choose from, if they leave a choice."""
-        return ()
+    def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
+        """Returns the settings to choose from by title, if they leave a choice.
+
+        With each stands its complexity, of which only the order counts: the simplest of those that
+        walk equally well is taken.
+        """
+        return {}
 
 
 def samples_folder(folder: Path, kind: str) -> Path:

@@ -42,7 +42,7 @@ from glassgait.studies.distillation.linear import (
 )
 from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.distillation.sparse_formula import fit_sparse_formula
-from glassgait.studies.distillation.students import STUDENTS, StudentSettings, student_title
+from glassgait.studies.distillation.students import STUDENTS, StudentSettings, policy_title
 from glassgait.studies.distillation.symbolic import fit_statewise_symbolic, fit_symbolic
 
 FITS: dict[str, Callable[..., Policy]] = {
@@ -64,7 +64,7 @@ def r2_table(r2: pd.DataFrame, gait: str) -> pd.DataFrame:
     paper = [STUDENTS[kind].paper_r2.get(gait, float("nan")) for kind in r2["student"]]
     return pd.DataFrame(
         {
-            "student": [student_title(kind) for kind in r2["student"]],
+            "student": [policy_title(kind) for kind in r2["student"]],
             "R² (episodes held out)": r2["r2"].round(4),
             "R² (paper's shuffled split)": r2["r2_shuffled_split"].round(4),
             "paper": paper,
@@ -259,20 +259,20 @@ class _Distillation:
     def _choose(self, kind: str, samples: TrainingSet) -> tuple[StudentSettings, Policy]:
         """Fits the student with all candidate settings, and lets the robots choose."""
         settings = self.config.settings.of(kind)
-        candidates = {candidate.title: candidate for candidate in settings.candidates()}
+        candidates = settings.candidates()
         if len(candidates) <= 1:
             return settings, self._fit(kind, settings, samples)
         students = {
-            title: self._fit(kind, candidate.settings, samples)
-            for title, candidate in candidates.items()
+            title: self._fit(kind, candidate, samples)
+            for title, (candidate, _) in candidates.items()
         }
         say(f"{STUDENTS[kind].title}: letting {len(candidates)} candidates walk, to choose one")
         n_steps, n_workers = self.config.episode_steps, self.config.n_workers
         ranked = rank_alone(students, self.gait, self.expert, n_steps, n_workers)
         write_table(ranked, self.folder / f"{kind}_candidates")
-        complexities = {title: candidate.complexity for title, candidate in candidates.items()}
+        complexities = {title: complexity for title, (_, complexity) in candidates.items()}
         chosen = simplest_of_the_best(ranked, complexities)
-        return candidates[chosen].settings, students[chosen]
+        return candidates[chosen][0], students[chosen]
 
     def _samples(self, data: Dataset) -> TrainingSet:
         return data.training_set(self.gait, self.expert)

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Ge, MinLen
@@ -34,7 +34,7 @@ from glassgait.studies.distillation.formulas import (
     shared_gates,
 )
 from glassgait.studies.distillation.gated_sum import fit_gated_sums
-from glassgait.studies.distillation.students import Candidate, StudentSettings
+from glassgait.studies.distillation.students import StudentSettings
 
 Engine = Literal["operon", "pysr"]
 """What searches formulas."""
@@ -88,20 +88,18 @@ class SymbolicSettings(StudentSettings):
                     "formula, or for none; name the sum's length first"
                 )
 
-    def candidates(self) -> Sequence[Candidate]:
-        """Lists every shape with every weight of the starts."""
+    def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
+        """Returns every shape with every weight of the starts."""
+        found: dict[str, tuple[Self, tuple[int, ...]]] = {}
         if self.engine == "pysr":
-            return ()
-        return [
-            Candidate(
-                _title(shape, weight),
-                replace(self, shapes=(shape,), start_weights=(weight,)),
-                # Of equal length, a longer sum leaves less to the engine, whose terms are harder
-                # to read.
-                (shape[1], -shape[0]),
-            )
-            for shape, weight in product(self.shapes, self.start_weights)
-        ]
+            return found
+        for shape, weight in product(self.shapes, self.start_weights):
+            title = f"sum of {shape[0]}, {shape[1]} in all"
+            title += f", starts count {weight}" if weight > 1 else ""
+            # Of equal length, a longer sum leaves less to the engine, whose terms are hard to read.
+            complexity = shape[1], -shape[0]
+            found[title] = replace(self, shapes=(shape,), start_weights=(weight,)), complexity
+        return found
 
 
 @checked
@@ -126,12 +124,6 @@ class StatewiseSymbolicSettings(SymbolicSettings):
         (250, 250),
         (400, 400),
     )
-
-
-def _title(shape: Shape, start_weight: int) -> str:
-    sum_length, length = shape
-    title = f"sum of {sum_length}, {length} in all"
-    return title if start_weight == 1 else f"{title}, starts count {start_weight}"
 
 
 OPERON_SCALING_NODES = 4

@@ -22,7 +22,7 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts import Steps, play
 from glassgait.studies.common.run import refuse_run, to_plain
-from glassgait.studies.distillation.students import OnePolicy, student_title, sums_of_terms
+from glassgait.studies.distillation.students import OnePolicy, policy_title, sums_of_terms
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.importance.figures import contribution_figure, student_figures
 
@@ -178,7 +178,7 @@ class ExplainFormulas(OnePolicy):
                 console.print(f"#   {line}", style="dim", soft_wrap=True)
         written = len(file.written())
         console.print(
-            f"\n# {student_title(name)}: {student.n_terms()} terms in {written} formulas, on "
+            f"\n# {policy_title(name)}: {student.n_terms()} terms in {written} formulas, on "
             f"{len(lines)} lines",
             style="dim",
         )

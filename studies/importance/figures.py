@@ -20,7 +20,7 @@ from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, entry_of, symbols_of
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.distillation.students import student_title
+from glassgait.studies.distillation.students import policy_title
 
 HISTOGRAM_BINS = 20
 
@@ -406,7 +406,7 @@ def student_figures(
         The figures, by names that begin with the kind and the joint.
     """
     name = quadruped.JOINTS[joint]
-    title = f"{gait.capitalize()}, {student_title(kind)}, {name.replace('_', ' ')}"
+    title = f"{gait.capitalize()}, {policy_title(kind)}, {name.replace('_', ' ')}"
     figures: dict[str, Figure] = {}
     match student:
         case BoostedTreesPolicy():

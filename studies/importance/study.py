@@ -6,7 +6,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
@@ -16,9 +18,9 @@ from glassgait.models.task.observation import symbols_of
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import to_latex
-from glassgait.studies.distillation.collection import collect_alone
+from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.dataset import Dataset, load_rounds
-from glassgait.studies.distillation.students import StudentKind, samples_folder, student_title
+from glassgait.studies.distillation.students import StudentKind, policy_title, samples_folder
 from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.measures import (
     METHOD_TITLES,
@@ -54,7 +56,14 @@ def visited_samples(
     Raises:
         InputError: if a sample is not finite.
     """
-    data = collect_alone(gait, expert, student, n_robots=N_VISITS, n_steps=EPISODE_STEPS, seed=seed)
+    data = collect(
+        gait,
+        alone(student, expert),
+        episodes=range(1, N_VISITS + 1),
+        n_steps=EPISODE_STEPS,
+        worlds=Scenario(),
+        generator=np.random.default_rng(seed),
+    )
     return _drawn(data, n_samples, seed)
 
 
@@ -111,7 +120,7 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
         names = tuple(dict.fromkeys(mine["observation"]))
         values = mine["importance"].to_numpy().reshape(-1, quadruped.N_JOINTS, len(names))
         mean, stem = values.mean(axis=0), f"{kind}_{method}"
-        title = f"{gait.capitalize()}, {student_title(kind)}: {METHOD_TITLES[method]}"
+        title = f"{gait.capitalize()}, {policy_title(kind)}: {METHOD_TITLES[method]}"
         tables[stem] = pd.DataFrame(mean, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
         figures[stem] = importance_map(mean, symbols_of(names), title)
         groups.append(_by_group(values, names, kind, method))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.studies.distillation.students import STUDENTS, paper_students, student_title
+from glassgait.studies.distillation.students import STUDENTS, paper_students, policy_title
 from glassgait.studies.reproduction.gait import GaitResults
 from glassgait.studies.reproduction.page import Section
 
@@ -86,7 +86,7 @@ def _figures(results: Sequence[GaitResults], stem: str, what: str) -> list[tuple
 
 def _sequences(results: Sequence[GaitResults], number: str, kind: str) -> Section:
     return Section(
-        f"Gait sequences, {student_title(kind)}",
+        f"Gait sequences, {policy_title(kind)}",
         number,
         "Feet in contact (dark) over the reward machine's states, without the expert.",
         figures=_figures(results, f"{kind}_sequence", "gait sequence"),
@@ -133,7 +133,7 @@ def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
     rows = []
     for kind in _students(results):
         mine = {own.gait: own.r2.set_index("student").loc[kind] for own in results}
-        title = student_title(kind)
+        title = policy_title(kind)
         rows += [
             {"student": title, "split": split}
             | {gait: round(row[column], 4) for gait, row in mine.items()}

@@ -21,7 +21,7 @@ from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students import load_students, student_title
+from glassgait.studies.distillation.students import load_students, policy_title
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
 from glassgait.studies.evaluation.tables import standalone_table
@@ -106,7 +106,7 @@ def _draw_sequences(
 ) -> None:
     for kind, student in students.items():
         rollout = _roll_out_alone(gait, expert, student)
-        title = f"{gait.name.capitalize()}, {student_title(kind)}"
+        title = f"{gait.name.capitalize()}, {policy_title(kind)}"
         save_figure(gait_figure(rollout, gait, f"{title} alone"), folder / f"{kind}_sequence")
         if kind == "ebm":
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)

@@ -19,10 +19,9 @@ def recipe(config: TrainingConfig) -> dict[str, Any]:
 def _differences(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
     found = {}
     for key, value in values.items():
-        if isinstance(value, dict):
-            value = _differences(value, defaults[key])
-        if value not in (defaults[key], {}):
-            found[key] = value
+        changed = _differences(value, defaults[key]) if isinstance(value, dict) else value
+        if changed not in (defaults[key], {}):
+            found[key] = changed
     return found
 
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.formulas.expression import (
     ZERO,
     Expression,
@@ -19,6 +20,7 @@ from glassgait.models.formulas.expression import (
 )
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
 from glassgait.models.robots.library import load_robot
@@ -27,7 +29,7 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation import refinement as refinement_module
-from glassgait.studies.distillation.collection import collect_alone
+from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.formula_network import UNIT_EFFECT, FormulaNetwork
 from glassgait.studies.distillation.formulas import short_numbers
 from glassgait.studies.distillation.refinement import RefinementConfig, RefinementRun
@@ -55,7 +57,14 @@ PAGE = load_student("trot", "sparse_formula")
 
 @cache
 def seen(gait, policy):
-    data = collect_alone(load_gait(gait), load_expert(gait), policy, n_robots=6, n_steps=30, seed=3)
+    data = collect(
+        load_gait(gait),
+        alone(policy, load_expert(gait)),
+        episodes=range(1, 7),
+        n_steps=30,
+        worlds=Scenario(),
+        generator=np.random.default_rng(3),
+    )
     return data.observations, torch.from_numpy(data.observations).float()
 
 
