@@ -1,21 +1,14 @@
 """The page that explains a rollout: its numbers, its files, and what it refuses."""
 
-from copy import copy
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import yaml
 
-from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.evaluate import Tape
-from glassgait.models.formulas.file import formula_lines
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.library import load_expert, load_student
-from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
@@ -58,12 +51,7 @@ def test_page_needs_nothing_from_elsewhere(page, embedded):
     assert "MeshCat.Viewer" in embedded(page, "replay-page")
 
 
-def test_figures_of_the_step_lie_beside_the_page(page):
-    for extension in ("png", "pdf"):
-        assert (page.parent / f"linear_FL_hip_step_12.{extension}").exists()
-
-
-@pytest.mark.parametrize("kind", ["statewise_linear", "symbolic", "statewise_symbolic"])
+@pytest.mark.parametrize("kind", ["statewise_linear", "symbolic", "sparse_formula"])
 def test_factors_are_those_of_the_terms(kind, generator):
     policy = load_student("trot", kind)
     names = policy.observation_names
@@ -83,32 +71,7 @@ def test_factors_are_those_of_the_terms(kind, generator):
             np.testing.assert_allclose(value, expected, rtol=1e-9)
 
 
-def test_page_names_a_robot_that_is_not_the_default_one(trot, few, explained_page, tmp_path):
-    policy, rollout = copy(few[0]), few[1]
-    for robot, title in (("a1", "Trot"), ("go2", "Trot of the Go2")):
-        policy.robot = load_robot(robot)
-        page = explained_page(tmp_path, trot, policy, rollout).read_text()
-        assert page.count(f"Why it does so: {title}, few") == 2
-
-
-def test_names_of_a_gait_are_text_and_nothing_else(trot, explained_page, tmp_path, embedded):
-    states = ("<b>bold</b>", "</script><script>throw 1</script>")
-    gait = replace(trot, states=states, description="<i>slanted</i>")
-    names = load_expert("trot").observation_names
-    policy = LinearPolicy("trot", names, np.zeros((12, len(names))), np.zeros(12))
-    values = {"observations": len(names), "actions": 12, "rm_state": 2, "rm_iterations": 1}
-    rollout = Rollout(
-        np.zeros(2), {name: np.zeros((2, n)) for name, n in {**values, "foot_contact": 4}.items()}
-    )
-    policy.joint_law = JointLaw(limited=True)
-    path = explained_page(tmp_path, gait, policy, rollout, policy_name="<u>mine</u>")
-    page = path.read_text()
-    for tag in ("<b>bold", "<i>slanted", "<u>mine", "<script>throw"):
-        assert tag not in page
-    assert "Targets are limited" in page
-    assert tuple(embedded(path, "data")["states"]) == states
-
-
+@pytest.mark.slow
 def test_each_student_has_a_folder_of_its_own(few_students, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     short = ["explain", "page", "--n-steps", "10", "--step", "5"]
@@ -124,26 +87,12 @@ def test_each_student_has_a_folder_of_its_own(few_students, tmp_path, monkeypatc
     assert page.read_bytes() != before
 
 
-def test_a_page_of_something_else_is_kept(tmp_path, refused):
-    page = tmp_path / "index.html"
-    page.write_text("mine")
-    assert "did not write" in refused(["explain", "page", "--output", str(tmp_path)])
-    assert page.read_text() == "mine"
-    assert list(tmp_path.iterdir()) == [page]
-
-
 def test_a_short_rollout_is_shown_at_its_last_step(few_students, tmp_path, embedded):
     where = ["--source", str(few_students), "--output", str(tmp_path)]
     main(["explain", "page", "--policy", "linear", "--n-steps", "10", *where])
     assert embedded(tmp_path / "index.html", "data")["step"] == 10
     assert yaml.safe_load((tmp_path / "config.yaml").read_text())["step"] == 10
     assert (tmp_path / "linear_FL_hip_step_10.png").exists()
-
-
-def test_additive_models_are_named_on_their_pages_alone(page, tmp_path):
-    assert "additive model" not in page.read_text()
-    main(["explain", "page", "--policy", "ebm", "--n-steps", "10", "--output", str(tmp_path)])
-    assert "additive model is a function" in (tmp_path / "index.html").read_text()
 
 
 def test_terms_of_other_states_are_none_of_the_actions(few_page, embedded):
@@ -159,47 +108,6 @@ def test_terms_of_other_states_are_none_of_the_actions(few_page, embedded):
         np.testing.assert_allclose(total, joint["target"], atol=2e-4)
 
 
-def test_a_constant_of_a_state_is_no_motion(few):
-    policy, rollout = few
-    own = explain_rollout(policy, rollout)[0]
-    twice = Rollout(
-        np.arange(4.0), {name: np.concatenate([v, 2.0 * v]) for name, v in rollout.values.items()}
-    )
-    twice.values["rm_state"] = np.concatenate([rollout["rm_state"]] * 2)
-    swings = explain_rollout(policy, twice)[0].importances()
-    moving = np.array([bool(term.quantities) for term in own.terms])
-    assert (~moving).sum() == 2
-    np.testing.assert_allclose(swings[~moving], 0.0, atol=1e-12)
-    values = explain_rollout(policy, twice)[0].values
-    # Each state has two steps; a term swings by half its change there, and not in the other one.
-    expected = sum(np.abs(values[state] - values[state + 2]) for state in (0, 1)) / 4.0
-    np.testing.assert_allclose(swings, expected)
-    assert swings[moving].min() > 0.0
-
-
-def test_a_page_lists_what_swings_in_the_order_of_the_file(few_page, page, embedded):
-    for path in (few_page, page):
-        for joint in embedded(path, "data")["explained"]:
-            assert joint["ranked"] == sorted(joint["ranked"])
-            assert all(joint["terms"][k]["of"] for k in joint["ranked"])
-
-
-def test_the_mirrored_lines_are_the_formulas_that_act():
-    policy = load_student("trot", "sparse_formula")
-    assert isinstance(policy, FormulaPolicy)
-    own = file_lines(policy, 2)
-    file, read = policy.to_file(), set()
-    for state, joints in enumerate(own["mirrored"]):
-        for joint, lines in enumerate(joints):
-            if lines is not None:
-                place = (joint,) if file.n_states is None else (state, joint)
-                assert lines == formula_lines(file, place)
-                assert lines[0].startswith(f"{quadruped.JOINTS[joint]} = ")
-                read.add(place)
-    assert read == set(file.formulas) - set(file.written())
-    assert read
-
-
 def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
     policy, rollout = few
     own = explain_rollout(policy, rollout)[0]
@@ -212,19 +120,10 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--gait", "gallop"], "gallop"),
         (["--joint", "FL_knee"], "unknown joint 'FL_knee'; the joints are FL_hip"),
         (["--step", "900", "--n-steps", "10"], "name one from 0 to 10"),
-        (["--step", "-1"], "step is -1; it must be"),
-        (["--n-steps", "0"], "n_steps is 0; it must be"),
-        (["--n-steps", "180001"], "it must be less than or equal to 180000"),
-        (["--seed", "-1"], "seed is -1; it must be"),
-        (["--seed", "99999999999999999999"], "it must be less than 2147483648"),
         (["--policy", "expert"], "the expert's actions are no sums of terms; name a student"),
-        (["--policy", "forest"], "--policy 'forest'"),
         (["--policy", "open_loop"], "kind 'open_loop' do not split into contributions"),
-        (["--policy", "ebm"], "distil it again for this layout"),
-        (["--policy", "gbm"], "--policy 'gbm'"),
     ],
 )
 def test_bad_input_is_refused(few_students, tmp_path, refused, arguments, message):
@@ -241,7 +140,11 @@ MIRRORED = "format: 2\ngait: trot\nstates: 2\nmirror: [1, 0]\n\nstate 0\n" + "".
 
 @pytest.mark.parametrize(
     ("gait", "kind", "robot"),
-    [("trot", "symbolic", "a1"), ("bound", "statewise_symbolic", "go2")],  # without a mirror
+    [
+        # These have no mirror.
+        ("trot", "symbolic", "a1"),
+        pytest.param("bound", "statewise_symbolic", "go2", marks=pytest.mark.slow),
+    ],
 )
 def test_every_joint_has_its_lines_in_every_state(gait, kind, robot):
     policy = load_student(gait, kind, load_robot(robot))
@@ -269,3 +172,43 @@ def test_a_mirror_images_lines_are_those_of_the_other_side():
     assert file["acting"][1][right] == file["acting"][0][left]
     first, _ = file["acting"][1][right]
     assert file["lines"][first].startswith("FL_calf = ")
+
+
+def test_the_shipped_file_is_printed_with_its_programs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main(["explain", "formulas", "--gait", "trot"])
+    printed = capsys.readouterr().out
+    text = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
+    assert printed.startswith(text)
+    for line in ("reach = torque/40", "near = stood and norm(predicted + sole) < 1"):
+        assert line in printed
+    assert read_formulas(printed) == read_formulas(text)
+
+
+def test_the_lines_of_one_joint_or_latex_are_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main(["explain", "formulas", "--gait", "trot", "--joint", "RL_calf"])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith("state")] == ["state 0"]
+    joints = [line.split(" ")[0] for line in lines if " = " in line and line[0] != " "]
+    assert joints == ["RL_calf"]
+    main(["explain", "formulas", "--gait", "trot", "--latex"])
+    latex = (STUDENT_DIRECTORY / "trot" / "sparse_formula.tex").read_text()
+    assert capsys.readouterr().out == latex
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policy", "gbm"], "--policy gbm"),
+        (["--joint", "FL_knee"], "unknown joint 'FL_knee'"),
+        (["--joint", "FL_hip", "--latex"], "leave --latex or this out"),
+        (["--policy", "mine.formulas"], "mine.formulas: line 1, column 1"),
+    ],
+)
+def test_formulas_that_cannot_be_printed_are_refused(
+    arguments, message, tmp_path, monkeypatch, refused
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.formulas").write_text("mine")
+    assert message in refused(["explain", "formulas", "--gait", "trot", *arguments])
