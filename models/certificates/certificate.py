@@ -33,17 +33,12 @@ def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) 
     """Returns the certificate of a policy, from its prover, the decided claims and its file."""
     robot, gait, images = prover.policy.robot.name, prover.gait, mirrored_states(prover.gait)
     content = {
-        "format": 1,
+        "format": 2,
         **({} if robot == DEFAULT_ROBOT else {"robot": robot}),
         "gait": gait.name,
-        "states": list(gait.states),
         "mirror": None if images is None else list(images),
-        "policy": {
-            "kind": prover.policy.kind,
-            "file": policy_file.name,
-            "sha256": digest(policy_file),
-        },
-        "boxes": {name: box.ranges for name, box in prover.boxes.items()},
+        "policy": {"file": policy_file.name, "sha256": digest(policy_file)},
+        "box": prover.boxes["operating"].ranges,
         "claims": [_verdict(verdict) for verdict in verdicts],
         "statements": [_statement(*own, prover.symbols) for own in prover.proofs.items()],
     }

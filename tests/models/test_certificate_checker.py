@@ -131,8 +131,8 @@ def leave_out_what_proves(content, generator):
 
 
 def widen_box(content, generator):
-    low, high = content["boxes"]["operating"]["a.FL_hip"]
-    content["boxes"]["operating"]["a.FL_hip"] = [low - 1.0, high + float(generator.uniform(1, 2))]
+    low, high = content["box"]["a.FL_hip"]
+    content["box"]["a.FL_hip"] = [low - 1.0, high + float(generator.uniform(1, 2))]
 
 
 def exchange_states(content, generator):

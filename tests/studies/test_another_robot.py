@@ -49,9 +49,7 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     assert {path.parent.name for path in kept} == {"mine"}
     main(["verify", "prove", *own, "--measure", "--n-steps", "20", "--output", "proved"])
     certificate = json.loads((tmp_path / "proved" / "certificate.json").read_text())
-    low, high = certificate["boxes"]["physical"]["q.RL_thigh"]
     assert certificate["robot"] == "mine"
-    assert low <= -0.5236 and high >= 4.5379  # rad, the range of the rear thighs alone
     proved = [claim for claim in certificate["claims"] if claim["outcome"] == "proved"]
     assert len(proved) > 5 and certificate["statements"]
     checked = ["verify", "check", "proved", "--policy", str(path)]

@@ -20,12 +20,11 @@ import numpy as np
 from flint import arb, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from .files import RefusedError, refuse_unless
-from .policy import MOST_FACTORS
 from .robot import Box, Robot
 
 ctx.prec = 96
 
-MOST_FUNCTIONS, MOST_TERMS = 100, 20_000
+MOST_FUNCTIONS, MOST_TERMS, MOST_FACTORS, MOST_BITS = 100, 20_000, 100, 20_000
 MOST_TOGETHER = 10
 """Factors that may meet in a table; where more do, tables are maximised apart: a bound still."""
 
@@ -170,6 +169,8 @@ class Polynomials:
         refuse_unless(len(a) * len(b) <= MOST_TERMS, "a formula has too many terms")
         whole = a * b
         few = not whole or whole.total_degree() <= MOST_FACTORS
+        # A number that is raised to powers of powers would fill the memory.
+        few &= len(whole) != 1 or whole.coefficient(0).height_bits() <= MOST_BITS
         refuse_unless(few, "a formula multiplies too often")
         return whole
 
