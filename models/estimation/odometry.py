@@ -105,6 +105,7 @@ class Odometry(Settings):
         rolled = kinematics.rolling_velocity(robot, turning, gravity[..., None, :])
         sole = swept + turned[..., : quadruped.N_LEGS, :] + rolled
 
+        # The velocity by the accelerometer, corrected by the feet that stand.
         free = change + CONTROL_PERIOD * GRAVITY * gravity
         predicted = before.velocity - CONTROL_PERIOD * turned[..., -1, :] + free
         standing = _standing(touching & before.touching, sole + predicted[..., None, :])
@@ -113,6 +114,7 @@ class Odometry(Settings):
         correction = self.gain * (of_feet - predicted)
         velocity = predicted + np.where(count > 0, correction, 0.0)
 
+        # The ground, carried along under the trunk.
         carried = _carried(before.footholds, velocity, turned[..., quadruped.N_LEGS : -1, :])
         footholds = np.where(touching[..., None], feet, carried)
         return OdometryState(velocity, footholds, touching, turned_by)

@@ -242,6 +242,7 @@ def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clea
     legs = leg_angles(positions[..., quadruped.JOINT_POSITION])
     thigh_point, knee_point, foot_point = leg_points(robot, legs)
 
+    # The upward axis in each leg's plane, and the lowest point of a box along a limb.
     up_x, up_y, up_z = up[..., 0:1], up[..., 1:2], up[..., 2:3]
     lateral = legs.cos_hip * up_y + legs.sin_hip * up_z
     vertical = -legs.sin_hip * up_y + legs.cos_hip * up_z
@@ -253,6 +254,7 @@ def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clea
         centre = np.einsum("...lk,...k->...l", 0.5 * (start + end), up)
         return centre + base_height[..., None] - 0.5 * reach
 
+    # Trunk, thighs and calves.
     trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.trunk_box)
     thigh = limb(thigh_point, knee_point, legs.sin_thigh, legs.cos_thigh, robot.thigh_box)
     shank_end = knee_point + shank_share * (foot_point - knee_point)

@@ -39,8 +39,8 @@ def joint_index(joint: str | int) -> int:
     if isinstance(joint, str) and joint in JOINTS:
         return JOINTS.index(joint)
     # True and False are whole numbers, too.
-    is_number = isinstance(joint, int | np.integer) and not isinstance(joint, bool)
-    if is_number and 0 <= joint < N_JOINTS:
+    is_number = not isinstance(joint, str | bool) and isinstance(joint, int | np.integer)
+    if is_number and int(joint) in range(N_JOINTS):
         return int(joint)
     raise InputError(
         f"unknown joint {shown(joint)}; the joints are {', '.join(JOINTS)}, or 0 to {N_JOINTS - 1}"

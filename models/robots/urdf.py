@@ -52,6 +52,7 @@ class _Urdf:
                 f"its moving joints are {', '.join(map(str, moving))}; name and order them "
                 f"{', '.join(JOINTS)}"
             )
+        # Sizes of the front left leg, which the other legs have to share.
         first, *others = [self._leg(leg) for leg in LEGS]
         for leg, other in zip(LEGS[1:], others, strict=True):
             for key, value in other.items():
@@ -60,6 +61,7 @@ class _Urdf:
                         f"{key} of {leg} is {value}, and that of FL is {first[key]}; make the legs "
                         "mirror images of each other"
                     )
+        # Limits of each joint and the mass of all links.
         limits = {
             key: [self._number(f"joint[@name='{joint}']/limit", key) for joint in JOINTS]
             for key in ("lower", "upper", "effort", "velocity")
@@ -76,6 +78,7 @@ class _Urdf:
 
     def _leg(self, leg: str) -> dict[str, Any]:
         """Returns the sizes of a leg, mirrored to those of the front left one."""
+        # Links and axes of the joints.
         parents = ("trunk", f"{leg}_hip", f"{leg}_thigh")
         for parent, kind in zip(parents, LEG_JOINTS, strict=True):
             joint = f"joint[@name='{leg}_{kind}']"
@@ -84,6 +87,7 @@ class _Urdf:
                     self._refuse(f"joint {leg}_{kind}'s {end} is not link {link}; rename one")
             if self._numbers(f"{joint}/axis", "xyz", 3) != list(AXES[kind]):
                 self._refuse(f"joint {leg}_{kind}'s axis is not {AXES[kind]}; turn its frame")
+        # Places of joints and foot, each in the frame of the link before.
         calf = f"link[@name='{leg}_calf']/collision"
         foot = f"{calf}[@name='{leg}_foot']"
         hip, thigh, knee, end = (

@@ -113,6 +113,7 @@ class RewardMachine:
             difficulty: Factor on the dwell and clearance that a transition asks for, and divisor
                 of its grace; training raises it to 1.
         """
+        # The transition that the stance asks for, and whether it may fire.
         edge = self._edge[machine.state, stance_code(foot_contact)]
         spent = machine.iterations + 1
         clearance = difficulty * self.gait.clearance
@@ -120,6 +121,7 @@ class RewardMachine:
         dwell = self._dwell[edge] * commanded_dwell
         in_time = (spent >= difficulty * dwell) & (difficulty * machine.age >= self._grace[edge])
         fired = self._fires[edge] & lifted & in_time
+        # The next state, and what it pays.
         state = np.where(fired, self._target[edge], machine.state)
         after = MachineState(state=state, iterations=np.where(fired, 0, spent), age=machine.age + 1)
         multiplier = np.where(fired, TRANSITION_MULTIPLIER, 1.0)
