@@ -223,3 +223,11 @@ def test_invisible_signs_are_refused_by_both_readers(sign, tmp_path):
         path.write_bytes(text.encode())
         with pytest.raises(InputError):
             load_policy(path)
+
+
+@pytest.mark.parametrize("term", ["t**2**3", "t**t", "(t)(t)", "exp(t)", "late.FL", "t//2", "1j"])
+def test_a_formula_that_is_none_is_refused_by_the_checker(term):
+    file = SMALL.replace("RL_calf = ((q.FL_hip))", f"RL_calf = {term}")
+    assert file != SMALL
+    with pytest.raises(RefusedError):
+        FormulaFile(file).evaluate(0, "RL_calf", Numbers({"t": 1.0}))

@@ -8,6 +8,7 @@ import ast
 import re
 from collections.abc import Iterator
 from itertools import product as ways
+from operator import add, sub
 from typing import Any, NamedTuple
 
 from .files import RefusedError, parse_yaml, refuse_unless
@@ -111,7 +112,7 @@ class FormulaFile:
         if name in self.definitions:
             return self.definitions[name], mirrored, 1
         kind, _, place = name.partition(".")
-        other = f"{kind}.{MIRRORED.get(place[:2], '')}{place[2:]}"
+        other = f"{kind}.{MIRRORED.get(place[:2], '?')}{place[2:]}"
         known = self.has_images and other in self.definitions
         refuse_unless(known, f"{name[:40]!r} does not belong in a formula")
         return self.definitions[other], not mirrored, 1
@@ -155,15 +156,11 @@ class FormulaFile:
                 square = algebra.product(base, base)
                 return square if power == 2 else algebra.product(square, base)
             case ast.BinOp(left=left, op=op, right=right):
-                first, last = (self.worked_out(part, algebra, mirrored) for part in (left, right))
-                match op:
-                    case ast.Add():
-                        return first + last
-                    case ast.Sub():
-                        return first - last
-                    case ast.Mult():
-                        return algebra.product(first, last)
-                return algebra.quotient(first, last)
+                parts = [self.worked_out(part, algebra, mirrored) for part in (left, right)]
+                operations = {ast.Add: add, ast.Sub: sub}
+                operations |= {ast.Mult: algebra.product, ast.Div: algebra.quotient}
+                if type(op) in operations:
+                    return operations[type(op)](*parts)
         raise RefusedError("a formula holds what it must not")
 
     def used(self, state: int, joint: str) -> set[str]:
