@@ -10,29 +10,31 @@ import pandas as pd
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.control import Sensors
+from glassgait.models.control import ControlStep, Sensors
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.imu import GRAVITY
-from glassgait.models.export.binding import ACTION, MACHINE, LoadedController
-from glassgait.models.export.reference import PythonController
+from glassgait.models.export.binding import LoadedController, Memory
 from glassgait.models.policies.controller import (
     AlternatingController,
     ControllerOutput,
+    estimator_in_loop,
+    refuse_other_machine,
 )
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.command import Command, sample_commands, sound_command
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.studies.common.episode import (
     BoolArray,
-    ControlStep,
     Episode,
     Event,
     Observer,
     episode,
 )
+from glassgait.studies.common.episode import ControlStep as EpisodeStep
 from glassgait.studies.common.observers import Log, Observations
 from glassgait.studies.common.scores import score_rollouts
 
@@ -107,8 +109,10 @@ def agreement_table(
         "recorded": recorded_sequences(gait, controller, recorded, seed),
         "random": random_sequences(controller.robot, gait, n_steps - recorded, seed),
     }
-    python = PythonController(gait, controller)
-    found = {name: compare_controllers(python, compiled, one) for name, one in sequences.items()}
+    found = {
+        name: compare_controllers(gait, controller, compiled, one)
+        for name, one in sequences.items()
+    }
     for one in found.values():
         if exact and (one.target > SAME or one.machine):
             raise InputError(
@@ -121,19 +125,37 @@ def agreement_table(
 
 
 def compare_controllers(
-    python: PythonController, compiled: LoadedController, sequences: Sequence[Sequence[Moment]]
+    gait: Gait,
+    controller: AlternatingController,
+    compiled: LoadedController,
+    sequences: Sequence[Sequence[Moment]],
 ) -> Agreement:
-    """Lets both controllers take the steps of each sequence."""
+    """Lets a controller in Python and in C take the steps of each sequence.
+
+    Raises:
+        InputError: if the controller has no estimator, or was made for another machine.
+    """
+    refuse_other_machine(controller, gait)
+    control = ControlStep(
+        controller.robot,
+        RewardMachine(gait),
+        controller.joint_law,
+        estimator_in_loop(controller),
+        controller.policy.layout.imu,
+    )
     greatest, apart, changes = 0.0, 0, 0
     for sequence in sequences:
-        ours, theirs = python.initial(), compiled.initial()
-        for moment in sequence:
-            state = ours[MACHINE][0]
-            one, other = python.step(ours, *moment), compiled.step(theirs, *moment)
-            ours, theirs = one.memory, other.memory
-            greatest = max(greatest, float(np.abs(one.targets - other.targets).max()))
-            apart += not np.array_equal(ours[MACHINE], theirs[MACHINE])
-            changes += bool(ours[MACHINE][0] != state)
+        ours, theirs, state = None, compiled.initial(), None
+        for sensors, command in sequence:
+            within = sound_command(gait, command)
+            targets, ours = control.step(ours, sensors, within, controller.policy)
+            step = compiled.step(theirs, sensors, command)
+            theirs = step.memory
+            greatest = max(greatest, float(np.abs(targets - step.targets).max()))
+            machine = tuple(int(part) for part in ours.machine)
+            apart += machine != tuple(theirs[name] for name in ("state", "iterations", "age"))
+            changes += state not in (None, machine[0])
+            state = machine[0]
     return Agreement(sum(map(len, sequences)), greatest, apart, changes)
 
 
@@ -221,7 +243,7 @@ class _Moments(Observer):
 
     sequences: list[list[Moment]]
 
-    def observe(self, step: ControlStep) -> None:
+    def observe(self, step: EpisodeStep) -> None:
         for sequence, moment in zip(self.sequences, moments(step.before), strict=True):
             sequence.append(moment)
 
@@ -306,15 +328,13 @@ class _CompiledController(AlternatingController):
         """Reads the present sensors of each robot."""
         self._sensed[:] = moments(running.simulator.state)
 
-    def begin(self, n_robots: int) -> list[Array]:
+    def begin(self, n_robots: int) -> Memory:
         assert self.compiled is not None
-        return [self.compiled.initial() for _ in range(n_robots)]
+        return np.stack([self.compiled.initial()] * n_robots)
 
-    def advance(self, step: int, observation: Array, memory: list[Array]) -> ControllerOutput:
+    def advance(self, step: int, observation: Array, memory: Memory) -> ControllerOutput:
         assert self.compiled is not None
-        memory = [
-            self.compiled.step(one, *moment).memory
-            for one, moment in zip(memory, self._sensed, strict=True)
-        ]
-        action = np.array(memory)[:, ACTION]
+        pairs = zip(memory, self._sensed, strict=True)
+        memory = np.stack([self.compiled.step(one, *moment).memory for one, moment in pairs])
+        action = memory["action"].astype(float)
         return ControllerOutput(action, np.zeros(len(action), dtype=bool), memory)

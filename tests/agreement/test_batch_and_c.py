@@ -8,7 +8,6 @@ from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import load_scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.control import Sensors
-from glassgait.models.export.binding import ACTION, MACHINE
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.command import Command
@@ -36,10 +35,10 @@ def test_c_acts_as_the_batch_on_what_every_robot_senses(name, trot, compiled_pag
             command = Command(*(values[robot] for values in before.command))
             stepped = compiled_page.step(memories[robot], reading, command)
             memories[robot] = stepped.memory
-            machine = [values[robot] for values in before.memory.machine]
-            assert stepped.memory[MACHINE].tolist() == machine, f"machine at step {step}"
+            for part, values in before.memory.machine._asdict().items():
+                assert stepped.memory[part] == values[robot], f"{part} at step {step}"
             np.testing.assert_allclose(
-                stepped.memory[ACTION],
+                stepped.memory["action"],
                 after.action[robot],
                 rtol=0,
                 atol=1e-12,

@@ -11,14 +11,10 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.contact import UNCHANGED_STEPS
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.binding import (
-    ACTION,
-    ODOMETRY,
     OK,
-    UNCHANGED,
     LoadedController,
     has_compiler,
     load_controller,
-    unpacked_odometry,
     write_source,
 )
 from glassgait.models.export.c_language import CArray, commented, is_identifier, number
@@ -35,7 +31,6 @@ from glassgait.models.export.contract import (
     interface_of,
     read_contract,
 )
-from glassgait.models.export.reference import PythonController
 from glassgait.models.formulas.quantities import Readings
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
@@ -78,8 +73,8 @@ def agree(tmp_path) -> Callable[..., Agreement]:
         controller = alone(policy, expert)
         written = write_controller(gait, controller, real=real, **WRITTEN)
         compiled: LoadedController = load_controller(written, tmp_path)
-        python = PythonController(gait, controller)
-        return compare_controllers(python, compiled, random_sequences(A1, gait, n_steps, 3))
+        sequences = random_sequences(A1, gait, n_steps, 3)
+        return compare_controllers(gait, controller, compiled, sequences)
 
     return run
 
@@ -162,11 +157,11 @@ def test_targets_stay_within_the_joints_ranges_if_the_policy_has_them_so(
     compiled = load_controller(write_controller(trot, controller, **WRITTEN), tmp_path)
     sensors, command, *_ = random_sequences(A1, trot, 1, 3)[0][0]
     memory = compiled.initial()
-    memory[ACTION] = np.tile([-50.0, 50.0], 6)
+    memory["action"] = np.tile([-50.0, 50.0], 6)
     # A bad input holds the targets of the action before.
     broken = Sensors(np.full(12, np.nan), sensors.joint_velocity, sensors.touching)
     held = compiled.step(memory, broken, command).targets
-    np.testing.assert_array_equal(held, A1.joint_targets(memory[ACTION], limited=limited))
+    np.testing.assert_array_equal(held, A1.joint_targets(memory["action"], limited=limited))
 
 
 @needs_compiler
@@ -264,7 +259,7 @@ def test_formulas_that_are_left_out_act_in_the_mirror(text, n_written, agree, sm
 
 @needs_compiler
 def test_stuck_contact_sensors_are_not_believed(trot, compiled_page):
-    python = PythonController(trot, alone(load_student("trot", "sparse_formula")))
+    controller = alone(load_student("trot", "sparse_formula"))
     (moments, *_) = random_sequences(A1, trot, 200, 3)
     stuck = [
         moment._replace(
@@ -274,15 +269,14 @@ def test_stuck_contact_sensors_are_not_believed(trot, compiled_page):
         )
         for moment in moments
     ]
-    found = compare_controllers(python, compiled_page, [stuck])
+    found = compare_controllers(trot, controller, compiled_page, [stuck])
     assert found.machine == 0
     assert found.target < 1e-12
-    memory, disbelieved = python.initial(), 0
+    memory, disbelieved = compiled_page.initial(), 0
     for moment in stuck:
-        memory = python.step(memory, *moment).memory
-        touching = unpacked_odometry(memory[ODOMETRY])[1].touching
-        disbelieved += not np.array_equal(touching[:2], [True, False])
-    assert memory[UNCHANGED].tolist()[:2] == [UNCHANGED_STEPS] * 2
+        memory = compiled_page.step(memory, *moment).memory
+        disbelieved += memory["touching"][:2].tolist() != [1, 0]
+    assert memory["unchanged"].tolist()[:2] == [UNCHANGED_STEPS] * 2
     assert disbelieved > 0
 
 

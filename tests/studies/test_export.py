@@ -9,7 +9,6 @@ from glassgait.models.errors import InputError
 from glassgait.models.export.binding import has_compiler, load_controller
 from glassgait.models.export.c_source import write_controller
 from glassgait.models.export.contract import CONTRACT, read_contract
-from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
 from glassgait.models.robots.library import load_robot
@@ -54,10 +53,9 @@ def loaded(gait, kind, folder):
 )
 def test_shipped_policies_agree(gait, kind, tmp_path):
     controller, compiled = loaded(gait, kind, tmp_path)
-    python = PythonController(load_gait(gait), controller)
-    found = compare_controllers(
-        python, compiled, random_sequences(A1, load_gait(gait), n_steps=500, seed=0)
-    )
+    machine = load_gait(gait)
+    sequences = random_sequences(A1, machine, n_steps=500, seed=0)
+    found = compare_controllers(machine, controller, compiled, sequences)
     assert found.machine == 0
     assert found.target < 1e-12
 
@@ -66,7 +64,7 @@ def test_shipped_policies_agree(gait, kind, tmp_path):
 def test_recorded_robots_agree_over_many_strides(trot, compiled_page):
     controller = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
     sequences = recorded_sequences(trot, controller, 300, seed=0)
-    found = compare_controllers(PythonController(trot, controller), compiled_page, sequences)
+    found = compare_controllers(trot, controller, compiled_page, sequences)
     assert (found.steps, found.machine) == (300, 0)
     assert found.changes > 10
     assert found.target < 1e-12
