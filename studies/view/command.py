@@ -19,7 +19,6 @@ from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
-from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.experiment import PolicySource
 from glassgait.studies.common.figures import save_figure
@@ -31,7 +30,7 @@ from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 
 N_STEPS = 500
-"""Control steps of a rollout that nobody watches, unless a person names others."""
+"""Control steps of a rollout by default."""
 
 
 @checked
@@ -50,14 +49,9 @@ class OwnCommand(Settings):
     yaw_rate: float | None = None
     dwell: Annotated[int, Ge(1)] | None = None
 
-    @property
-    def given(self) -> dict[str, float]:
-        """What is not left out, by name."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
-
     def over(self, scenario: Scenario) -> Scenario:
         """Returns a scenario with this command."""
-        given = self.given
+        given = {name: value for name, value in asdict(self).items() if value is not None}
         if scenario.names_a_command and not given:
             return scenario
         own = scenario.command
@@ -104,90 +98,52 @@ class View(PolicySource):
             raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
 
     def run(self) -> None:
-        """Plays, and writes replay, gait diagram and, beside them, these settings."""
+        """Plays, and writes the replay, the gait diagram and these settings."""
         gait = find_gait(self.gait, self.robot)
         (found,) = find_policies_of([gait], self.source, [self.policy], self.robot).values()
-        gait, policy = found.gait, self._controller(found)
+        gait, controller = found.gait, self._controller(found)
+        ratio = "alone" if self.ratio is None else ratio_title(controller.period)
         scenario = load_scenario(self.scenario)
         if self.live:
             scenario = replace(scenario, command=SliderCommand())
         else:
             scenario = self.command.over(scenario)
-        stem = self._stem(gait, policy)
-        refuse_run(stem.parent)
-        rollout, ending = self._play(gait, policy, scenario, stem)
-        record = {**to_plain(self), "scenario": scenario.to_plain()}
-        write_atomically(_beside(stem, ".yaml"), yaml.safe_dump(record, sort_keys=False))
-        self._draw(gait, policy, rollout, stem)
-        console.print(ending)
-        console.print(_summary(rollout, scenario))
-        stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
-        console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")
 
-    def _controller(self, found: Policies) -> AlternatingController:
-        """Loads the controller."""
-        controller = found.controller(self.policy)
-        student = None if self.policy == EXPERT else controller.policy
-        period = parse_ratio(
-            ("1" if student is None else "0") if self.ratio is None else self.ratio
-        )
-        if student is None and self.ratio is not None:
-            raise InputError("--ratio shares steps with a student; name one with --policy")
-        return AlternatingController(controller.expert, student, period)
+        # Names say the policy, the ratio and the scenario.
+        folder = self.output or default_folder(self.title, controller.robot.name) / gait.name
+        parts = [Path(self.policy).stem, ratio.replace("/", "-"), scenario_name(self.scenario)]
+        stem = folder / "_".join(part for part in parts if part != TRAINING)
+        refuse_run(folder)
 
-    def _ratio(self, policy: AlternatingController) -> str | None:
-        """Returns the ratio as the paper writes it, so that 0.25 and 1/4 are one."""
-        return None if self.ratio is None else ratio_title(policy.period)
-
-    def _stem(self, gait: Gait, policy: AlternatingController) -> Path:
-        """Returns the path of what is written, without its ending."""
-        ratio = (self._ratio(policy) or "alone").replace("/", "-")
-        world = scenario_name(self.scenario)
-        parts = [Path(self.policy).stem, ratio]
-        parts += [world] if world != TRAINING else []
-        folder = default_folder(self.title, policy.robot.name) / gait.name
-        return (self.output or folder) / "_".join(parts)
-
-    def _play(
-        self,
-        gait: Gait,
-        policy: AlternatingController,
-        scenario: Scenario,
-        stem: Path,
-    ) -> tuple[Rollout, str]:
-        """Returns what the robot did, and how it ended."""
-        replay, meshcat = _beside(stem, ".html"), open_meshcat()
+        meshcat, replay = open_meshcat(), Path(f"{stem}.html")
         if self.live:
-            rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
-            return rollout, f"stopped after {rollout.time[-1]:.2f} s"
-        n_steps = N_STEPS if self.n_steps is None else self.n_steps
-        rollout = play(gait, policy, scenario, meshcat, replay, n_steps=n_steps, seed=self.seed)
-        end = "fell" if rollout.failed else "stayed up"
-        reward = rollout["reward"][1:].sum()
-        return rollout, f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"
-
-    def _draw(
-        self,
-        gait: Gait,
-        policy: AlternatingController,
-        rollout: Rollout,
-        stem: Path,
-    ) -> None:
-        """Draws the gait diagram and, where they are asked for, stills."""
-        ratio = f", ratio {self._ratio(policy)}" if self.ratio is not None else ""
-        title = f"{gait.name}, {self.policy}{ratio}"
+            rollout = play_live(gait, controller, scenario, meshcat, replay, seed=self.seed)
+            ending = "stopped"
+        else:
+            options = {"n_steps": self.n_steps or N_STEPS, "seed": self.seed}
+            rollout = play(gait, controller, scenario, meshcat, replay, **options)
+            ending = "fell" if rollout.failed else "stayed up"
+        record = {**to_plain(self), "scenario": scenario.to_plain()}
+        write_atomically(Path(f"{stem}.yaml"), yaml.safe_dump(record, sort_keys=False))
+        title = f"{gait.name}, {self.policy}" + f", ratio {ratio}" * (self.ratio is not None)
         save_figure(gait_figure(rollout, gait, title), stem)
         if self.stills:
-            strip = gait_strip(policy.robot, rollout, gait)
-            save_figure(strip, stem.with_name(f"{stem.name}_stills"))
+            save_figure(gait_strip(controller.robot, rollout, gait), Path(f"{stem}_stills"))
+        console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout, scenario)}")
+        console.print(f"replay, gait diagram and settings written to {stem}.*")
 
-
-def _beside(stem: Path, ending: str) -> Path:
-    return stem.with_name(stem.name + ending)
+    def _controller(self, found: Policies) -> AlternatingController:
+        """Loads the policy, or expert and student in turns."""
+        controller = found.controller(self.policy)
+        if self.ratio is None:
+            return controller
+        if self.policy == EXPERT:
+            raise InputError("--ratio shares steps with a student; name one with --policy")
+        return AlternatingController(controller.expert, controller.policy, parse_ratio(self.ratio))
 
 
 def _summary(rollout: Rollout, scenario: Scenario) -> str:
-    """Says how far the robot came, and what it observed that no sensor measures."""
+    """Describes how far the robot got, its return, and whether it observed true states."""
     speed = kinematics.base_velocity(rollout["state"])[0][:, 0].mean()
     commanded = rollout["command"][:, 0].mean()
     n_steps = len(rollout.time) - 1
@@ -195,8 +151,9 @@ def _summary(rollout: Rollout, scenario: Scenario) -> str:
     observed = "estimated velocity and foot heights"
     if scenario.true_body_state:
         observed = "true velocity and foot heights, which no sensor measures"
+    reward = rollout["reward"][1:].sum()
     return (
-        f"mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
+        f"return {reward:.0f}, mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
         f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded; "
         f"observed: {observed}"
     )

@@ -1,12 +1,10 @@
-"""Playing one robot at real time in Meshcat, until a person has seen enough."""
+"""Plays one robot in real time in Meshcat until a person stops it."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
 
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
@@ -33,17 +31,9 @@ def play_live(
     *,
     seed: int = 0,
 ) -> Rollout:
-    """Rolls a policy out at real time until the button or Ctrl-C ends it, and writes the replay.
+    """Rolls a policy out in real time until the button or Ctrl-C ends it, and writes the replay.
 
-    A robot that falls is put back on its feet where it began, the machine in its initial state.
-
-    Args:
-        gait: The gait.
-        policy: The controller.
-        scenario: The world.
-        meshcat: Where the robot shows.
-        replay: HTML file of the replay.
-        seed: Seed of noise, pushes and drawn commands; each fall adds 1.
+    A robot that falls starts again, with the next seed of noise, pushes and drawn commands.
 
     Returns:
         The last minute, falls included, on a clock that starts with the first step.
@@ -63,37 +53,27 @@ def play_live(
             return interrupted() or meshcat.GetButtonClicks(STOP_BUTTON) > 0
 
         def live(n_falls: int) -> Rollout:
-            own = seed + n_falls
             simulator = make_simulator(
-                diagram, seed=own, accuracy=scenario.accuracy, realtime_rate=1.0
+                diagram, seed=seed + n_falls, accuracy=scenario.accuracy, realtime_rate=1.0
             )
-            return _until_fallen(simulator, pusher(simulator, scenario, own), stopped)
+            pushed = pusher(simulator, scenario, seed + n_falls)
 
-        rollout = _until(stopped, live)
+            def ended() -> bool:
+                pushed()
+                return stopped()
+
+            return record(simulator, None, stopped=ended)
+
+        n_falls = 0
+        rollout = live(n_falls)
+        while not stopped():
+            n_falls += 1
+            say(f"fell after {rollout.time[-1]:.2f} s; back on its feet")
+            time.sleep(FALLEN_SECONDS)
+            rollout = _joined(rollout, live(n_falls))
         say("saving")
         save_replay(diagram, meshcat, rollout, replay)
     return rollout
-
-
-def _until(stopped: Callable[[], bool], live: Callable[[int], Rollout]) -> Rollout:
-    n_falls = 0
-    rollout = live(n_falls)
-    while not stopped():
-        n_falls += 1
-        say(f"fell after {rollout.time[-1]:.2f} s; back on its feet")
-        time.sleep(FALLEN_SECONDS)
-        rollout = _joined(rollout, live(n_falls))
-    return rollout
-
-
-def _until_fallen(
-    simulator: Simulator, pushed: Callable[[], None], stopped: Callable[[], bool]
-) -> Rollout:
-    def ended() -> bool:
-        pushed()
-        return stopped()
-
-    return record(simulator, None, stopped=ended)
 
 
 def _joined(before: Rollout, after: Rollout) -> Rollout:

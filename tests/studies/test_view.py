@@ -1,4 +1,4 @@
-"""Watching one robot: live, in a browser, and what is refused."""
+"""`glassgait view`: live, as a replay, and bad settings."""
 
 import os
 import re
@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import yaml
 
-import glassgait.studies.view.command
 import glassgait.studies.view.live
 from glassgait.diagrams.commands import SliderCommand
 from glassgait.diagrams.scenario import Scenario
@@ -22,7 +21,6 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.studies.cli import main
-from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.view.live import play_live
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
@@ -119,33 +117,6 @@ def test_live_robot_moves_and_follows_the_sliders_until_it_is_stopped(live, brow
     assert "yaw rate" not in replay
 
 
-@pytest.mark.slow
-def test_live_robot_changes_its_gait_when_its_button_is_pressed(live, browser, tmp_path):
-    process, lines, address = live("--gait", "trot", "bound")
-    browser.set_window_size(480, 400)
-    browser.get(address)
-    browser.find_element("xpath", "//*[text()='Open Controls']").click()
-    eventually(lambda: trunk_place(browser)[0] > 0.2)
-    assert running(browser) <= {0, 1}
-    for gait, states in (("bound", {2, 3}), ("trot", {0, 1})):
-        press(browser, gait)
-        eventually(lambda states=states: running(browser) <= states)
-    press(browser, "stop and save")
-    until_said(lines, r"stopped after ([\d.]+) s")
-    assert process.wait(timeout=60) == 0
-    assert (tmp_path / "expert_alone_changing.html").exists()
-
-
-def running(browser):
-    """Reads which states of the machine the beacon above the trunk shows."""
-    return set(
-        browser.execute_script(
-            "return [...Array(4).keys()].filter("
-            "i => viewer.scene_tree.find(['drake', 'gait', 'state', String(i)]).object.visible)"
-        )
-    )
-
-
 def flinging():
     """Makes a policy that throws the robot over."""
     names = load_expert("trot").observation_names
@@ -164,25 +135,15 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=interrupt, daemon=True).start()
-    rollout = play_live(
-        trot,
-        alone(flinging(), load_expert("trot")),
-        Scenario(command=SliderCommand(), sensor_noise=0.0),
-        open_meshcat(),
-        tmp_path / "replay.html",
-    )
+    scenario = Scenario(command=SliderCommand(), sensor_noise=0.0)
+    controller = alone(flinging(), load_expert("trot"))
+    rollout = play_live(trot, controller, scenario, open_meshcat(), tmp_path / "replay.html")
     assert signal.getsignal(signal.SIGINT) is usual
     assert len(rollout.time) == len(rollout["state"]) == 31
     assert rollout.time[-1] > 0.7
     np.testing.assert_allclose(np.diff(rollout.time), 0.02)
     assert rollout["failures"].any()
     assert (tmp_path / "replay.html").exists()
-
-
-def click(meshcat, name):
-    words = ("type", "button", "name", name)
-    packed = b"".join(bytes([0xA0 | len(word)]) + word.encode() for word in words)
-    meshcat._InjectWebsocketMessage(message=b"\x82" + packed)
 
 
 @pytest.mark.slow
@@ -193,7 +154,7 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
     for _ in range(2):
         until_said(lines, "back on its feet")
     process.send_signal(signal.SIGINT)
-    until_said(lines, "replay and gait diagram written")
+    until_said(lines, "replay, gait diagram and settings written")
     assert process.wait(timeout=60) == 0
     assert (tmp_path / "fling_alone.html").stat().st_size > 500_000
 
@@ -219,57 +180,22 @@ def test_bad_settings_are_refused_before_anything_is_written(refused, tmp_path, 
     assert not (tmp_path / "shown").exists()
 
 
-@pytest.fixture
-def titles(monkeypatch):
-    """Notes the titles of the gait diagrams that are drawn."""
-    noted = []
-
-    def noting(rollout, gait, title):
-        noted.append(title)
-        return gait_figure(rollout, gait, title)
-
-    monkeypatch.setattr(glassgait.studies.view.command, "gait_figure", noting)
-    return noted
-
-
 def test_a_replay_has_its_settings_beside_it(tmp_path):
     asked = ["--n-steps", "10", "--seed", "7", "--command.speed", "0.3"]
     main(["view", *asked, "--output", str(tmp_path)])
     kept = yaml.safe_load((tmp_path / "expert_alone.yaml").read_text())
-    assert (kept["gait"], kept["policy"], kept["n_steps"], kept["seed"]) == (
-        ["trot"],
-        "expert",
-        10,
-        7,
-    )
+    values = (kept["gait"], kept["policy"], kept["n_steps"], kept["seed"])
+    assert values == ("trot", "expert", 10, 7)
     assert kept["command"]["speed"] == 0.3
 
 
-def test_a_ratio_has_one_name_however_it_is_written(tmp_path, titles):
+def test_a_ratio_has_one_name_however_it_is_written(tmp_path):
     command = ["view", "--policy", "symbolic", "--n-steps", "10", "--output", str(tmp_path)]
     main([*command, "--ratio", "1/4"])
     before = {path.name for path in tmp_path.iterdir()}
     main([*command, "--ratio", "0.25"])
     assert {path.name for path in tmp_path.iterdir()} == before
     assert "symbolic_1-4.html" in before
-    main(command)
-    assert titles == ["trot, symbolic, ratio 1/4"] * 2 + ["trot, symbolic"]
-
-
-def test_the_stills_are_named_at_the_end(tmp_path, monkeypatch, capsys):
-    drawn = glassgait.studies.view.command.gait_figure
-    monkeypatch.setattr(
-        glassgait.studies.view.command,
-        "gait_strip",
-        lambda _, rollout, gait: drawn(rollout, gait, "stills"),
-    )
-    command = ["view", "--n-steps", "10", "--output", str(tmp_path)]
-    main(command)
-    assert "stills to" not in capsys.readouterr().out
-    main([*command, "--stills"])
-    said = capsys.readouterr().out.replace("\n", "")
-    assert f"stills to {tmp_path / 'expert_alone_stills.png'}" in said
-    assert (tmp_path / "expert_alone_stills.pdf").exists()
 
 
 def test_the_folder_of_a_run_is_refused(tmp_path, refused):
