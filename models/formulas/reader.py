@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from keyword import iskeyword
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -22,7 +22,7 @@ from glassgait.models.robots.joint_law import Gains, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.settings import Settings, checked
-from glassgait.models.task.gait import MOST_STATES, Gait, gait_names, parse_gait, shipped_gait
+from glassgait.models.task.gait import MOST_STATES, gait_names, parse_gait, shipped_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import refuse_other_mirror
 
@@ -46,18 +46,23 @@ def read_formulas(text: str) -> FormulaFile:
         if len(text) > MAX_TEXT:
             raise TextError(f"holds more than {MAX_TEXT} characters; write less", 1, 1)
         refuse_unprintable(text, "a formula file")
-        lines = text.split("\n")
         # The header ends where the first section begins.
+        lines = text.split("\n")
         first = next((i for i, line in enumerate(lines) if _is_title(_bare(line))), len(lines))
-        header = _read_header("\n".join(lines[:first]))
-        return _Formulas(header).read(lines, first)
+        header = "\n".join(lines[:first])
+        try:
+            return _Formulas(_content(header)).read(lines, first)
+        except TextError:
+            raise
+        except InputError as error:
+            raise TextError(str(error), _line_of(str(error), header), 1) from error
     except TextError as error:
         raise InputError(f"line {error.line}, column {error.column}: {error}") from error
 
 
 @checked
-class _Keys(Settings):
-    """The keys of a header, but for the machine."""
+class _Header(Settings):
+    """The keys of a header."""
 
     title: ClassVar[str] = "header"
 
@@ -71,6 +76,7 @@ class _Keys(Settings):
     limited: bool = False
     limits: TargetLimits | None = None
     odometry: Odometry | None = None
+    machine: dict[str, Any] | None = None
     readings: dict[str, Range] | None = None
 
     def __post_init__(self) -> None:
@@ -82,92 +88,71 @@ class _Keys(Settings):
             raise InputError("mirror must name the image of each state, such as [1, 0]")
 
 
-@dataclass(frozen=True)
-class _Header:
-    """A header: its keys, the gait and the ranges that it holds, and its text."""
-
-    keys: _Keys
-    machine: Gait | None
-    readings: Readings | None
-    text: str
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the observations."""
-        return ObservationLayout(self.keys.states, imu=self.keys.senses is not None).names
-
-    def refuse_other_mirror(self, gait: Gait) -> None:
-        try:
-            refuse_other_mirror(self.keys.mirror, gait)
-        except InputError as error:
-            raise _in_header(error, self.text) from error
-
-
-def _read_header(text: str) -> _Header:
-    try:
-        said = parse_yaml(text)
-        if not isinstance(said, dict) or said.get("format") != FORMAT:
-            raise InputError(f"a formula file begins with 'format: {FORMAT}'; write such a header")
-        machine = said.pop("machine", None)
-        keys = _Keys.from_plain(said, "header")
-        ranges = keys.readings
-        readings = None if ranges is None else Readings(tuple(ranges.items()))
-        header = _Header(keys, _machine(machine, keys), readings, text)
-        if readings is not None:
-            readings.refuse_others(header.names)
-    except InputError as error:
-        raise _in_header(error, text) from error
+def _content(text: str) -> FormulaFile:
+    """Reads the header of a file, which then holds no formulas yet."""
+    said = parse_yaml(text)
+    if not isinstance(said, dict) or said.get("format") != FORMAT:
+        raise InputError(f"a formula file begins with 'format: {FORMAT}'; write such a header")
+    header = _Header.from_plain(said, "header")
+    names = ObservationLayout(header.states, imu=header.senses is not None).names
+    readings = machine = None
+    if header.readings is not None:
+        readings = Readings(tuple(header.readings.items()))
+        readings.refuse_others(names)
     if header.machine is not None:
-        header.refuse_other_mirror(header.machine)
-    return header
+        try:
+            machine = parse_gait(yaml.safe_dump(header.machine), name=header.gait)
+        except InputError as error:
+            raise InputError(f"machine: {error}") from error
+        if machine.n_states != header.states:
+            raise InputError(
+                f"states is {header.states}, and the machine has {machine.n_states}; make them "
+                "the same"
+            )
+        refuse_other_mirror(header.mirror, machine)
+    return FormulaFile(
+        header.gait,
+        Vocabulary(names),
+        {},
+        header.mirror,
+        JointLaw(header.gains, header.limited, header.limits),
+        header.robot,
+        header.odometry,
+        readings,
+        machine,
+    )
 
 
-def _machine(said: Any, keys: _Keys) -> Gait | None:
-    if said is None:
-        return None
-    try:
-        gait = parse_gait(yaml.safe_dump(said), name=keys.gait)
-    except InputError as error:
-        raise InputError(f"machine: {error}") from error
-    if gait.n_states != keys.states:
-        raise InputError(
-            f"states is {keys.states}, and the machine has {gait.n_states}; make them the same"
-        )
-    return gait
-
-
-def _in_header(error: InputError, text: str) -> TextError:
-    """Locates an error at the line of the key that it names, or else at the first line."""
-    message = str(error)
+def _line_of(message: str, header: str) -> int:
+    """Returns the line of the first key that a message names, or else the first line."""
     if found := re.search(r"\(line (\d+):", message):
-        return TextError(message, int(found[1]), 1)
-    lines = [
-        (line.partition(":")[0].strip(), i) for i, line in enumerate(text.split("\n"), start=1)
-    ]
+        return int(found[1])
+    numbered = enumerate(header.split("\n"), start=1)
+    lines = [(line.partition(":")[0].strip(), number) for number, line in numbered]
+    # A gait has keys of the same names as the header, further down.
     of_machine = message.startswith("machine:")
-    # A gait has keys of the same names, further down.
     keys = dict(lines if of_machine else reversed(lines))
     for word in re.findall(r"[\w.]+", message)[of_machine:]:
         head, _, rest = word.partition(".")
         for key in (word, rest, head):
             if key and key in keys:
-                return TextError(message, keys[key], 1)
-    return TextError(message, keys.get("machine", 1) if of_machine else 1, 1)
+                return keys[key]
+    return keys.get("machine", 1) if of_machine else 1
 
 
 @dataclass
 class _Formulas:
-    """Reads the statements below a header."""
+    """Reads the statements below a header, whose content is given."""
 
-    header: _Header
+    content: FormulaFile
     definitions: list[Definition] = field(default_factory=list)
     formulas: dict[Place, Expression] = field(default_factory=dict)
     section: str = ""
 
     def __post_init__(self) -> None:
-        self.names, self.states = self.header.names, self.header.keys.states
-        self.mirror = self.header.keys.mirror
-        self.observed = Vocabulary(self.names).symbols
+        self.names, self.mirror = self.content.vocabulary.names, self.content.mirror
+        self.states = range(ObservationLayout.of(self.names).n_machine_states)
+        self.observed = self.content.vocabulary.symbols
 
     def read(self, lines: Sequence[str], first: int) -> FormulaFile:
         """Reads the lines from an index on."""
@@ -194,8 +179,8 @@ class _Formulas:
         if title == DEFINITIONS and self.section:
             raise TextError("definitions stand once, before all formulas; move them up", line, 1)
         state = _STATE.fullmatch(title)
-        if state and int(state[1]) >= self.states:
-            raise TextError(f"there are states 0 to {self.states - 1}; name one", line, 7)
+        if state and int(state[1]) not in self.states:
+            raise TextError(f"there are states 0 to {len(self.states) - 1}; name one", line, 7)
         shared = {len(place) == 1 for place in self.formulas}
         if shared and shared != {title == EVERY_STATE}:
             raise TextError(
@@ -222,7 +207,12 @@ class _Formulas:
         if self.section == DEFINITIONS:
             self._define(name, formula, text, line)
             return
-        place = self._place(name, line)
+        if name not in quadruped.JOINTS:
+            raise TextError(
+                f"{shown(name)} is no joint; the joints are {', '.join(quadruped.JOINTS)}", line, 1
+            )
+        joint, state = quadruped.JOINTS.index(name), _STATE.fullmatch(self.section)
+        place = (int(state[1]), joint) if state else (joint,)
         if place in self.formulas:
             raise TextError(f"{name} has a formula above; leave one out", line, 1)
         self.formulas[place] = formula
@@ -240,47 +230,23 @@ class _Formulas:
         if len(self.definitions) > MAX_DEFINITIONS:
             raise TextError(f"there are more than {MAX_DEFINITIONS} definitions", line, 1)
 
-    def _place(self, name: str, line: int) -> Place:
-        if name not in quadruped.JOINTS:
-            raise TextError(
-                f"{shown(name)} is no joint; the joints are {', '.join(quadruped.JOINTS)}", line, 1
-            )
-        joint = quadruped.JOINTS.index(name)
-        state = _STATE.fullmatch(self.section)
-        return (int(state[1]), joint) if state else (joint,)
-
     def _finished(self, last: int) -> FormulaFile:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
-        keys, formulas = self.header.keys, self.formulas
-        vocabulary = Vocabulary(self.names, tuple(self.definitions))
+        vocabulary, formulas = Vocabulary(self.names, tuple(self.definitions)), self.formulas
         if formulas and self.mirror is not None:
             formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
         joints = range(quadruped.N_JOINTS)
         shared = any(len(place) == 1 for place in formulas)
-        wanted = [(j,) for j in joints] if shared else [*_places(self.states)]
-        for place in wanted:
-            if place not in formulas:
-                if self.header.machine is None and keys.gait in gait_names():
-                    # With a wrong mirror, images that were left out stand elsewhere.
-                    self.header.refuse_other_mirror(shipped_gait(keys.gait))
-                where = "" if len(place) == 1 else f" in state {place[0]}"
-                joint = quadruped.JOINTS[place[-1]]
-                raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
-        return FormulaFile(
-            keys.gait,
-            vocabulary,
-            {place: formulas[place] for place in wanted},
-            self.mirror,
-            JointLaw(keys.gains, keys.limited, keys.limits),
-            keys.robot,
-            keys.odometry,
-            self.header.readings,
-            self.header.machine,
-        )
-
-
-def _places(n_states: int) -> Iterator[Place]:
-    return ((state, joint) for state in range(n_states) for joint in range(quadruped.N_JOINTS))
+        places = [(j,) for j in joints] if shared else [(s, j) for s in self.states for j in joints]
+        if missing := next((place for place in places if place not in formulas), None):
+            if self.content.gait in gait_names():
+                # With a wrong mirror, images that were left out stand elsewhere.
+                refuse_other_mirror(self.mirror, shipped_gait(self.content.gait))
+            where = f" in state {missing[0]}" if len(missing) > 1 else ""
+            joint = quadruped.JOINTS[missing[-1]]
+            raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
+        formulas = {place: formulas[place] for place in places}
+        return replace(self.content, vocabulary=vocabulary, formulas=formulas)
 
 
 def _bare(line: str) -> str:
@@ -300,11 +266,9 @@ def _statements(lines: Sequence[str], first: int) -> Iterator[tuple[int, str]]:
             if not statement:
                 raise TextError("nothing stands before this line; do not indent it", index, 1)
             statement += f"\n{line}"
-            continue
-        if statement and bare:
-            yield number, statement
-            statement = ""
-        if bare:
+        elif bare:
+            if statement:
+                yield number, statement
             number, statement = index, line
         elif statement:
             # Comments and empty lines within a formula keep its lines in step with the file's.
