@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.errors import InputError
 from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import canonical
 from glassgait.models.formulas.grammar import parse_formula, write_formula
@@ -69,15 +68,6 @@ def test_an_image_is_worth_what_the_formula_is_in_the_mirror(
     np.testing.assert_array_equal(found[sound], expected[sound])
 
 
-def test_definitions_are_mirrored_as_what_they_are():
-    quantities = np.random.default_rng(0).normal(size=(9, N))
-    reflected = reflect_observation(NAMES, (1, 0))(quantities)
-    for index, variable in enumerate(TROT.variables):
-        formula = VOCABULARY.expanded(VOCABULARY.variable(VOCABULARY.symbols[index]))
-        found = Tape([VOCABULARY.expanded(variable)], N)(quantities)
-        np.testing.assert_array_equal(found, Tape([formula], N)(reflected))
-
-
 @pytest.mark.parametrize(
     ("text", "other"),
     [
@@ -111,11 +101,6 @@ def test_hips_turn_the_other_way(text, other):
     assert image(other, HIP) == text
 
 
-def test_states_that_are_their_own_image_stay():
-    assert image("s0 + 2*s1", THIGH, BOUND) == "s0 + 2*s1"
-    assert image("s0 + 2*s1", THIGH, TROT) == "s1 + 2*s0"
-
-
 def test_an_image_stands_at_the_other_sides_joint_in_the_states_image():
     for joint, name in enumerate(quadruped.JOINTS):
         leg, kind = name.split("_")
@@ -145,23 +130,9 @@ def defined(*texts):
     return Vocabulary(NAMES, tuple(definitions))
 
 
-def test_a_definition_without_an_image_among_them_stands_in_the_mirror_in_full():
-    vocabulary = defined("t", "q.FL_calf", "s0")
-    formula = parse_formula("d0*d1 + d2", vocabulary.symbols)
-    image = FormulaMirror.of(vocabulary, (1, 0)).formula(formula, THIGH)
-    assert write_formula(image, vocabulary.symbols) == "d0*q.FR_calf + s1"
-    image = FormulaMirror.of(vocabulary, (0, 1)).formula(formula, THIGH)
-    assert write_formula(image, vocabulary.symbols) == "d0*q.FR_calf + d2"
-
-
 def test_a_definition_may_be_its_own_image_or_the_negative_of_one():
     vocabulary = defined("v.y*t", "q.FL_hip", "-q.FR_hip", "3*v.y - 2*cmd.yaw", "tanh(t)")
     mirror = FormulaMirror.of(vocabulary, (1, 0))
     text = "d0 + 2*d1 + 3*d2 + 4*d3 + 5*d4"
     formula = mirror.formula(parse_formula(text, vocabulary.symbols), THIGH)
     assert write_formula(formula, vocabulary.symbols) == "-d0 + 2*d2 + 3*d1 - 4*d3 + 5*d4"
-
-
-def test_unknown_observations_have_no_mirror_image():
-    with pytest.raises(InputError, match="Clock"):
-        FormulaMirror.of(Vocabulary(("Clock",)), (1, 0))

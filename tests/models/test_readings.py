@@ -13,14 +13,13 @@ from glassgait.models.certificates.checker.certificate import Check
 from glassgait.models.certificates.checker.certificate import Query as Asked
 from glassgait.models.certificates.checker.policy import FormulaFile
 from glassgait.models.certificates.targets import FormulaTargets, Query
-from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.library import STUDENT_DIRECTORY, load_student
+from glassgait.models.policies.library import load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.distillation.formula_network import FormulaNetwork
@@ -108,10 +107,6 @@ def test_formulas_read_the_nearer_end_of_a_range(symbol, said, read):
     assert (slope != 0.0) == (said == read)
 
 
-def test_what_is_no_number_stays_none():
-    assert np.isnan(target(policy_of("v.x"), v__x=np.nan))
-
-
 def test_drake_and_torch_read_as_the_policy_does():
     policy = policy_of("0.3*q.FL_hip*w.y - 0.2*h.RR + 0.1*dq.RL_calf")
     seen = np.random.default_rng(1).normal(scale=3.0, size=(50, len(NAMES)))
@@ -136,24 +131,6 @@ def test_a_file_says_what_it_was_read_from():
     again = FormulaPolicy.from_file(read_formulas(text))
     assert (again.readings, again.digest()) == (policy.readings, policy.digest())
     assert policy.with_readings(None).digest() != policy.digest()
-
-
-def test_the_order_of_ranges_says_nothing():
-    ranges = policy_of("0").readings.ranges
-    mixed = Readings(ranges[::-1])
-    assert mixed == policy_of("0").readings
-    policy = PAGE.with_readings(mixed)
-    assert FormulaPolicy.from_file(read_formulas(policy.to_text())).digest() == policy.digest()
-    with pytest.raises(InputError, match="twice"):
-        Readings((*ranges, ranges[0]))
-
-
-def test_ranges_of_other_observations_are_refused():
-    paper = load_student("trot", "statewise_linear").observation_names
-    assert paper == NAMES
-    others = FormulaPolicy.from_file(read_formulas(text_of(ranges="").replace("senses: imu\n", "")))
-    with pytest.raises(InputError, match=r"'g\.x'"):
-        others.with_readings(policy_of("0").readings)
 
 
 @given(
@@ -182,27 +159,6 @@ def test_a_page_is_its_own_mirror_image_wherever_sensors_are(seed):
 
 PAGE_OF_AN_EARLIER_NETWORK = ("bound", "sparse_formula")
 """It reads within the box of the network that it was fitted to, before that learned on."""
-
-
-@pytest.mark.parametrize(
-    ("gait", "kind"),
-    [
-        # Of the others a text is long to read.
-        pytest.param(gait, path.stem, marks=() if "sparse" in path.stem else pytest.mark.slow)
-        for gait in gait_names()
-        for path in sorted((STUDENT_DIRECTORY / gait).glob(f"*{FormulaPolicy.suffix}"))
-    ],
-)
-def test_shipped_formulas_read_within_the_box_that_robots_were_measured_in(gait, kind):
-    box, policy = operating_box(load_gait(gait), A1), load_student(gait, kind)
-    assert policy.readings is not None
-    low, high = policy.readings.ends(policy.observation_names)
-    reaches = (low <= box.lower).all() and (high >= box.upper).all()
-    assert reaches == ((gait, kind) != PAGE_OF_AN_EARLIER_NETWORK)
-    # How a slope or a push has moved the robot is read as it is.
-    symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
-    limited = {symbol.partition(".")[0] for symbol in np.array(symbols)[np.isfinite(low)]}
-    assert limited == {"cmd", "q", "dq", "w", "h"}
 
 
 # Whatever a box holds that lies beyond a range is read as its end.
