@@ -22,7 +22,7 @@ from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.ground import FootSense, sense_feet
 from glassgait.models.task.observation import ObservationLayout, body_state
-from glassgait.models.task.reward import Reward, fall_speeds, step_reward, tracked_speeds
+from glassgait.models.task.reward import Reward, step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
 
@@ -35,7 +35,7 @@ class BatchStep(NamedTuple):
     Attributes:
         reward: Reward with the machine's factor (n,).
         plain_reward: Reward without it (n,).
-        terms: Weighted terms of the reward (n, 13).
+        terms: Weighted terms of the reward (n, 12).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
         failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 7).
@@ -226,7 +226,6 @@ class BatchSimulator:
             command=command,
             touching=feet.touching,
             air_time=reward.air_time,
-            fall_speed=reward.fall_speed,
             tracked=reward.tracked,
             action_before=s.memory.action,
             joint_noise=joint_noise,
@@ -308,7 +307,6 @@ class BatchSimulator:
             foot_contact=feet.contact,
             foot_height=feet.height,
             air_time=s.air_time,
-            fall_speed=s.fall_speed,
             tracked=s.tracked,
             weights=self.task.weights,
             joint_law=self.task.joint_law,
@@ -396,7 +394,6 @@ class BatchSimulator:
             memory=memory,
             touching=feet.touching,
             air_time=no_legs,
-            fall_speed=fall_speeds(task.robot, plant, feet.contact, no_legs, task.weights),
             tracked=tracked_speeds(plant, np.zeros((count, 2)), task.weights),
             action_before=no_action,
             joint_noise=joint_noise,

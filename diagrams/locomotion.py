@@ -88,7 +88,7 @@ def MakeLocomotion(  # noqa: N802
     to the gait's ranges; each may stay unconnected, and then the scenario's command holds.
     actions (12), only without a policy.
     Outputs: actions (12), only with a policy. observations (47 + n_states, 6 more with an IMU).
-    reward and plain_reward (1) of the step that ends now, reward_terms (13). failures (7). rm_state
+    reward and plain_reward (1) of the step that ends now, reward_terms (12). failures (7). rm_state
     (n_states, one-hot), rm_iterations, served_dwell (1, control steps). foot_contact, foot_height
     (4; none, m). state (37), the plant's. imu (9), only where it is needed.
 
@@ -364,7 +364,7 @@ def _add_task(
     """Adds the reward and the fall monitor.
 
     Returns:
-        reward (1), plain_reward (1), reward_terms (13) and failures (7).
+        reward (1), plain_reward (1), reward_terms (12) and failures (7).
     """
     moved = {
         "state": ports["state"],

@@ -22,7 +22,6 @@ class TaskState(NamedTuple):
         memory: What the controllers remember; its action is the one of the last step.
         touching: Whether each foot touches (n, 4).
         air_time: Time each foot has been in the air (n, 4; s).
-        fall_speed: How fast each foot came down when it last was in the air (n, 4; m/s).
         tracked: Speeds that were compared with the command (n, 2; m/s, rad/s).
         action_before: Actions of the step before the last (n, 12).
         joint_noise: Errors of measured joint positions, then velocities (n, 24; rad, rad/s).
@@ -39,7 +38,6 @@ class TaskState(NamedTuple):
     memory: Memory
     touching: BoolArray
     air_time: Array
-    fall_speed: Array
     tracked: Array
     action_before: Array
     joint_noise: Array

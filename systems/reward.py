@@ -39,7 +39,7 @@ class RewardSystem(MealySystem):
     Inputs: state (37), the plant's. command (2; m/s, rad/s). action (12), held during the step.
     previous_action (12). foot_contact (4, {0, 1}). foot_height (4, m), above the ground.
     reward_multiplier (1), the reward machine's.
-    Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (13),
+    Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (12),
     weighted, in the order of `REWARD_TERMS`. They mean something from the end of the first control
     step on.
     State: joint velocities (12), the feet's air times (4) and speeds of fall (4), and the speeds
@@ -69,7 +69,7 @@ class RewardSystem(MealySystem):
                 "reward_multiplier": 1,
             },
             outputs={"reward": 1, "plain_reward": 1, "reward_terms": len(REWARD_TERMS)},
-            memory=np.concatenate([np.zeros(N), air_time, np.zeros(n), np.zeros(2)]),
+            memory=np.concatenate([np.zeros(N), air_time, np.zeros(2)]),
         )
         self._robot, self._weights, self._law = robot, weights or RewardWeights(), joint_law
 
@@ -81,14 +81,13 @@ class RewardSystem(MealySystem):
         foot_contact: Array,
         **others: Array,
     ) -> tuple[Outputs, Array]:
-        joint_velocity, air_time, fall_speed, tracked = np.split(memory, [N, N + 4, N + 8])
+        joint_velocity, air_time, tracked = np.split(memory, [N, N + 4])
         reward = step_reward(
             self._robot,
             state=state,
             previous_joint_velocity=joint_velocity,
             foot_contact=foot_contact > 0.5,
             air_time=air_time,
-            fall_speed=fall_speed,
             tracked=tracked,
             weights=self._weights,
             joint_law=self._law,
@@ -100,8 +99,7 @@ class RewardSystem(MealySystem):
             "reward_terms": reward.terms,
         }
         velocity = state[quadruped.JOINT_VELOCITY]
-        after = [velocity, reward.air_time, reward.fall_speed, reward.tracked]
-        return outputs, np.concatenate(after)
+        return outputs, np.concatenate([velocity, reward.air_time, reward.tracked])
 
 
 class FallMonitor(FunctionSystem):

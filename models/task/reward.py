@@ -48,8 +48,6 @@ class RewardWeights(Settings):
         high_swing: Weight of the feet's heights above what costs nothing (1/m).
         tilt: Weight of the squared lean of the trunk over the ground, the sine of its angle.
         slip: Weight of the squared speeds of the feet that are on the ground (s²/m²).
-        landing: Weight of the squared speeds at which the feet that touch came down (s²/m²), as
-            long as they stand.
         tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²).
         tracking_time: Time constant with which speeds are averaged before they are compared with
             the command (s); 0 compares those of the instant.
@@ -69,13 +67,12 @@ class RewardWeights(Settings):
     high_swing: float = 0.0
     tilt: float = 0.0
     slip: float = 0.0
-    landing: float = 0.0
     tracking_width: Positive = 0.25
     tracking_time: NotNegative = 0.0
 
     @cached_property
     def of_terms(self) -> Array:
-        """The weights (13) in the order of `REWARD_TERMS`."""
+        """The weights (12) in the order of `REWARD_TERMS`."""
         return np.array([getattr(self, name) for name in REWARD_TERMS])
 
 
@@ -88,17 +85,15 @@ class Reward(NamedTuple):
     """The reward of one control step.
 
     Attributes:
-        terms: Weighted terms (..., 13), in the order of `REWARD_TERMS`.
+        terms: Weighted terms (..., 12), in the order of `REWARD_TERMS`.
         plain: Their sum times 0.02 s, never below 0 (...).
         air_time: Time each foot has now been in the air (..., 4; s).
-        fall_speed: How fast each foot came down when it last was in the air (..., 4; m/s).
         tracked: Forward speed and yaw rate that were compared (..., 2; m/s, rad/s).
     """
 
     terms: Array
     plain: Array
     air_time: Array
-    fall_speed: Array
     tracked: Array
 
 
@@ -108,23 +103,6 @@ def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array
     `before` is the result of the control step before; `weights` hold the time of the average.
     """
     return _tracked(*kinematics.base_velocity(state), before, weights)
-
-
-def fall_speeds(
-    robot: Robot,
-    state: Array,
-    foot_contact: NDArray[np.bool_],
-    before: Array,
-    weights: RewardWeights,
-) -> Array:
-    """Returns the downward speed of each foot when it was last in the air (..., 4; m/s).
-
-    `before` is the result of the control step before, which stays where landings cost nothing.
-    """
-    if weights.landing == 0.0:
-        return before
-    velocity = _foot_velocity(robot, state, *kinematics.base_velocity(state))
-    return _fall_speeds(velocity, state, foot_contact, before)
 
 
 def step_reward(
@@ -138,7 +116,6 @@ def step_reward(
     foot_contact: NDArray[np.bool_],
     foot_height: Array,
     air_time: Array,
-    fall_speed: Array,
     tracked: Array,
     weights: RewardWeights,
     joint_law: JointLaw = OWN_LAW,
@@ -156,7 +133,7 @@ def step_reward(
         command: Forward speed and yaw rate.
         foot_contact: Whether each foot touches, now or at the previous step.
         foot_height: Heights of the feet above the ground.
-        air_time, fall_speed, tracked: The same of `Reward`, of the step before.
+        air_time, tracked: The same of `Reward`, of the step before.
         weights: Weights of the terms.
         joint_law: How the joints follow targets.
     """
@@ -172,14 +149,10 @@ def step_reward(
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
 
     # Terms that cost time to compute, where they are weighed.
-    slip = landing = tilt = np.zeros_like(flight)
-    if weights.slip or weights.landing:
-        velocity = _foot_velocity(robot, state, linear, angular)
-        speed = _total(np.square(velocity))
+    slip = tilt = np.zeros_like(flight)
+    if weights.slip:
+        speed = _total(np.square(_foot_velocity(robot, state, linear, angular)))
         slip = _total(np.where(foot_height < STANDING_HEIGHT, speed, 0.0))
-        if weights.landing:
-            fall_speed = _fall_speeds(velocity, state, foot_contact, fall_speed)
-            landing = _total(np.where(foot_contact, np.square(fall_speed), 0.0))
     if weights.tilt:
         down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
@@ -202,14 +175,11 @@ def step_reward(
         _total(np.maximum(foot_height - HIGH_SWING, 0.0)),
         tilt,
         slip,
-        landing,
     )
     terms = kinematics.stacked(*values) * weights.of_terms
     plain = np.maximum(_total(terms) * CONTROL_PERIOD, 0.0)
     air_time = np.where(foot_contact, 0.0, air_time)
-    return Reward(
-        terms=terms, plain=plain, air_time=air_time, fall_speed=fall_speed, tracked=tracked
-    )
+    return Reward(terms=terms, plain=plain, air_time=air_time, tracked=tracked)
 
 
 def _tracked(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
@@ -218,14 +188,6 @@ def _tracked(linear: Array, angular: Array, before: Array, weights: RewardWeight
         return now
     kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)
     return kept * before + (1.0 - kept) * now
-
-
-def _fall_speeds(
-    velocity: Array, state: Array, foot_contact: NDArray[np.bool_], before: Array
-) -> Array:
-    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
-    falling = _total(velocity * down[..., None, :])
-    return np.where(foot_contact, before, np.maximum(falling, 0.0))
 
 
 def _joint_terms(

@@ -41,7 +41,7 @@ FINE = StationConfig(time_step=0.0025)
 SIMILAR = StationConfig(
     time_step=0.001, contact_solver="similar", ground_stiffness=8000.0, dissipation=2.0
 )
-WEIGHTS = RewardWeights(tracking_time=0.3, high_swing=-2.0, tilt=-2.0, slip=-0.1, landing=-0.1)
+WEIGHTS = RewardWeights(tracking_time=0.3, high_swing=-2.0, tilt=-2.0, slip=-0.1)
 
 
 def on(**station):

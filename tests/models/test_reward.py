@@ -21,7 +21,6 @@ def reward(state, **changes):
         "foot_contact": np.ones(4, dtype=bool),
         "foot_height": np.zeros(4),
         "air_time": np.zeros(4),
-        "fall_speed": np.zeros(4),
         "tracked": np.zeros(2),
         "weights": RewardWeights(),
     }
@@ -115,22 +114,6 @@ def test_feet_on_the_ground_cost_their_squared_speed(standing):
     assert terms["slip"] == pytest.approx(-2 * 0.25)
 
 
-def test_feet_that_touch_cost_the_squared_speed_at_which_they_came_down(standing):
-    weights, fall_speed = RewardWeights(landing=-1.0), np.zeros(4)
-    for speed, contact, cost in (
-        (-2.0, [True, False, False, True], 0.0),
-        (-1.5, [True, True, False, True], -4.0),
-        (0.5, [True, True, False, True], -4.0),
-        (0.0, [True, True, True, True], -4.0),
-    ):
-        standing[quadruped.LINEAR_VELOCITY] = 0.3, 0.4, speed
-        outcome, terms = reward(
-            standing, weights=weights, foot_contact=np.array(contact), fall_speed=fall_speed
-        )
-        fall_speed = outcome.fall_speed
-        assert terms["landing"] == pytest.approx(cost)
-
-
 def test_plain_reward_is_never_negative(standing):
     outcome, _ = reward(standing, action=np.full(12, 50.0))
     assert outcome.plain == 0.0
@@ -146,17 +129,15 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
         "command": generator.normal(size=(5, 2)),
         "foot_height": 0.2 * generator.random((5, 4)) - 0.02,
         "air_time": generator.random((5, 4)),
-        "fall_speed": generator.random((5, 4)),
         "tracked": generator.normal(size=(5, 2)),
     }
-    weights = RewardWeights(tracking_time=0.2, slip=-1.0, tilt=-1.0, high_swing=-1.0, landing=-1.0)
+    weights = RewardWeights(tracking_time=0.2, slip=-1.0, tilt=-1.0, high_swing=-1.0)
     batch = step_reward(A1, states, foot_contact=contact, weights=weights, **arguments)
     for i in range(5):
         own = {name: values[i] for name, values in arguments.items()}
         single = step_reward(A1, states[i], foot_contact=contact[i], weights=weights, **own)
         np.testing.assert_allclose(batch.terms[i], single.terms, rtol=1e-12)
         np.testing.assert_allclose(batch.air_time[i], single.air_time)
-        np.testing.assert_allclose(batch.fall_speed[i], single.fall_speed)
         np.testing.assert_allclose(batch.tracked[i], single.tracked)
 
 

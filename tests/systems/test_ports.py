@@ -163,7 +163,7 @@ PORTS: dict[Any, Ports] = {
             "foot_height": 4,
             "reward_multiplier": 1,
         },
-        {"reward": 1, "plain_reward": 1, "reward_terms": 13},
+        {"reward": 1, "plain_reward": 1, "reward_terms": 12},
     ),
     SensorBias: Ports(
         lambda: SensorBias(Randomization()), {"seed": 1}, {"encoder_bias": 12, "imu_bias": 9}

@@ -43,7 +43,6 @@ def test_the_reward_remembers_joint_velocities_and_air_times(standing, fix_input
         foot_contact=np.ones(4, dtype=bool),
         foot_height=np.zeros(4),
         air_time=np.array([0, 0, 0, 0.02]),
-        fall_speed=np.zeros(4),
         tracked=np.zeros(2),
         weights=RewardWeights(),
     )
