@@ -77,11 +77,11 @@ class ObservationBox:
             raise InputError(f"the box lacks {missing[0]!r}; give its least and greatest value")
         if unknown := sorted({*ranges} - {*symbols}):
             raise InputError(f"no quantity is called {shown(unknown[0])}; remove it")
-        for symbol in symbols:
-            if not -math.inf < ranges[symbol][0] <= ranges[symbol][1] < math.inf:
+        for symbol, (low, high) in ranges.items():
+            if not -math.inf < low <= high < math.inf:
                 raise InputError(
-                    f"the box of {symbol} goes from {ranges[symbol][0]:g} to "
-                    f"{ranges[symbol][1]:g}; give the least, then the greatest"
+                    f"the box of {symbol} goes from {low:g} to {high:g}; give the least, then the "
+                    "greatest"
                 )
         lower, upper = np.array([ranges[symbol] for symbol in symbols], dtype=float).T
         return cls(robot, names, lower, upper)
@@ -124,13 +124,7 @@ class ObservationBox:
         return quantities
 
     def save(self, path: Path, gait: Gait, measured: str) -> None:
-        """Writes the box to a YAML file.
-
-        Args:
-            path: The file.
-            gait: The gait of the robots.
-            measured: How the box was measured, in words.
-        """
+        """Writes the box of a gait's robots to a YAML file, and in words how it was measured."""
         robot = {} if self.robot.name == DEFAULT_ROBOT else {"robot": self.robot.name}
         whole = {"gait": gait.name, **robot, "measured": measured, "ranges": self.ranges}
         text = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=100)

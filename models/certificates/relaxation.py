@@ -1,5 +1,6 @@
 """Upper bounds of a polynomial over many boxes at once."""
 
+import math
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
 from functools import cache
@@ -113,13 +114,11 @@ class Relaxation:
     def _rounding(self, ranges: dict[Element, Interval], m: int) -> Array:
         """Bounds what rounding can do: each of k operations is off by a share of 2^-53."""
         operations = 8 + len(self._monomials) + 2 * max(map(len, self._monomials), default=0)
-        size = np.zeros(m)
-        for monomial, coefficient in self._monomials.items():
-            part = np.full(m, abs(coefficient))
-            for element in monomial:
-                part *= ranges[element].magnitude
-            size += part
-        return operations * ROUNDING * size
+        sizes = (
+            math.prod([ranges[element].magnitude for element in monomial], start=abs(coefficient))
+            for monomial, coefficient in self._monomials.items()
+        )
+        return operations * ROUNDING * np.asarray(sum(sizes, np.zeros(m)))
 
     def _ranges(self, lower: Array, upper: Array) -> dict[Element, Interval]:
         @cache
@@ -132,8 +131,8 @@ class Relaxation:
         def of_polynomial(terms: Sequence[tuple[Monomial, Fraction]]) -> Interval:
             whole = Interval.point(0.0, (len(lower),))
             for monomial, coefficient in terms:
-                near = float(coefficient)
-                part = Interval(*(np.full(len(lower), end) for end in _around(near)))
+                ends = np.nextafter(float(coefficient), [-np.inf, np.inf])
+                part = Interval(*(np.full(len(lower), end) for end in ends))
                 for factor, power in monomial:
                     part = part * of_factor(factor).power(power)
                 whole = whole + part
@@ -211,7 +210,3 @@ def _spread(table: Array, scope: Scope, wider: Scope) -> Array:
     """Gives a table an axis of length 1 for each element that it does not depend on."""
     at = tuple(slice(None) if element in scope else None for element in wider)
     return table[at]
-
-
-def _around(value: float) -> tuple[float, float]:
-    return float(np.nextafter(value, -np.inf)), float(np.nextafter(value, np.inf))
