@@ -6,14 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from interpret.glassbox import ExplainableBoostingRegressor
-from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
 from glassgait.models.formulas.grammar import parse_expression, variable_names
-from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
@@ -23,7 +20,6 @@ from glassgait.models.policies.symbolic import (
     SymbolicPolicy,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import mirrored_states
@@ -66,33 +62,6 @@ def random_formulas() -> Callable[..., st.SearchStrategy[Expression]]:
         return st.recursive(leaves, extend, max_leaves=max_leaves)
 
     return draw
-
-
-@pytest.fixture(scope="session")
-def boosted_models(samples: Callable) -> list[GradientBoostingRegressor]:
-    observations, actions = samples()
-    return [
-        GradientBoostingRegressor(n_estimators=15, max_depth=3, random_state=j).fit(
-            observations, actions[:, j]
-        )
-        for j in range(quadruped.N_JOINTS)
-    ]
-
-
-@pytest.fixture(scope="session")
-def additive_models(samples: Callable) -> list[ExplainableBoostingRegressor]:
-    observations, actions = samples()
-    return [
-        ExplainableBoostingRegressor(
-            feature_types=["continuous"] * N,
-            outer_bags=1,
-            interactions=j % 3,
-            max_rounds=20,
-            n_jobs=1,
-            random_state=j,
-        ).fit(observations, actions[:, j])
-        for j in range(quadruped.N_JOINTS)
-    ]
 
 
 @pytest.fixture(scope="session")
@@ -152,44 +121,6 @@ def statewise_symbolic() -> StatewiseSymbolicPolicy:
 def open_loop() -> OpenLoopPolicy:
     table = np.random.default_rng(4).normal(size=(2, 6, quadruped.N_JOINTS))
     return OpenLoopPolicy("trot", NAMES, table)
-
-
-@pytest.fixture
-def small_trees() -> Callable[..., BoostedTreesPolicy]:
-    """Makes a policy of two trees a joint, with some arrays changed."""
-
-    def make(**changes: np.ndarray) -> BoostedTreesPolicy:
-        arrays = {
-            "features": np.zeros((12, 2, 3), dtype=np.int32),
-            "thresholds": np.full((12, 2, 3), np.inf),
-            "leaves": np.ones((12, 2, 4)),
-            "intercepts": np.zeros(12),
-            "importances": np.zeros((12, N)),
-        }
-        return BoostedTreesPolicy("trot", NAMES, **(arrays | changes))
-
-    return make
-
-
-@pytest.fixture
-def small_additive() -> Callable[..., AdditivePolicy]:
-    """Makes an additive policy of four bins and one pair, with some arrays changed."""
-
-    def make(**changes: np.ndarray) -> AdditivePolicy:
-        arrays = {
-            "cuts": np.tile([0.0, 1.0, np.inf], (N, 1)),
-            "pair_cuts": np.tile([0.0], (N, 1)),
-            "tables": np.zeros((12, N, 4)),
-            "pairs": np.array([[0, 1]]),
-            "pair_joints": np.array([3]),
-            "pair_tables": np.zeros((1, 2, 2)),
-            "deviations": np.zeros((12, N, 4)),
-            "pair_deviations": np.zeros((1, 2, 2)),
-            "intercepts": np.zeros(12),
-        }
-        return AdditivePolicy("trot", NAMES, **(arrays | changes))
-
-    return make
 
 
 @pytest.fixture
@@ -264,11 +195,3 @@ def random_additive() -> Callable[..., AdditivePolicy]:
         )
 
     return make
-
-
-@pytest.fixture
-def narrow_readings() -> Readings:
-    """Ranges of the paper's observation that are narrower than what tests let robots observe."""
-    units = RobotUnits.of(load_robot(), NAMES)
-    ends = (units.quantities(np.full(N, end)) for end in (-0.4, 0.3))
-    return Readings.around(NAMES, *ends)

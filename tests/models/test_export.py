@@ -31,7 +31,7 @@ from glassgait.models.export.contract import (
     interface_of,
     read_contract,
 )
-from glassgait.models.formulas.quantities import Readings
+from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
@@ -63,6 +63,14 @@ transitions:
   - {from: a b, to: "3", when: RL | RR | ~FL, grace: 5}
   - {from: "3", to: double, when: FL & FR | RL & ~RR, dwell: 0}
 """
+
+
+@pytest.fixture
+def narrow_readings():
+    """Ranges of the paper's observation that are narrower than what tests let robots observe."""
+    units = RobotUnits.of(load_robot(), NAMES)
+    ends = (units.quantities(np.full(len(NAMES), end)) for end in (-0.4, 0.3))
+    return Readings.around(NAMES, *ends)
 
 
 @pytest.fixture

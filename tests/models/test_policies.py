@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
-from sklearn.ensemble import HistGradientBoostingRegressor
+from interpret.glassbox import ExplainableBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
@@ -43,6 +44,71 @@ KINDS = (
     *("open_loop", "trees", "rounded_trees", "additive"),
 )
 SUMS = ("linear", "statewise", "symbolic", "statewise_symbolic", "additive")
+
+
+@pytest.fixture(scope="session")
+def boosted_models(samples):
+    observations, actions = samples()
+    return [
+        GradientBoostingRegressor(n_estimators=15, max_depth=3, random_state=j).fit(
+            observations, actions[:, j]
+        )
+        for j in range(quadruped.N_JOINTS)
+    ]
+
+
+@pytest.fixture(scope="session")
+def additive_models(samples):
+    observations, actions = samples()
+    return [
+        ExplainableBoostingRegressor(
+            feature_types=["continuous"] * N,
+            outer_bags=1,
+            interactions=j % 3,
+            max_rounds=20,
+            n_jobs=1,
+            random_state=j,
+        ).fit(observations, actions[:, j])
+        for j in range(quadruped.N_JOINTS)
+    ]
+
+
+@pytest.fixture
+def small_trees():
+    """Makes a policy of two trees a joint, with some arrays changed."""
+
+    def make(**changes):
+        arrays = {
+            "features": np.zeros((12, 2, 3), dtype=np.int32),
+            "thresholds": np.full((12, 2, 3), np.inf),
+            "leaves": np.ones((12, 2, 4)),
+            "intercepts": np.zeros(12),
+            "importances": np.zeros((12, N)),
+        }
+        return BoostedTreesPolicy("trot", NAMES, **(arrays | changes))
+
+    return make
+
+
+@pytest.fixture
+def small_additive():
+    """Makes an additive policy of four bins and one pair, with some arrays changed."""
+
+    def make(**changes):
+        arrays = {
+            "cuts": np.tile([0.0, 1.0, np.inf], (N, 1)),
+            "pair_cuts": np.tile([0.0], (N, 1)),
+            "tables": np.zeros((12, N, 4)),
+            "pairs": np.array([[0, 1]]),
+            "pair_joints": np.array([3]),
+            "pair_tables": np.zeros((1, 2, 2)),
+            "deviations": np.zeros((12, N, 4)),
+            "pair_deviations": np.zeros((1, 2, 2)),
+            "intercepts": np.zeros(12),
+        }
+        return AdditivePolicy("trot", NAMES, **(arrays | changes))
+
+    return make
 
 
 @pytest.fixture

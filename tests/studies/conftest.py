@@ -1,11 +1,7 @@
 """What tests of the studies share: an expert, pages that explain a rollout, and a browser."""
 
-import json
-import re
 import shutil
-import time
-from collections.abc import Callable, Iterator
-from importlib import resources
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +10,17 @@ import pytest
 from joblib import parallel_config
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
-from glassgait.diagrams.rollout import Rollout
-from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.gait import Gait, load_gait
-from glassgait.models.task.observation import machine_state_entries
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
 from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
-from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.run import TrainingRun
 
@@ -74,74 +64,6 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     driver.quit()
 
 
-@pytest.fixture(scope="session")
-def find_barriers() -> Callable[..., list[str]]:
-    """Lists what axe-core finds serious or critical in a browser's page, or in a part of it.
-
-    axe-core comes with a package of PyPI, whose own driver is not used.
-    """
-    pytest.importorskip("axe_playwright_python", reason="needs axe-core (the dev extra)")
-    axe = (resources.files("axe_playwright_python") / "axe.min.js").read_text()
-
-    def find(browser: Any, part: str = "body") -> list[str]:
-        browser.set_script_timeout(120)
-        browser.execute_script(axe)
-        run = (
-            "const [part, done] = arguments;"
-            "axe.run(part, {resultTypes: ['violations'], iframes: false})"
-            ".then((found) => done(found.violations))"
-        )
-        return [
-            f"{own['impact']} {own['id']}: {node['html'][:160]}"
-            for own in browser.execute_async_script(run, part)
-            if own["impact"] in ("serious", "critical")
-            for node in own["nodes"]
-        ]
-
-    return find
-
-
-WIDTHS = (390, 1400)
-"""Of a telephone and of a desk's screen (pixels)."""
-
-UNFOLD = """
-for (const own of document.querySelectorAll("details")) own.open = true;
-document.querySelector("button.witness")?.click();
-"""
-
-
-@pytest.fixture(scope="module")
-def faults_of(
-    browser: Any, find_barriers: Callable[..., list[str]]
-) -> Iterator[Callable[[Path], list[str]]]:
-    """Finds what is wrong with a page, all of it unfolded, on a narrow and on a wide screen.
-
-    That is what sticks out sideways, an error on the console, and what axe-core finds serious or
-    critical.
-    """
-
-    def find(page: Path) -> list[str]:
-        found = []
-        for width in WIDTHS:
-            screen = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
-            browser.get("about:blank")
-            browser.get_log("browser")
-            browser.get(page.as_uri())
-            # Replays load after their page.
-            time.sleep(2.0)
-            browser.execute_script(UNFOLD)
-            across = browser.execute_script("return document.documentElement.scrollWidth")
-            found += [f"{width}: {across} pixels wide"] if across > width else []
-            logged = [own for own in browser.get_log("browser") if own["level"] == "SEVERE"]
-            found += [f"{width}: {own['message']}" for own in logged]
-            found += [f"{width}: {own}" for own in find_barriers(browser, "html")]
-        return found
-
-    yield find
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-
-
 @pytest.fixture(scope="module")
 def expert() -> NeuralPolicy:
     """The trot's expert that ships."""
@@ -158,56 +80,6 @@ def other_expert(expert) -> NeuralPolicy:
     return NeuralPolicy(
         "trot", expert.observation_names, still, expert.estimator, expert.mirrored_states
     )
-
-
-@pytest.fixture(scope="session")
-def embedded() -> Callable[[Path, str], Any]:
-    """Reads what a page holds under a name."""
-
-    def read(page: Path, name: str) -> Any:
-        found = re.search(rf'id="{name}" type="application/json">(.*?)</script>', page.read_text())
-        assert found is not None
-        return json.loads(found.group(1))
-
-    return read
-
-
-@pytest.fixture(scope="module")
-def few() -> tuple[StatewiseSymbolicPolicy, Rollout]:
-    """A student with 3 terms in one state of the machine and 32 in the other, a step in each."""
-    names = load_expert("trot").observation_names
-    variables = variable_names(len(names))
-    long = " + ".join(f"{i + 1}e-4 * x{i}" for i in range(31))
-    texts = ("0.1 + 0.01 * x3 + 0.02 * x5", f"-0.1 + {long}")
-    expressions = [[parse_expression(text, variables)] * 12 for text in texts]
-    policy = StatewiseSymbolicPolicy("trot", names, expressions)
-    observations = 0.5 * np.random.default_rng(5).normal(size=(2, len(names)))
-    observations[:, machine_state_entries(names)] = np.eye(2)
-    values = {"observations": observations, "actions": policy(observations)}
-    values |= {"rm_state": np.eye(2), "rm_iterations": np.zeros((2, 1))}
-    return policy, Rollout(np.array([0.0, 0.02]), {**values, "foot_contact": np.zeros((2, 4))})
-
-
-@pytest.fixture(scope="session")
-def explained_page() -> Callable[..., Path]:
-    """Writes the page that explains a rollout, from its first step and joint on."""
-
-    def write(folder: Path, gait: Gait, policy: Policy, rollout: Rollout, **options: Any) -> Path:
-        shown = {"policy_name": "few", "replay": "", "joint": 0, "step": 0, "figures": []}
-        explained = explain_rollout(policy, rollout)
-        page = render_page(
-            gait=gait, policy=policy, rollout=rollout, explained=explained, **(shown | options)
-        )
-        (folder / "index.html").write_text(page)
-        return folder / "index.html"
-
-    return write
-
-
-@pytest.fixture(scope="module")
-def few_page(few: tuple, explained_page: Callable[..., Path], tmp_path_factory: Any) -> Path:
-    """The page that explains the two steps of the student with few terms."""
-    return explained_page(tmp_path_factory.mktemp("few"), load_gait("trot"), *few)
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import time
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,72 @@ PAGES = {
     "explain page": ["explain", "page", *TROT, "--n-steps", "40"],
     "view": ["view", *TROT, "--n-steps", "20"],
 }
+
+
+@pytest.fixture(scope="session")
+def find_barriers():
+    """Lists what axe-core finds serious or critical in a browser's page, or in a part of it.
+
+    axe-core comes with a package of PyPI, whose own driver is not used.
+    """
+    pytest.importorskip("axe_playwright_python", reason="needs axe-core (the dev extra)")
+    axe = (resources.files("axe_playwright_python") / "axe.min.js").read_text()
+
+    def find(browser, part="body"):
+        browser.set_script_timeout(120)
+        browser.execute_script(axe)
+        run = (
+            "const [part, done] = arguments;"
+            "axe.run(part, {resultTypes: ['violations'], iframes: false})"
+            ".then((found) => done(found.violations))"
+        )
+        return [
+            f"{own['impact']} {own['id']}: {node['html'][:160]}"
+            for own in browser.execute_async_script(run, part)
+            if own["impact"] in ("serious", "critical")
+            for node in own["nodes"]
+        ]
+
+    return find
+
+
+WIDTHS = (390, 1400)
+"""Of a telephone and of a desk's screen (pixels)."""
+
+UNFOLD = """
+for (const own of document.querySelectorAll("details")) own.open = true;
+document.querySelector("button.witness")?.click();
+"""
+
+
+@pytest.fixture(scope="module")
+def faults_of(browser, find_barriers):
+    """Finds what is wrong with a page, all of it unfolded, on a narrow and on a wide screen.
+
+    That is what sticks out sideways, an error on the console, and what axe-core finds serious or
+    critical.
+    """
+
+    def find(page):
+        found = []
+        for width in WIDTHS:
+            screen = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+            browser.get("about:blank")
+            browser.get_log("browser")
+            browser.get(page.as_uri())
+            # Replays load after their page.
+            time.sleep(2.0)
+            browser.execute_script(UNFOLD)
+            across = browser.execute_script("return document.documentElement.scrollWidth")
+            found += [f"{width}: {across} pixels wide"] if across > width else []
+            logged = [own for own in browser.get_log("browser") if own["level"] == "SEVERE"]
+            found += [f"{width}: {own['message']}" for own in logged]
+            found += [f"{width}: {own}" for own in find_barriers(browser, "html")]
+        return found
+
+    yield find
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 @pytest.mark.parametrize("kind", PAGES)

@@ -1,19 +1,75 @@
 """The page that explains a rollout: its numbers, its files, and what it refuses."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 import yaml
 
+from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.evaluate import Tape
+from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.library import STUDENT_DIRECTORY, load_student
-from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
+from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
+from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.explanation.page import explain_rollout
+from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
+
+
+@pytest.fixture(scope="session")
+def embedded():
+    """Reads what a page holds under a name."""
+
+    def read(page, name):
+        found = re.search(rf'id="{name}" type="application/json">(.*?)</script>', page.read_text())
+        assert found is not None
+        return json.loads(found.group(1))
+
+    return read
+
+
+@pytest.fixture(scope="module")
+def few():
+    """A student with 3 terms in one state of the machine and 32 in the other, a step in each."""
+    names = load_expert("trot").observation_names
+    variables = variable_names(len(names))
+    long = " + ".join(f"{i + 1}e-4 * x{i}" for i in range(31))
+    texts = ("0.1 + 0.01 * x3 + 0.02 * x5", f"-0.1 + {long}")
+    expressions = [[parse_expression(text, variables)] * 12 for text in texts]
+    policy = StatewiseSymbolicPolicy("trot", names, expressions)
+    observations = 0.5 * np.random.default_rng(5).normal(size=(2, len(names)))
+    observations[:, machine_state_entries(names)] = np.eye(2)
+    values = {"observations": observations, "actions": policy(observations)}
+    values |= {"rm_state": np.eye(2), "rm_iterations": np.zeros((2, 1))}
+    return policy, Rollout(np.array([0.0, 0.02]), {**values, "foot_contact": np.zeros((2, 4))})
+
+
+@pytest.fixture(scope="session")
+def explained_page():
+    """Writes the page that explains a rollout, from its first step and joint on."""
+
+    def write(folder, gait, policy, rollout, **options):
+        shown = {"policy_name": "few", "replay": "", "joint": 0, "step": 0, "figures": []}
+        explained = explain_rollout(policy, rollout)
+        page = render_page(
+            gait=gait, policy=policy, rollout=rollout, explained=explained, **(shown | options)
+        )
+        (folder / "index.html").write_text(page)
+        return folder / "index.html"
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def few_page(few, explained_page, tmp_path_factory):
+    """The page that explains the two steps of the student with few terms."""
+    return explained_page(tmp_path_factory.mktemp("few"), load_gait("trot"), *few)
 
 
 @pytest.fixture(scope="module")
