@@ -46,7 +46,6 @@ from glassgait.systems.sensors import (
     SensorBias,
     WorldState,
 )
-from glassgait.systems.symbolic_policy import make_symbolic_policy
 
 A1, TROT = load_robot(), load_gait("trot")
 LAYOUT = ObservationLayout(TROT.n_states)
@@ -180,7 +179,6 @@ PORTS: dict[Any, Ports] = {
         {"limited_action": 12},
     ),
     WorldState: Ports(WorldState, {"plant_state": 37}, {"state": 37}),
-    make_symbolic_policy: Ports(lambda: make_symbolic_policy(POLICY), {"u0": 49}, {"y0": 12}),
 }
 
 
