@@ -191,8 +191,7 @@ def sections(text: str) -> dict[str, list[str]]:
     for line in text.split("\n"):
         bare = line.partition("#")[0].rstrip(" ")
         if TITLE.fullmatch(bare):
-            refuse_unless(bare not in found, f"{bare!r} stands twice")
-            found[bare] = lines = []
+            lines = found.setdefault(bare, [])
         else:
             lines.append(bare)
     kinds = {title.partition(" ")[0] for title in found} - {"", "definitions"}
@@ -279,8 +278,8 @@ def is_mirror(machine: dict[str, Any], image: Any) -> bool:
 
 def fires(condition: Any, mirrored: bool = False) -> tuple[bool, ...]:
     """Returns in which stances a transition fires, such as by FL & ~RR, or by its mirror image."""
-    plain = isinstance(condition, str) and re.fullmatch(r"[FLR&|~() ]{1,1000}", condition)
-    refuse_unless(plain, "a transition has no condition")
+    text = " ".join(str(condition).split())
+    refuse_unless(re.fullmatch(r"[FLR&|~() ]{1,1000}", text), "a transition has no condition")
 
     def holds(node: ast.expr, feet: dict[str, bool]) -> bool:
         match node:
@@ -293,5 +292,5 @@ def fires(condition: Any, mirrored: bool = False) -> tuple[bool, ...]:
                 return one and other if isinstance(op, ast.BitAnd) else one or other
         raise RefusedError(f"{condition!r} is no condition")
 
-    tree = ast.parse(condition.strip(), mode="eval").body
+    tree = ast.parse(text, mode="eval").body
     return tuple(holds(tree, feet) for feet in STANCES)
