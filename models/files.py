@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -165,13 +165,6 @@ def read_record(path: Path, of: str | None = None) -> Any:
             "makes it anew"
         )
     return values
-
-
-def record_or_made(path: Path, make: Callable[[], Any], *, of: str) -> Any:
-    """Returns what a run kept before, or makes it and keeps it."""
-    if not path.exists():
-        write_record(path, make(), of=of)
-    return read_record(path, of=of)
 
 
 def _checksum(arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:

@@ -82,10 +82,6 @@ class Settings:
 
     title: ClassVar[str] = "settings"
 
-    def refused_as(self) -> str:
-        """Returns the name of these settings in errors."""
-        return self.title
-
     @classmethod
     def from_plain(cls, values: Any, where: str = "") -> Self:
         """Builds settings from the plain values that YAML and JSON hold.
