@@ -35,7 +35,7 @@ from glassgait.studies.common.episode import (
     episode,
 )
 from glassgait.studies.common.episode import ControlStep as EpisodeStep
-from glassgait.studies.common.observers import Log, Observations
+from glassgait.studies.common.observers import Log
 from glassgait.studies.common.scores import score_rollouts
 
 SAME = 1e-6
@@ -203,28 +203,22 @@ def recorded_sequences(
 ) -> list[list[Moment]]:
     """Records the sensors of robots that the controller moves, in the training scenario."""
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
-    recorded = _Moments([[] for _ in range(n_robots)])
-    _walk(gait, controller, n_robots, n_steps // n_robots, seed, recorded)
-    return recorded.sequences
+    steps = _walked(gait, controller, n_robots, n_steps // n_robots, seed)
+    return [list(sequence) for sequence in zip(*map(_inputs, steps), strict=True)]
 
 
 def recorded_observations(
     gait: Gait, controller: AlternatingController, n_robots: int, n_steps: int, seed: int
 ) -> Array:
     """Records observations (m, n) of robots that the controller moves, likewise."""
-    observations = Observations()
-    _walk(gait, controller, n_robots, n_steps, seed, observations)
-    return np.concatenate(observations.array)
+    steps = _walked(gait, controller, n_robots, n_steps, seed)
+    return np.concatenate([step.observation for step in steps])
 
 
-def _walk(
-    gait: Gait,
-    controller: AlternatingController,
-    n_robots: int,
-    n_steps: int,
-    seed: int,
-    observer: Observer,
-) -> None:
+def _walked(
+    gait: Gait, controller: AlternatingController, n_robots: int, n_steps: int, seed: int
+) -> list[EpisodeStep]:
+    recorded = _Steps([])
     episode(
         gait,
         controller,
@@ -232,20 +226,24 @@ def _walk(
         n_robots=n_robots,
         n_steps=n_steps,
         seed=seed,
-        observers=[observer],
+        observers=[recorded],
         when_fallen="go on",
     )
+    return recorded.steps
+
+
+def _inputs(step: EpisodeStep) -> Iterator[Moment]:
+    return moments(step.before)
 
 
 @dataclass
-class _Moments(Observer):
-    """Records the inputs of each robot's controller."""
+class _Steps(Observer):
+    """Records the control steps of an episode."""
 
-    sequences: list[list[Moment]]
+    steps: list[EpisodeStep]
 
     def observe(self, step: EpisodeStep) -> None:
-        for sequence, moment in zip(self.sequences, moments(step.before), strict=True):
-            sequence.append(moment)
+        self.steps.append(step)
 
 
 def moments(state: TaskState) -> Iterator[Moment]:
@@ -286,7 +284,7 @@ def closed_loop_table(
                 n_steps=n_steps,
                 seed=seed,
                 observers=[log],
-                events=[_one_command(gait, n_robots, seed), *events],
+                events=events,
             )
             scores.append(score_rollouts(log.rollout(n_steps), controller.robot.mass))
         python, ours = (one["return"] for one in scores)
@@ -302,19 +300,6 @@ def closed_loop_table(
             }
         )
     return pd.DataFrame(rows)
-
-
-def _one_command(gait: Gait, n_robots: int, seed: int) -> Event:
-    """Returns the event that gives each robot a command for the whole episode."""
-    command = sample_commands(gait, n_robots, np.random.default_rng(seed))
-
-    def begin(running: Episode, _: BoolArray) -> None:
-        simulator = running.simulator
-        simulator.start_at(simulator.state.plant, command)
-        # The simulator would draw another command after 10 s.
-        simulator.set_command(command)
-
-    return Event(0, None, begin)
 
 
 @dataclass(frozen=True)

@@ -138,8 +138,7 @@ class Export(OneGait):
     ) -> Written:
         try:
             # Imported here: ONNX and its runtime are an extra.
-            from glassgait.models.export.onnx_network import LoadedGraph  # noqa: PLC0415
-            from glassgait.studies.export.onnx_file import (  # noqa: PLC0415
+            from glassgait.studies.export.onnx_network import (  # noqa: PLC0415
                 compare_graph,
                 graph_bytes,
             )
@@ -149,7 +148,7 @@ class Export(OneGait):
             ) from error
         model = graph_bytes(gait, controller, policy_name, version("glassgait"), self.precision)
         say(f"acting on {self.n_steps} observations, in Python and by ONNX Runtime")
-        table = compare_graph(LoadedGraph(model), gait, controller, self.n_steps, self.seed)
+        table = compare_graph(model, gait, controller, self.n_steps, self.seed)
         path = folder / f"{name}.onnx"
         write_atomically(path, model)
         return [path], {"agreement": table}

@@ -413,8 +413,8 @@ def test_a_contract_is_read_as_it_was_written(contract_path, written_page):
         ("version: 5", "version: 4", "version 5"),
         ("calf_length: 0.2", "calf_length: 0.201", "'digest' does not match"),
         ("- FL_hip\n- FL_thigh", "- FL_thigh\n- FL_hip", "'digest' does not match"),
-        ("limited: true\n", "", "'limited' is missing"),
-        ("version: 5", "version: 5\nother: 1", "'other' is missing or unknown"),
+        ("limited: true\n", "", "'digest' does not match"),
+        ("version: 5", "version: 5\nother: 1", "'digest' does not match"),
     ],
 )
 def test_a_contract_that_was_changed_is_refused(old, new, said, contract_path):

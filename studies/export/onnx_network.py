@@ -1,15 +1,16 @@
-"""A network and its estimator as one ONNX graph.
+"""A network and its estimator as an ONNX file, compared with Python by ONNX Runtime.
 
 ONNX is an optional package: `pip install "glassgait[onnx]"`.
 """
 
 import json
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import onnx
 import onnxruntime
+import pandas as pd
 from onnx import TensorProto, helper, numpy_helper
 
 from glassgait.models.arrays import Array
@@ -23,6 +24,7 @@ from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPol
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.studies.export.agreement import SAME, SEQUENCE_STEPS, recorded_observations
 
 OPSET = 17
 """Version of ONNX's operators; runtimes since 2022 have it."""
@@ -83,26 +85,15 @@ class _Graph:
         return self.add("Mul", image, self.constant(reflection.sign))
 
 
-def write_graph(
-    gait: Gait,
-    controller: AlternatingController,
-    *,
-    policy_name: str,
-    version: str,
-    real: Real = "double",
-) -> onnx.ModelProto:
-    """Writes a network that acts by proprioception, for any number of rows at once.
+def graph_bytes(
+    gait: Gait, controller: AlternatingController, policy_name: str, version: str, real: Real
+) -> bytes:
+    """Returns a network that acts by proprioception as the bytes of an ONNX file.
 
     The graph maps `obs` (batch, 40 + n_states; 46 + n_states with an IMU) to `actions` (batch, 12)
     and `estimate` (batch, 7), the velocity of the trunk and the heights of the feet. Odometry has a
-    memory, so with it the estimate is an input, and the metadata hold its statements.
-
-    Args:
-        gait: The gait, whose reward machine the metadata describe.
-        controller: A network that acts without another policy.
-        policy_name: Name of the policy in the metadata.
-        version: Version of this project.
-        real: Type of the inputs and outputs; the graph computes in double precision.
+    memory, so with it the estimate is an input. Inputs and outputs are of the type `real`; the
+    graph computes in double precision.
 
     Raises:
         InputError: if the policy is no network, or is made for another gait or observation.
@@ -147,106 +138,86 @@ def write_graph(
         producer_name="glassgait",
         producer_version=version,
     )
-    helper.set_model_props(model, _metadata(gait, controller, policy_name, layout))
+    helper.set_model_props(model, _metadata(gait, controller, policy_name))
     onnx.checker.check_model(model, full_check=True)
-    return model
+    return model.SerializeToString(deterministic=True)
 
 
-def _metadata(
-    gait: Gait, controller: AlternatingController, policy_name: str, layout: ObservationLayout
-) -> dict[str, str]:
+def _metadata(gait: Gait, controller: AlternatingController, policy_name: str) -> dict[str, str]:
     """Describes a graph as deployment stacks do; lists are separated by commas."""
-    terms, estimator = robot_terms(controller.robot), controller.estimator
+    terms, entries = robot_terms(controller.robot), controller.policy.layout.entries
     stiffness, damping = controller.joint_law.gains_of(controller.robot)
-    observed = layout.entries[: layout.n_proprioceptive]
     machine = {
         "states": list(gait.states),
         "initial": gait.initial,
         "clearance": gait.clearance,
         "transitions": [
-            {
-                "from": edge.source,
-                "to": edge.target,
-                "when": edge.when.text,
-                "dwell": edge.dwell,
-                "grace": edge.grace,
-            }
+            {"from": edge.source, "to": edge.target, "when": edge.when.text}
+            | {"dwell": edge.dwell, "grace": edge.grace}
             for edge in gait.transitions
         ],
     }
-    return {
-        "robot": str(terms["robot"]),
+    found = {
+        "robot": terms["robot"],
         "joint_names": _listed(terms["joints"]),
         "joint_stiffness": _listed([stiffness] * quadruped.N_JOINTS),
         "joint_damping": _listed([damping] * quadruped.N_JOINTS),
         "default_joint_pos": _listed(terms["stance"]),
         "action_scale": _listed([terms["action_scale"]] * quadruped.N_JOINTS),
-        "observation_entries": _listed(entry.name for entry in observed),
-        "estimate_entries": _listed(entry.name for entry in layout.entries[len(observed) :]),
-        "estimate_scale": _listed(entry.factor for entry in layout.entries[len(observed) :]),
+        "observation_entries": _listed(entry.name for entry in entries[:-N_ESTIMATED]),
+        "estimate_entries": _listed(entry.name for entry in entries[-N_ESTIMATED:]),
+        "estimate_scale": _listed(entry.factor for entry in entries[-N_ESTIMATED:]),
         "control_period": repr(terms["control_period"]),
         "gait": gait.name,
         "reward_machine": json.dumps(machine),
         "policy": policy_name,
         "policy_digest": controller.policy.digest(),
-        **({"odometry_gain": repr(estimator.gain)} if isinstance(estimator, Odometry) else {}),
     }
+    if isinstance(controller.estimator, Odometry):
+        found["odometry_gain"] = repr(controller.estimator.gain)
+    return found
 
 
 def _listed(values: Iterable[object]) -> str:
     return ",".join(map(str, values))
 
 
-class Acted(NamedTuple):
-    """The outputs of a graph.
+def compare_graph(
+    model: bytes, gait: Gait, controller: AlternatingController, n_rows: int, seed: int
+) -> pd.DataFrame:
+    """Compares a graph with Python on observations of robots that the controller moves.
 
-    Attributes:
-        action: Actions (..., 12).
-        estimate: Estimated velocity of the trunk and heights of the feet (..., 7).
+    Returns:
+        One row: the number of observations, the greatest difference of a joint target (rad) and of
+        an estimated velocity (0.5 m/s) or foot height (m).
+
+    Raises:
+        InputError: if they differ by more than `SAME`.
     """
+    session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+    narrow = session.get_inputs()[0].type == "tensor(float)"
+    dtype = np.float32 if narrow else np.float64
 
-    action: Array
-    estimate: Array
-
-
-class LoadedGraph:
-    """Evaluates a graph by ONNX Runtime, on one thread.
-
-    Attributes:
-        dtype: Type of its inputs.
-        reads_estimate: Whether the estimate is an input.
-        metadata: The text of its file, by key.
-    """
-
-    def __init__(self, model: bytes) -> None:
-        """
-        Args:
-            model: The graph as its file holds it.
-        """
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        self._session = onnxruntime.InferenceSession(
-            model, options, providers=["CPUExecutionProvider"]
+    # The graph reads inputs of its precision, so Python gets the same.
+    n_robots = max(1, round(n_rows / SEQUENCE_STEPS))
+    rows = recorded_observations(gait, controller, n_robots, -(-n_rows // n_robots), seed)[:n_rows]
+    observed, body = np.split(rows.astype(dtype).astype(float), [-N_ESTIMATED], 1)
+    inputs = {OBSERVATION: observed.astype(dtype)}
+    if isinstance(controller.estimator, Odometry):
+        action, estimate = session.run([ACTIONS], inputs | {ESTIMATE: body.astype(dtype)})[0], body
+    else:
+        assert controller.estimator is not None
+        body = controller.estimator(observed)
+        action, estimate = session.run([ACTIONS, ESTIMATE], inputs)
+    wanted = controller.policy(np.concatenate([observed, body], axis=1))
+    target, apart = controller.robot.action_scale * _apart(action, wanted), _apart(estimate, body)
+    if not max(target, apart) <= SAME:
+        raise InputError(
+            f"the ONNX graph differs from Python by {max(target, apart):.2g}, more than {SAME:g}; "
+            "export it with --precision double or --format c"
         )
-        inputs = self._session.get_inputs()
-        self.dtype = np.float32 if inputs[0].type == "tensor(float)" else np.float64
-        self.reads_estimate = len(inputs) > 1
-        self.metadata = self._session.get_modelmeta().custom_metadata_map
+    return pd.DataFrame([{"observations": len(rows), "target": target, "estimate": apart}])
 
-    def __call__(self, observation: Array, estimate: Array) -> Acted:
-        """Maps proprioception (..., 40 + n_states) to actions.
 
-        Args:
-            observation: Proprioception.
-            estimate: The estimate (..., 7); graphs that make their own do not read it.
-        """
-        given = {OBSERVATION: observation} | ({ESTIMATE: estimate} if self.reads_estimate else {})
-        rows = {
-            name: one.reshape(-1, one.shape[-1]).astype(self.dtype) for name, one in given.items()
-        }
-        names = [ACTIONS] if self.reads_estimate else [ACTIONS, ESTIMATE]
-        action, *made = (
-            np.asarray(one, dtype=float).reshape(*observation.shape[:-1], -1)
-            for one in self._session.run(names, rows)
-        )
-        return Acted(action, made[0] if made else estimate)
+def _apart(graph: Any, python: Array) -> float:
+    return float(np.abs(graph - python).max())
