@@ -13,7 +13,7 @@ COMMANDS = {
     "demo": ("reproduction.demo:Demo", "Replay a trot, distil it quickly, and compare."),
     "train": ("training.command:Train", "Train a neural expert by PPO."),
     "distill": (
-        "distillation.command:Distill",
+        "distillation.study:Distill",
         "Distil an expert into readable students by DAgger with alternation.",
     ),
     "refine": (

@@ -50,7 +50,7 @@ def collect(
         controller: The expert, whose actions are the samples' labels, and the student.
         episodes: Numbers of the episodes, counted from 1.
         n_steps: Control steps of each.
-        worlds: Scenarios of which each round draws new ones, or one scenario.
+        worlds: Ranges from which each round draws new scenarios, or one scenario.
         generator: Source of randomness.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
 
@@ -104,7 +104,7 @@ def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Ev
         if turns is None or running.step % COMMAND_STEPS == 0:
             turns = sample_commands(gait, len(speeds), generator)
         velocity = np.stack([speeds, turns.velocity[:, 1]], axis=1)
-        # A robot that starts again draws a command of its own.
+        # A robot that starts again has drawn another command.
         running.simulator.set_command(Command(velocity, turns.dwell))
 
     return Event(None, None, command)

@@ -67,8 +67,7 @@ class DistillationConfig(Settings):
         speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's;
             by default each is drawn over the gait's range, and another after 10 s. The paper's are
             0, 0.25, 0.5 and 0.75.
-        worlds: The randomised scenarios in which samples are collected: those that experts
-            learn in.
+        worlds: The randomised scenarios of the samples: those that experts learn in.
         scenario: Name of a scenario that ships, or path of a scenario file. Samples are collected
             in it instead, except for its commands.
         settings: Settings of the students' fits.
@@ -108,8 +107,9 @@ class DistillationConfig(Settings):
                 f"{self.episodes_per_round}"
             )
         for kind in self.students:
-            alone = self.settings.of(self.collector_of(kind)).alone_episodes or self.alone_episodes
-            n_episodes = self.episodes + self.alone_rounds * (alone or HELD_OUT_EVERY)
+            collector = self.settings.of(self.collector_of(kind))
+            n_alone = collector.alone_episodes or self.alone_episodes or HELD_OUT_EVERY
+            n_episodes = self.episodes + self.alone_rounds * n_alone
             if n_episodes < HELD_OUT_EVERY:
                 raise InputError(
                     f"distillation: of fewer than {HELD_OUT_EVERY} episodes none is held out to "

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,27 +122,23 @@ class Dataset:
             expert.robot,
         )
 
-    def save(self, path: Path, of: Any = None) -> None:
-        """Writes the samples to one file, atomically, with a note of the run they belong to."""
+    def save(self, path: Path) -> None:
+        """Writes the samples to one file, atomically."""
         arrays = {
             "observations": self.observations,
             "actions": self.actions,
             "episodes": self.episodes,
         }
-        save_arrays(path, arrays, {"minutes": self.minutes, "of": of})
+        save_arrays(path, arrays, {"minutes": self.minutes})
 
     @staticmethod
-    def load(path: Path, of: Any = None) -> "Dataset":
+    def load(path: Path) -> "Dataset":
         """Reads back what `save` wrote.
 
         Raises:
-            InputError: if the file is damaged, holds no samples, or has another note than `of`.
+            InputError: if the file is damaged, or holds no samples.
         """
         arrays, header = load_arrays(path)
-        if of is not None and header.get("of") != of:
-            raise InputError(
-                f"{path}: belongs to another run; delete it, and --resume makes it anew"
-            )
         try:
             data = Dataset(**arrays, minutes=float(header["minutes"]))
             sizes = {len(data.observations), len(data.actions), len(data.episodes)}

@@ -90,16 +90,16 @@ class FormulaNetwork(nn.Module):
         self._written, names = file.written(), file.vocabulary.names
         sums: dict[Place, WeightedSum] = {}
         for place, formula in self._written.items():
-            if (own := WeightedSum.of(formula)) is None:
+            if (weighted := WeightedSum.of(formula)) is None:
                 raise InputError(
                     f"{name}: has numbers that are not weights of terms, and cannot learn; name "
                     "another policy with --policy"
                 )
-            sums[place] = own
+            sums[place] = weighted
 
         # The numbers, and where each formula's stand among all.
         numbers = [value for formula in self._written.values() for value in numbers_of(formula)]
-        ends = np.cumsum([len(own.terms) for own in sums.values()]).tolist()
+        ends = np.cumsum([len(weighted.terms) for weighted in sums.values()]).tolist()
         self._spans = dict(zip(sums, map(slice, [0, *ends], ends), strict=False))
         self.register_buffer("start", torch.tensor(numbers))
         self.register_buffer("unit", torch.eye(len(numbers)))
@@ -117,7 +117,7 @@ class FormulaNetwork(nn.Module):
             self._reflect = reflect_observation(names, file.mirror)
 
         # The terms; one that stands in several formulas is evaluated once.
-        terms = [term for own in sums.values() for term in (*own.terms, own.rest)]
+        terms = [term for each in sums.values() for term in (*each.terms, each.rest)]
         columns = {term: column for column, term in enumerate(dict.fromkeys(terms))}
         self._tape = Tape([file.vocabulary.expanded(term) for term in columns], len(names))
         states = [()] if file.n_states is None else [(state,) for state in range(file.n_states)]
@@ -153,9 +153,9 @@ class FormulaNetwork(nn.Module):
             rest[columns[sums[place].rest], joint] = sign
             for number, term in enumerate(sums[place].terms, self._spans[place].start):
                 found.append((number, columns[term], joint, sign))
-        index = torch.tensor([own[:3] for own in found], dtype=torch.long).reshape(-1, 3)
+        index = torch.tensor([entry[:3] for entry in found], dtype=torch.long).reshape(-1, 3)
         numbers, terms, joints = index.unbind(dim=1)
-        return _Weights(rest, numbers, terms, joints, torch.tensor([own[3] for own in found]))
+        return _Weights(rest, numbers, terms, joints, torch.tensor([entry[3] for entry in found]))
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Maps observations (n, n_observations) to actions (n, 12).
@@ -168,7 +168,7 @@ class FormulaNetwork(nn.Module):
         for here, sides in zip(rows, self._weights, strict=True):
             matrices = [side.matrix(numbers) for side in sides]
             # Without a mirror image there is nothing that the second side reads.
-            products = [terms[here] @ own for terms, own in zip(read, matrices, strict=False)]
+            products = [terms[here] @ each for terms, each in zip(read, matrices, strict=False)]
             parts.append(torch.stack(products).sum(dim=0))
         # Each row has a state, so that the parts are all rows in another order.
         targets = torch.cat(parts)[torch.argsort(torch.cat(rows))]
@@ -188,13 +188,15 @@ class FormulaNetwork(nn.Module):
         self._refuse_not_finite("a slope of the formula", slopes, observations)
         blocks = []
         for span in self._spans.values():
-            own = slopes[:, :, span].flatten(0, 1).double()
+            effects = slopes[:, :, span].flatten(0, 1).double()
             # Only the numbers of one formula work together.
-            alone = own.square().sum(dim=0).div(len(observations)).sqrt().clamp(min=LEAST_EFFECT)
-            likeness = (own / alone).T @ (own / alone) / len(observations)
+            sizes = effects.square().sum(dim=0).div(len(observations)).sqrt()
+            sizes = sizes.clamp(min=LEAST_EFFECT)
+            likeness = (effects / sizes).T @ (effects / sizes) / len(observations)
+            # The inverse square root of the likeness makes all directions equally effective.
             squares, directions = torch.linalg.eigh(likeness)
             apart = directions @ torch.diag((squares.clamp(min=0.0) + RIDGE).rsqrt())
-            blocks.append(UNIT_EFFECT * (apart @ directions.T) / alone[:, None])
+            blocks.append(UNIT_EFFECT * (apart @ directions.T) / sizes[:, None])
         self.unit.copy_(torch.block_diag(*blocks))
 
     def to_policy(self) -> FormulaPolicy:
@@ -234,9 +236,9 @@ class FormulaNetwork(nn.Module):
             sign = _tensor(self._reflect.sign)
             seen.append(observation[:, torch.from_numpy(self._reflect.index)] * sign)
         read = [
-            (own / self._scale + self._offset).clamp(self._least, self._greatest) for own in seen
+            (each / self._scale + self._offset).clamp(self._least, self._greatest) for each in seen
         ]
-        return [torch.from_numpy(self._tape(own.double().numpy())).float() for own in read]
+        return [torch.from_numpy(self._tape(each.double().numpy())).float() for each in read]
 
     def _refuse_not_finite(self, what: str, values: torch.Tensor, seen: torch.Tensor) -> None:
         """Refuses values of joints' formulas (n, 12, ...) that are not finite."""

@@ -163,7 +163,7 @@ def formula_policy(
 
 
 def readings_of(gait: Gait, robot: Robot, names: tuple[str, ...], observations: Array) -> Readings:
-    """Returns the ranges in which formulas are to read: those of samples (m, n), and a margin."""
+    """Returns the ranges that formulas read within: those of samples (m, n), and a margin."""
     box = measured_box(gait, robot, names, observations.min(axis=0), observations.max(axis=0))
     return Readings.around(names, box.lower, box.upper)
 
@@ -186,7 +186,7 @@ def _settled(formula: Expression, known: Mapping[int, float]) -> Expression:
     if known.keys().isdisjoint(formula.variables):
         return formula
     operands = tuple(_settled(operand, known) for operand in formula.operands)
-    if formula.operator == "mul" and all(own.operator == "constant" for own in operands):
+    if formula.operator == "mul" and all(operand.operator == "constant" for operand in operands):
         return constant(operands[0].value * operands[1].value)
     return Expression(formula.operator, operands)
 

@@ -36,7 +36,7 @@ BLOCK = 16_384
 
 @dataclass(frozen=True)
 class PossibleTerms:
-    """What may be a term of a gated sum: each quantity, and its product with each gate.
+    """The possible terms of a gated sum: each quantity, and its product with each gate.
 
     Blocks of samples are made as they are read. All terms of 300,000 samples take 4 GB.
 
@@ -84,7 +84,7 @@ def fit_gated_sums(
         targets: What to fit (m, j), a formula a column.
         gates: Bounded functions of the variables; none for a plain weighted sum.
         max_length: Bound on `Expression.length`.
-        weighted: How many of the variables, from the first on, sums are of; all by default.
+        weighted: Number of the first variables that sums may hold; all by default.
 
     Returns:
         The j formulas.
@@ -117,6 +117,7 @@ def weight_paths(terms: PossibleTerms, targets: Array, max_terms: int) -> list[A
         For each of the j sums the weights of its terms (terms + 1, k), before the first and after
         each. Together with them, a sum has the constant that makes its mean the target's.
     """
+    # Standardise the terms, and accumulate their products block by block.
     mean, spread = terms.moments
     usable = np.flatnonzero(spread > SPREAD)
     gram = np.zeros((len(usable), len(usable)))
@@ -126,10 +127,13 @@ def weight_paths(terms: PossibleTerms, targets: Array, max_terms: int) -> list[A
         standard = (block[:, usable] - mean[usable]) / spread[usable]
         gram += standard.T @ standard
         products += standard.T @ centred[rows]
+
     # A product of a state with itself is the state again: of equal terms the first is enough.
     known = np.triu(np.abs(gram) > (1.0 - EQUAL) * len(targets), k=1).any(axis=0)
     usable, products, gram = usable[~known], products[~known], gram[np.ix_(~known, ~known)]
     gram += PENALTY * len(targets) * np.eye(len(usable))
+
+    # Pursue each target, in the scale of the terms.
     paths = []
     for product in products.T:
         found = _pursue(gram, product, max_terms)
@@ -164,12 +168,12 @@ def gated_expression(gates: Sequence[Expression], weights: Array, intercept: flo
     for gate, row in zip((None, *gates), weights, strict=True):
         terms = [(float(row[i]), variable(int(i))) for i in np.flatnonzero(row)]
         if gate is None:
-            parts = [scaled(own, weight) for weight, own in terms]
+            parts = [scaled(term, weight) for weight, term in terms]
         elif len(terms) == 1:
-            ((weight, own),) = terms
-            parts = [Expression("mul", (scaled(gate, weight), own))]
+            ((weight, term),) = terms
+            parts = [Expression("mul", (scaled(gate, weight), term))]
         else:
-            inner = [scaled(own, weight) for weight, own in terms]
+            inner = [scaled(term, weight) for weight, term in terms]
             parts = [Expression("mul", (gate, reduce(plus, inner)))] if inner else []
         for part in parts:
             total = Expression("add", (total, part))

@@ -223,13 +223,14 @@ class RefinementRun(LearningRun):
         self._write_learned(best, self._name, self._refinement)
 
     def _best_candidate(self) -> Policy:
+        # Those that the run kept, and the formulas that it began with.
         candidates: dict[str, Policy] = {
             f"update {update}": load_policy(self._candidate(update))
             for update in range(1, self.n_updates + 1)
             if self._candidate(update).exists()
         }
         candidates["as they were"] = self._policy
-        say(f"letting {len(candidates)} candidates walk alone, to choose one")
+        say(f"letting {len(candidates)} candidates walk, to choose one")
         n_steps = self._refinement.candidate_steps
         ranked = rank_alone(candidates, self.gait, self._expert, n_steps)
         # Of those that fall least the one that earns most, however short the others are.
@@ -249,6 +250,7 @@ class RefinementRun(LearningRun):
         return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
 
     def _begin(self) -> tuple[Environment, Learner]:
+        # The expert's estimator no longer learns.
         estimator = self._expert.estimator
         if not isinstance(estimator, Odometry):
             estimator = _Frozen(estimator)
@@ -258,6 +260,8 @@ class RefinementRun(LearningRun):
         self._network = FormulaNetwork(self._policy, self._file_name)
         # Written at once, what cannot be written is refused before the run has made anything.
         self.policy()
+
+        # Set the units of the numbers where the policy walks, and let PPO act by them.
         self._network.balance(self._visited(environment, generator))
         observations = environment.observe()
         actor = act_by(gaussian_actor(self.config.ppo, observations), self._network)
@@ -275,9 +279,6 @@ class RefinementRun(LearningRun):
             ]
         every = torch.cat(seen)
         return every[generator.permutation(len(every))[:N_BALANCED]].clone()
-
-    def _inputs(self) -> tuple[str, ...]:
-        return self._expert.digest(), self._policy.digest()
 
 
 class _Frozen(nn.Module):

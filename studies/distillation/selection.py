@@ -1,4 +1,4 @@
-"""Which of several students earns most alone, which R² does not predict."""
+"""Chooses the best of several students by rollouts, since R² does not predict falls."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,7 +24,7 @@ WORTH_A_FALL = 0.97
 """Share of the best student's return that one must earn to be preferred because it falls less."""
 
 WORTH_A_TERM = 0.99
-"""The same, to be preferred because it is simpler."""
+"""Share of the best student's return that one must earn to be preferred because it is simpler."""
 
 ROUGH = Scenario(
     "rough",
@@ -34,10 +34,10 @@ ROUGH = Scenario(
     push_speed=1.0,
     push_interval=5.0,
 )
-"""A world that most falls happen in: steep, slippery, loaded, late and pushed at once."""
+"""A scenario with many falls: steep, slippery, loaded, late and pushed at once."""
 
 SELECTION = tuple(zip(SELECTION_SEEDS, (Scenario(), ROUGH), strict=False))
-"""Seeds and worlds of the rollouts that select."""
+"""Seeds and scenarios of the rollouts that select."""
 
 
 def rank_alone(
@@ -47,7 +47,7 @@ def rank_alone(
     n_steps: int = EPISODE_STEPS,
     n_jobs: int = 1,
 ) -> pd.DataFrame:
-    """Rolls every candidate out alone and ranks them by return.
+    """Rolls every candidate out without the expert, and ranks them by return.
 
     Args:
         candidates: Students by label.
@@ -57,11 +57,12 @@ def rank_alone(
         n_jobs: Candidates that are rolled out at once.
 
     Returns:
-        A row a candidate, the best first, with its means over 52 robots, half of them in the
-        training world and half in a rough one.
+        A row for each candidate, the best first, with its means over 52 robots, half of them in the
+        training scenario and half in a rough one.
     """
     config = RolloutConfig(n_steps=n_steps)
     runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]
+    # Roll out all candidates in both scenarios, some at once.
     work = (
         delayed(roll_out)(
             gait,
@@ -88,6 +89,7 @@ def simplest_of_the_best(ranked: pd.DataFrame, complexity: Mapping[str, Any]) ->
         ranked: What `rank_alone` returned.
         complexity: How complex each candidate is, of any type that has an order.
     """
+    # First drop those that earn too little, then those that fall more, then the complex ones.
     able = _within(ranked, WORTH_A_FALL)
     steady = _within(able[able["falls"] == able["falls"].min()], WORTH_A_TERM)
     return min(steady["candidate"], key=lambda candidate: complexity[candidate])

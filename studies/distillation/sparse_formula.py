@@ -43,7 +43,7 @@ LONGEST = 40
 """Greatest number of terms of one formula, its constant not counted."""
 
 LOOKED_AHEAD = 4
-"""Terms that are weighed together: two may help where neither does alone."""
+"""Terms that are weighed together: two may help where one does not."""
 
 
 @checked
@@ -80,7 +80,7 @@ class SparseFormulaSettings(StudentSettings):
 
 @dataclass(frozen=True)
 class _Growth:
-    """How a formula grows with its terms.
+    """The growth of a formula with its terms.
 
     Attributes:
         weights: Weights after each number of terms but the constant (terms + 1, g + 1, n).
@@ -139,12 +139,12 @@ def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
         gains = [
             max(
                 (
-                    ((own[count] - own[count + more]) / more, more)
-                    for more in range(1, min(LOOKED_AHEAD, left, len(own) - 1 - count) + 1)
+                    ((path[count] - path[count + more]) / more, more)
+                    for more in range(1, min(LOOKED_AHEAD, left, len(path) - 1 - count) + 1)
                 ),
                 default=(0.0, 0),
             )
-            for own, count in zip(errors, counts, strict=True)
+            for path, count in zip(errors, counts, strict=True)
         ]
         best = max(range(len(gains)), key=lambda formula: gains[formula])
         gain, more = gains[best]
@@ -157,11 +157,14 @@ def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
 
 def _grow(part: FormulaSamples, values: Array, opened: Sequence[Expression]) -> list[_Growth]:
     """Lets the formulas of a state grow term by term."""
+    # Choose terms one after the other, and the constants that go with them.
     terms = PossibleTerms(values, Tape(opened, values.shape[1])(values))
     paths, mean = weight_paths(terms, part.targets, LONGEST), terms.moments[0]
     intercepts = [
         target.mean() - path @ mean for target, path in zip(part.targets.T, paths, strict=True)
     ]
+
+    # Sum the squared errors after each term, block by block.
     squares = [np.zeros(len(path)) for path in paths]
     for rows, block in terms.blocks():
         errors = (

@@ -21,7 +21,7 @@ ITSELF = "itself"
 
 @dataclass(frozen=True)
 class Student:
-    """How tables and figures show a kind of student.
+    """A kind of student, as tables and figures show it.
 
     Attributes:
         title: Its name in tables and figures.
@@ -80,7 +80,7 @@ else:
 
 def policy_title(name: str) -> str:
     """Returns the title of the expert or a student; other policies are called by their name."""
-    titles = {"expert": "Neural expert"} | {own: STUDENTS[own].title for own in STUDENTS}
+    titles = {"expert": "Neural expert"} | {kind: STUDENTS[kind].title for kind in STUDENTS}
     return titles.get(name, name)
 
 
@@ -124,8 +124,7 @@ class StudentSettings(Settings):
     def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
         """Returns the settings to choose from by title, if they leave a choice.
 
-        With each stands its complexity, of which only the order counts: the simplest of those that
-        walk equally well is taken.
+        Each comes with its complexity: the simplest of those that walk equally well is taken.
         """
         return {}
 

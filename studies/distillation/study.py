@@ -1,13 +1,15 @@
-"""The distillation study: Algorithm 1 of the paper for each student, one round at a time."""
+"""`glassgait distill`: Algorithm 1 of the paper for each student, one round at a time."""
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
+import tyro
 from joblib import delayed
 from sklearn.model_selection import train_test_split
 from threadpoolctl import threadpool_limits
@@ -23,13 +25,23 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.settings import Settings, checked
 from glassgait.models.task.alternation import ratio_title
-from glassgait.models.task.gait import Gait
-from glassgait.studies.common.console import say
-from glassgait.studies.common.jobs import run_parallel
-from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.run import open_run
-from glassgait.studies.common.tables import write_metrics, write_table
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.jobs import (
+    Gaits,
+    Job,
+    SweepConfig,
+    gaits_named,
+    jobs_of,
+    parallel_backend,
+    run_parallel,
+    run_sweep,
+)
+from glassgait.studies.common.policies import EXPERT, find_expert
+from glassgait.studies.common.run import default_folder, open_run
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.boosting import fit_ensemble
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
@@ -123,8 +135,8 @@ def distill(
         inputs=inputs,
         resume=resume,
         free=("students", "n_workers"),  # Students are independent of one another.
-    ) as run:
-        work = _Distillation(config, gait, expert, worlds, folder, run)
+    ):
+        work = _Distillation(config, gait, expert, worlds, folder)
         # Students that share samples are made one after the other, different ones side by side.
         # The last come first: what takes long had better not be begun last.
         groups: dict[str, list[str]] = {}
@@ -151,7 +163,6 @@ class _Distillation:
     expert: NeuralPolicy
     worlds: DomainRandomization | Scenario
     folder: Path
-    run: str
 
     def students(self, kinds: Sequence[str]) -> dict[str, dict[str, Any]]:
         """Makes students, and returns their rows of the R² table."""
@@ -161,7 +172,7 @@ class _Distillation:
         """Collects, fits and records one student, or reads its record if that is done."""
         record_path = self.folder / kind / "record.json"
         if record_path.exists():
-            row = read_record(record_path, of=f"{self.run} {kind}")
+            row = read_record(record_path)
             path = policy_path(self.folder, kind)
             if not path.exists() or digest(path) != row["digest"]:
                 raise InputError(
@@ -176,7 +187,7 @@ class _Distillation:
                 row = self._fit_final(kind, dataset)
             row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
             row["digest"] = digest(policy_path(self.folder, kind))
-            write_record(record_path, row, of=f"{self.run} {kind}")
+            write_record(record_path, row)
         say(f"{STUDENTS[kind].title}: R² {row['r2']:.4f} on held-out episodes")
         return {key: value for key, value in row.items() if key != "digest"}
 
@@ -185,12 +196,11 @@ class _Distillation:
         planned, dataset = rounds(self.config, kind), None
         for plan in planned:
             path = self.folder / kind / f"round_{plan.number:02d}.safetensors"
-            of = f"{self.run} {kind} round {plan.number}"
             if path.exists():
-                samples = Dataset.load(path, of=of)
+                samples = Dataset.load(path)
             else:
                 samples = self._roll_out(kind, plan, len(planned), dataset)
-                samples.save(path, of=of)
+                samples.save(path)
             dataset = samples if dataset is None else dataset.union(samples)
         assert dataset is not None
         return dataset
@@ -282,3 +292,74 @@ class _Distillation:
         assert config.overdue_weight is not None  # `for_gait` has set it.
         counted = samples.with_overdue(config.overdue_weight)
         return FITS[kind](counted, settings, seed=config.seed, n_jobs=config.n_workers)
+
+
+@checked
+class Distill(Settings):
+    """Distil an expert into glass-box students by DAgger with alternation.
+
+    Attributes:
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
+        config: Settings of the run.
+        sweep: How many seeds, and where their jobs run; of one gait and seed, where its students
+            are made.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
+        source: Folder of a run of train, whose expert is taken; by default the one that ships, or
+            what was trained here.
+        output: Folder of the run; runs/distill/<gait> by default. Of several gaits each has
+            its folder <gait> in it, of several seeds seed_<seed> in that.
+        resume: Continue the run that the folder holds.
+    """
+
+    title: ClassVar[str] = "distill"
+
+    gait: Gaits = ("trot",)
+    config: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
+        default_factory=DistillationConfig
+    )
+    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
+    robot: str | None = None
+    source: Path | None = None
+    output: Path | None = None
+    resume: bool = False
+
+    def run(self) -> None:
+        """Runs the study."""
+        # Refused before any job is begun.
+        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        for gait in gaits:
+            self.config.for_gait(gait)
+        experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
+        jobs = jobs_of(
+            self.gait,
+            self.config.seed,
+            self.sweep,
+            root=default_folder(self.title, experts[0].robot.name),
+            output=self.output,
+        )
+        if len(jobs) > 1:
+            job = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
+            run_sweep(jobs, job, self.sweep)
+            return
+        (job,) = jobs
+        config = replace(self.config, n_workers=self.sweep.n_workers)
+        with parallel_backend(self.sweep.backend):
+            table = _distill_job(config, self.source, self.robot, job, resume=self.resume)
+        print_table("R² on held-out data", table)
+        console.print(f"students written to {job.folder}")
+
+
+def _distill_job(
+    config: DistillationConfig,
+    source: Path | None,
+    robot: str | None,
+    job: Job,
+    *,
+    resume: bool,
+) -> pd.DataFrame:
+    """Distils one expert, and returns its R² table."""
+    gait = load_gait(job.gait)
+    config = replace(config, gait=job.gait, seed=job.seed)
+    expert = find_expert(gait, source, robot)
+    r2 = distill(config, gait, expert, job.folder, resume=resume)
+    return write_r2_table(r2, gait.name, job.folder)

@@ -37,7 +37,7 @@ from glassgait.studies.distillation.gated_sum import fit_gated_sums
 from glassgait.studies.distillation.students import StudentSettings
 
 Engine = Literal["operon", "pysr"]
-"""What searches formulas."""
+"""Engine that searches formulas."""
 
 Shape = tuple[int, int]
 """Lengths of the sum that a formula starts from, and of the whole formula (nodes)."""
@@ -52,18 +52,18 @@ class SymbolicSettings(StudentSettings):
         max_length: Greatest length of a formula in nodes, the paper's overall complexity (pysr).
             Lengths are as the engine counts: to Operon a weighted observation is one node, to PySR
             it is three.
-        operator_complexity: Greatest length of what a function or a product is applied to, in
-            nodes; sums are free (pysr).
+        operator_complexity: Greatest length of the arguments of a function or a product, in nodes;
+            sums are free (pysr).
         iterations: Iterations of the search (pysr).
         generations: Generations of the search (operon).
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
-        shapes: Lengths of the sum that a formula starts from and of the whole formula, of which
-            equal ones leave nothing to the engine (operon). Rounds take the first.
+        shapes: Lengths of the sum that a formula starts from and of the whole formula; equal ones
+            leave nothing to the engine (operon). Rounds take the first.
         start_weights: How often a sample of an episode's start counts. Rounds, and PySR, take the
             first.
         max_samples: Samples that the search sees, drawn evenly (operon).
-        alone_episodes: Episodes of a round in which formulas act alone.
+        alone_episodes: Episodes of a round in which formulas act without the expert.
     """
 
     title: ClassVar[str] = "distillation: symbolic"
@@ -216,6 +216,7 @@ def fit_formulas(
 def _evolve(
     observations: Array, target: Array, max_length: int, seed: int, settings: SymbolicSettings
 ) -> Expression:
+    # Take every n-th sample, and variables of equal spread.
     stride = max(1, -(-len(target) // settings.max_samples))
     scale = np.std(observations, axis=0)
     scale[scale == 0] = 1.0
@@ -224,7 +225,7 @@ def _evolve(
         max_length=max(3, max_length - OPERON_SCALING_NODES),
         population_size=settings.population,
         generations=settings.generations,
-        # The generations alone end the search: a limit in seconds would not repeat itself.
+        # Only the generations end the search: a limit in seconds would not be reproducible.
         max_evaluations=10**9,
         optimizer_iterations=settings.coefficient_iterations,
         objectives=["r2"],
@@ -232,6 +233,8 @@ def _evolve(
         n_threads=1,
         random_state=seed,
     ).fit((observations / scale)[::stride], target[::stride])
+
+    # Read the formula back, as one of the variables themselves.
     names = variable_names(observations.shape[1])
     text = engine.get_model_string(engine.model_, precision=12, names=list(names))
     return _rescaled(parse_expression(text, names), scale)
@@ -277,7 +280,7 @@ def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
 def pysr_starts() -> bool:
     """Returns whether PySR and its Julia start here; missing ones are fetched first.
 
-    They start in a process of their own: PyTorch and Julia in one may end it.
+    They start in another process: one that holds both PyTorch and Julia may crash.
     """
     started = subprocess.run(
         [sys.executable, "-c", "import pysr"], capture_output=True, check=False
@@ -302,7 +305,7 @@ def _fit_pysr(
         model.fit(observations, target, variable_names=list(names))
         found = str(model.get_best()["equation"])
     except Exception as error:
-        # Julia's own errors have no common class.
+        # Julia's errors have no common class.
         problem = brief(str(error)) or type(error).__name__
         raise InputError(
             f"the engine 'pysr' ended with an error ({problem}); mend its settings, or use the "

@@ -1,1 +1,1 @@
-"""What each controller looks at, and whether that is true (paper, Section IV-B)."""
+"""The importance of observations, and figures of students from within (paper, Section IV-B)."""

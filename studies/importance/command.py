@@ -1,4 +1,4 @@
-"""`glassgait importance`: what each student looks at (paper, Section IV-B)."""
+"""`glassgait importance`: which observations each student uses (paper, Section IV-B)."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -60,7 +60,9 @@ class Importance(Experiment):
         Raises:
             InputError: if a policy is neural.
         """
-        found = {kind: own.policy for kind, own in self.controllers[self.gaits[0].name].items()}
+        found = {
+            kind: acting.policy for kind, acting in self.controllers[self.gaits[0].name].items()
+        }
         for kind, policy in found.items():
             if isinstance(policy, NeuralPolicy):
                 raise InputError(f"--policy {kind}: is neural; name a kind of student")

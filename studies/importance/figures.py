@@ -45,12 +45,13 @@ def interpret_model(
     quantities = units.quantities(observations)
     # A padded cut is infinite, and stays so.
     cuts, pair_cuts = (
-        _trimmed(units.quantities(own.T).T) for own in (policy.cuts, policy.pair_cuts)
+        _trimmed(units.quantities(edges.T).T) for edges in (policy.cuts, policy.pair_cuts)
     )
     singles = [(feature,) for feature in range(n)]
     mine = np.flatnonzero(policy.pair_joints == joint)
     pairs = [tuple(policy.pairs[index].tolist()) for index in mine]
 
+    # The functions: bins, scores and their spread, of single observations and of pairs.
     model.bins_ = [[fine, coarse] for fine, coarse in zip(cuts, pair_cuts, strict=True)]
     model.term_features_ = singles + pairs
     model.term_names_ = list(policy.term_names(joint))
@@ -64,6 +65,8 @@ def interpret_model(
             for (first, second), table in zip(pairs, paired, strict=True)
         ]
         setattr(model, attribute, [_with_ends(robot.action_scale * value) for value in values])
+
+    # The density of the samples, below each function and as a weight of its importance.
     model.bin_weights_ = [
         _counts(quantities[:, term], [(cuts, pair_cuts)[len(term) - 1][f] for f in term])
         for term in model.term_features_
@@ -72,6 +75,8 @@ def interpret_model(
     model.histogram_weights_ = [_with_ends(counts) for counts, _ in histograms]
     model.histogram_edges_ = [edges for _, edges in histograms]
     model.feature_bounds_ = np.stack([quantities.min(axis=0), quantities.max(axis=0)], axis=1)
+
+    # The attributes that interpret checks before it explains.
     model.feature_names_in_ = symbols
     model.feature_types_in_ = ["continuous"] * n
     model.n_features_in_ = n
@@ -99,10 +104,10 @@ def _with_ends(values: NDArray[Any]) -> Array:
 
 def _counts(columns: Array, cuts: list[Array]) -> Array:
     bins = [
-        np.searchsorted(own, column, side="right")
-        for own, column in zip(cuts, columns.T, strict=True)
+        np.searchsorted(edges, column, side="right")
+        for edges, column in zip(cuts, columns.T, strict=True)
     ]
-    counts = np.zeros([len(own) + 1 for own in cuts])
+    counts = np.zeros([len(edges) + 1 for edges in cuts])
     np.add.at(counts, tuple(bins), 1.0)
     return _with_ends(counts)
 
@@ -157,6 +162,8 @@ def tree_figure(
     axes.set_axis_off()
     axes.set(xlim=(0, 1), ylim=(-depth - 0.4, 0.4))
     axes.set_title(f"{_title(joint)}: tree {tree + 1} of {policy.features.shape[1]}")
+
+    # Walk the nodes from the root, each with the samples that come there.
     members = {0: np.ones(len(observations), dtype=bool)}
     for node in range(2 ** (depth + 1) - 1):
         if node not in members:
@@ -170,11 +177,14 @@ def tree_figure(
             threshold = float(policy.thresholds[joint, tree, node])
             # In the robot's units, and still the question that is asked of the observation.
             quantity = threshold / units.scale[feature] + units.offset[feature]
-            own = entries[feature]
-            label = f"{own.symbol}\n≤ {quantity:.3g} {own.unit}?\n{label}".replace(" ?", "?")
+            entry = entries[feature]
+            question = f"{entry.symbol}\n≤ {quantity:.3g} {entry.unit}?".replace(" ?", "?")
+            label = f"{question}\n{label}"
             face = "white"
             left = observations[:, feature] <= threshold
             members[2 * node + 1], members[2 * node + 2] = mine & left, mine & ~left
+
+        # A box, and the branch to the question above it.
         at = _place(node)
         axes.text(
             *at, label, ha="center", va="center", fontsize=5, bbox={**_BOX, "facecolor": face}
@@ -224,6 +234,8 @@ def dependence_figure(
         ice_lines_kw={"color": "0.7", "alpha": 0.5, "linewidth": 0.5},
         pd_line_kw={"color": "#D55E00", "linewidth": 1.8, "linestyle": "-"},
     )
+
+    # Axes in the robot's units, and one legend for all panels.
     for panel, column in zip(panels[0], columns, strict=True):
         panel.set(xlabel=_with_unit(policy, column), ylabel="")
         panel.get_legend().remove()
@@ -339,6 +351,7 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     """Draws the parts of one target, the largest first, and their sum (paper, Figure 9)."""
     order = np.argsort(-np.abs(contributions.values), kind="stable")
     shown, rest = order[:n_terms], order[n_terms:]
+    # The largest parts, the sum of the others, and the sum of all.
     labels = [contributions.terms[index] for index in shown]
     values = contributions.values[shown].tolist()
     if len(rest):
@@ -349,6 +362,8 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     labels = [textwrap.fill(label, LABEL_WIDTH) for label in labels]
     n_lines = sum(label.count("\n") + 1 for label in labels)
     values.append(float(contributions.values.sum()))
+
+    # Bars by sign; the sum is neutral.
     colors = [POSITIVE if value > 0 else NEGATIVE for value in values]
     colors[-1] = NEUTRAL
     figure, axes = subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * n_lines))

@@ -34,7 +34,9 @@ def merge_importances(importances: Array, names: tuple[str, ...]) -> Array:
         Importances (..., n_groups), in the order of `observation_groups`.
     """
     groups = observation_groups(names)
-    return np.stack([importances[..., own].sum(axis=-1) for own in groups.values()], axis=-1)
+    return np.stack(
+        [importances[..., columns].sum(axis=-1) for columns in groups.values()], axis=-1
+    )
 
 
 METHOD_TITLES = {
@@ -62,11 +64,14 @@ def permutation_importance(
     Returns:
         Losses of R² (repeats, 12, n).
     """
+    # The state's entries are one block; every other observation is one by itself.
     whole = r2_scores(policy, samples)
     observations = samples.observations
     state = set(indices_of("machine state", policy.observation_names))
     blocks = [[column] for column in range(observations.shape[1]) if column not in state]
     blocks += [sorted(state)] if state else []
+
+    # Shuffle a block, and score the student on it.
     losses = np.zeros((repeats, len(whole), observations.shape[1]))
     for repeat in range(repeats):
         for columns in blocks:

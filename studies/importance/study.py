@@ -76,7 +76,7 @@ def _drawn(data: Dataset, n_samples: int, seed: int) -> Dataset:
 def measure_importances(
     student: Policy, samples: Dataset, *, seed: int, repeats: int
 ) -> pd.DataFrame:
-    """Measures a student's importances by permutation and, if it has one, by its own method.
+    """Measures a student's importances by permutation and, if it has one, by its method.
 
     Args:
         student: The student.

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
+from glassgait.models.files import digest
 from glassgait.models.robots.library import load_robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import load_gait
@@ -71,11 +72,14 @@ def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
     """Trains one expert, from its checkpoint on if there is one."""
     config = replace(config, gait=job.gait, seed=job.seed)
     gait = load_gait(config.gait)
+    inputs = {"gait": gait.digest()}
+    if config.warm_start is not None:
+        inputs["warm_start"] = digest(Path(config.warm_start))
     with open_run(
         job.folder,
         study="train",
         settings=config,
-        inputs={"gait": gait.digest()},
+        inputs=inputs,
         resume=resume,
         free=("updates",),
     ):

@@ -36,7 +36,7 @@ Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 @checked
 class CurriculumConfig(Settings):
-    """How the reward machine's demands grow during training.
+    """Settings of the growth of the reward machine's demands during training.
 
     The difficulty scales the dwell and the clearance that a transition asks for, and divides its
     grace. It rises after every update in which the robots kept enough of the commanded rhythm. At a
@@ -71,8 +71,8 @@ class PpoConfig(Settings):
 
     Attributes:
         steps_per_update: Control steps of each robot between two updates.
-        critic_updates: Updates at first in which the critic learns alone, where the actor does not
-            begin anew as it does. Both learn at one rate, which is low for an actor that is good.
+        critic_updates: First updates, in which only the critic learns. It begins anew even where
+            the actor does not, and both learn at one rate, which is low for a good actor.
         epochs: Passes over those steps.
         num_minibatches: Mini-batches of a pass.
         clip: Clipping of the probability ratio.
@@ -151,7 +151,7 @@ class TrainingConfig(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file; the command takes several.
-        robot: Name of a robot that ships, or path of a `robot.yaml` of one's own.
+        robot: Name of a robot that ships, or path of a `robot.yaml`.
         seed: Seed of all randomness.
         warm_start: Expert of this robot, of a machine with as many states, as which the actor
             begins; by default it begins anew.
@@ -162,7 +162,7 @@ class TrainingConfig(Settings):
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
             machine does.
-        limit_targets: Whether joints follow targets within their ranges alone, the nearest ones
+        limit_targets: Whether joints only follow targets within their ranges, the nearest ones
             there. The expert's file says so, and with which gains joints followed; it and its
             students are run so from then on.
         senses: Where the body state comes from: `learned` is the paper's, a network that learns
@@ -201,13 +201,13 @@ class TrainingConfig(Settings):
 
     @property
     def joint_law(self) -> JointLaw:
-        """How joints follow targets in training, where exploration may ask for anything."""
+        """The control of the joints in training, where exploration may ask for anything."""
         gains = self.worlds.station.gains(load_robot(self.robot))
         return JointLaw(gains, self.limit_targets)
 
     @property
     def expert_law(self) -> JointLaw:
-        """How joints follow the expert's targets: with limits that come last, if it has an IMU.
+        """The control of the joints by the expert: with limits that come last, if it has an IMU.
 
         Raises:
             InputError: if the robot's default stance is beyond the limits.

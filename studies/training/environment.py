@@ -78,6 +78,8 @@ class Environment:
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
+
+        # A station for each group; its ground is laid at the hardship of the curriculum.
         worlds, robot = config.worlds, load_robot(config.robot)
         self._stations = stations = worlds.stations(robot, generator)
         self._ground_hardship = config.curriculum.initial_hardship
@@ -99,12 +101,15 @@ class Environment:
             difficulty=config.curriculum.initial_difficulty,
         )
         self.hardship = config.curriculum.initial_hardship
+
+        # The critic observes each robot's load and motors.
         members = self.simulator.physics.members(config.n_robots)
         self._body = np.repeat(
             [[station.payload, station.motor_strength] for station in stations],
             [len(group) for group in members],
             axis=0,
         )
+
         # Spread the ends of the first episodes, so that updates see all ages at once.
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
         self.simulator.restore(self.simulator.state._replace(steps=ages))
@@ -161,6 +166,7 @@ class Environment:
         """Holds actions (n, 12) for one control step and resets the robots that ended."""
         simulator = self.simulator
         step = simulator.step(actions.numpy().astype(float))
+        # An episode also ends in a sink of the reward machine, where nothing more can be earned.
         worthless = step.terminated | simulator.machine.in_sink(
             simulator.state.memory.machine.state
         )

@@ -156,6 +156,7 @@ class Learner:
             actor: The policy that acts.
             estimator: The estimator that the environment observes with, if it learns too.
         """
+        # PPO's networks, storage and optimizer.
         ppo = config.ppo
         self._config = ppo
         critic = MLPModel(
@@ -180,6 +181,8 @@ class Learner:
             use_clipped_value_loss=False,
         )
         self.ppo.train_mode()
+
+        # Everything that a checkpoint holds, by name.
         self._modules: dict[str, nn.Module] = {"actor": actor, "critic": critic}
         self._optimizers: dict[str, torch.optim.Optimizer] = {"ppo_optimizer": self.ppo.optimizer}
         self._estimator = estimator
@@ -202,10 +205,13 @@ class Learner:
             last_observations: Observation groups after the last stored step.
             number: Updates done before this one.
         """
+        # The entropy's weight and the divergence follow their schedules.
         ppo = self._config
         decay = np.interp(number, ppo.entropy_decay, (ppo.entropy, ppo.final_entropy))
         self.ppo.entropy_coef = float(decay)
         self.ppo.desired_kl = float(np.interp(number, ppo.kl_decay, (ppo.desired_kl, ppo.final_kl)))
+
+        # The estimator learns from the same steps, which PPO's update clears.
         with torch.inference_mode():
             self.ppo.compute_returns(last_observations)
         stored = self.ppo.storage.observations.flatten(0, 1).clone()

@@ -49,7 +49,7 @@ def read_config(path: Path) -> TrainingConfig:
     if start is None or Path(start).exists():
         return config
     beside = path.parent / start
-    # The run's own result, which may have the same name, is not what it began as.
+    # The run's result may have the name of the expert that it began as.
     is_result = beside.with_suffix(path.suffix) == path
     return replace(config, warm_start=str(beside)) if beside.exists() and not is_result else config
 

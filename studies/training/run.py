@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections import defaultdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -72,7 +71,7 @@ class LearningRun(ABC):
             resume: Whether to continue from the folder's checkpoint.
 
         Raises:
-            InputError: if there is nothing to resume, or it is damaged or of another run.
+            InputError: if there is nothing to resume, or it is damaged.
         """
         self.config = config
         self.gait = gait
@@ -92,10 +91,6 @@ class LearningRun(ABC):
     @abstractmethod
     def write_result(self) -> None:
         """Writes what was learned so far, with its record."""
-
-    def _inputs(self) -> tuple[str, ...]:
-        """Returns digests of what the run learns from, besides its gait."""
-        return ()
 
     def run(self) -> None:
         """Learns to the end, and reports progress.
@@ -121,6 +116,8 @@ class LearningRun(ABC):
                     writer.add_scalar(name, value, self.n_updates)
                 if self.n_updates % every == 0 or self.n_updates == updates:
                     self.save()
+
+                # Report.
                 line = (
                     f"{self.n_updates * self.config.steps_per_update / self.seconds:5.0f} steps/s  "
                     f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "
@@ -166,18 +163,13 @@ class LearningRun(ABC):
         return row
 
     def _raise_demands(self, rhythm: float, failure_rate: float) -> None:
+        # Difficulty first; hardship once the reward machine asks for all.
         curriculum, environment = self.config.curriculum, self.environment
         if rhythm <= curriculum.required_rhythm:
             return
         if environment.difficulty == 1.0 and failure_rate <= curriculum.most_failures:
             environment.hardship = min(1.0, environment.hardship + curriculum.hardship_rise)
         environment.difficulty = min(1.0, environment.difficulty + curriculum.rise)
-
-    @property
-    def _made_of(self) -> dict[str, Any]:
-        """What a resumed run must have in common with the one that wrote the checkpoint."""
-        settings = {key: value for key, value in to_plain(self.config).items() if key != "updates"}
-        return {"settings": settings, "inputs": [self.gait.digest(), *self._inputs()]}
 
     def save(self) -> None:
         """Writes weights, optimizers, every robot and all generators, and the result so far."""
@@ -189,7 +181,6 @@ class LearningRun(ABC):
             "update": self.n_updates,
             "seconds": self.seconds,
             "curve": self.curve,
-            "of": self._made_of,
             **values,
         }
         save_arrays(self.folder / CHECKPOINT_NAME, arrays, header)
@@ -199,15 +190,10 @@ class LearningRun(ABC):
         """Continues from the folder's checkpoint.
 
         Raises:
-            InputError: if it is missing or damaged, or its run had other settings or inputs.
+            InputError: if it is missing or damaged, or does not fit the run's settings.
         """
         path = self.folder / CHECKPOINT_NAME
         arrays, header = load_arrays(path)
-        if header.get("of") != self._made_of:
-            raise InputError(
-                f"{path}: its run had other settings or another gait or policy to begin with; "
-                "name another folder with --output"
-            )
         try:
             for name, part in (("environment", self.environment), ("learner", self.learner)):
                 start = f"{name}:"
@@ -228,6 +214,7 @@ class LearningRun(ABC):
             name: Name of the files.
             study: Settings of a study that does more than train, for the record.
         """
+        # The record: how the policy was trained, and how it did at the end.
         curve = pd.DataFrame(self.curve)
         recent = curve.tail(RECENT_UPDATES).mean()
         steps = self.n_updates * self.config.steps_per_update
@@ -250,6 +237,8 @@ class LearningRun(ABC):
             **({} if study is None else {study.title: to_plain(study)}),
             "config": recipe(self.config),
         }
+
+        # The files.
         policy.save(self.folder / f"{name}{policy.suffix}")
         text = yaml.safe_dump(record, sort_keys=False)
         write_atomically(self.folder / f"{name}.yaml", text)
@@ -267,7 +256,7 @@ class TrainingRun(LearningRun):
         imu = config.senses == "imu"
         layout = ObservationLayout(self.gait.n_states, imu=imu)
         mirror = self._mirrored_states = mirrored_states(self.gait) if config.mirrored else None
-        self._start = _load_start(config, layout, mirror)
+        start = _load_start(config, layout, mirror)
         reflection = None if mirror is None else reflect_observation(layout.names, mirror)
 
         # The estimator learns beside the actor, or is odometry.
@@ -281,14 +270,11 @@ class TrainingRun(LearningRun):
         # The actor begins anew or as another expert.
         observations = environment.observe()
         actor = gaussian_actor(config.ppo, observations)
-        if self._start is not None:
-            set_layers(actor.mlp, self._start.actor.plain)
+        if start is not None:
+            set_layers(actor.mlp, start.actor.plain)
         if reflection is not None:
             act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
         return environment, Learner(config, observations, actor, learned)
-
-    def _inputs(self) -> tuple[str, ...]:
-        return () if self._start is None else (self._start.digest(),)
 
     def write_result(self) -> None:
         """Writes the expert as it is now, its record and its curve."""

@@ -267,20 +267,6 @@ def test_a_finished_folder_is_not_overwritten(distilled, tiny_distillation, expe
         resume(distilled, seed=1)
 
 
-@pytest.mark.parametrize(
-    ("source", "target"),
-    [
-        ("ebm/record.json", "linear/record.json"),
-        ("linear/round_01.safetensors", "linear/round_02.safetensors"),
-    ],
-)
-def test_files_of_another_round_or_student_are_not_mixed_in(source, target, copied, resume):
-    (copied / "linear" / "record.json").unlink()
-    shutil.copy(copied / source, copied / target)
-    with pytest.raises(InputError, match="another run"):
-        resume(copied, students=("linear",))
-
-
 @pytest.mark.parametrize("name", ["linear/record.json", "linear/round_01.safetensors"])
 def test_damaged_work_is_refused(name, copied, resume):
     if "round" in name:
