@@ -10,7 +10,7 @@ from glassgait.models.certificates.checker.policy import FormulaFile
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
 
 SMALL = """format: 2
@@ -53,7 +53,7 @@ RR_calf = 2*(h.RL - 1)**3
 
 SHARED = re.sub(r"mirror.*\n", "", SMALL).replace("state 0", "every state")
 
-PAGE = load_student("trot", "sparse_formula").to_text()
+PAGE = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
 WHOLE = PAGE[: PAGE.index("\n\n") + 1] + SMALL[SMALL.index("\ndefinitions") :]
 WHOLE = WHOLE.replace("lifted.FR = tanh(100*h.FR - 2)\n", "")
 """A whole controller, one definition of which is the image of another."""

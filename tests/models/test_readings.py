@@ -1,5 +1,7 @@
 """Ranges in which formulas read what is sensed: what they say, do, and let be proved."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -175,11 +177,8 @@ def test_no_observation_of_a_box_breaks_a_bound(formula, seed):
     targets, moved = (_targets(policy, own) for own in (drawn, other))
     slopes = policy.derivatives(UNITS.observed(drawn))[:, 0, along]
     slopes *= A1.action_scale * UNITS.scale[along]
-    for of, values in (
-        ("target", targets),
-        ("effect", targets - moved),
-        ("slope", slopes),
-    ):
+    cases: dict[Any, np.ndarray] = {"target": targets, "effect": targets - moved, "slope": slopes}
+    for of, values in cases.items():
         asked = Query(of, 0, 0, sign, -1 if of == "target" else along)
         found = FormulaTargets(policy).bound(asked, region, gap=1e-4)
         assert (sign * values <= found.bound + 1e-9).all()
