@@ -20,8 +20,8 @@ from glassgait.models.policies.controller import Estimator
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
-from glassgait.models.task.ground import FootSense, sense_feet
-from glassgait.models.task.observation import ObservationLayout, body_state
+from glassgait.models.task.ground import FootSense, body_state, sense_feet
+from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.reward import Reward, step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import FAILURES, failures

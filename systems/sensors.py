@@ -9,8 +9,8 @@ from glassgait.models.estimation.contact import read_contacts, stuck_sensors
 from glassgait.models.estimation.imu import IMU_NOISE, N_IMU, measure_imu
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.ground import LEVEL_GROUND, Ground, sense_feet
-from glassgait.models.task.observation import JOINT_NOISE, N_ESTIMATED, body_state
+from glassgait.models.task.ground import LEVEL_GROUND, Ground, body_state, sense_feet
+from glassgait.models.task.observation import JOINT_NOISE, N_ESTIMATED
 from glassgait.models.task.randomization import Randomization, seed_of
 from glassgait.systems.base import FunctionSystem, MealySystem, Outputs
 

@@ -25,8 +25,7 @@ from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.formula import parse_formula
-from glassgait.models.task.gait import Gait, Transition, load_gait
+from glassgait.models.task.gait import Gait, Transition, load_gait, parse_formula
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.common.console import BAD_INPUT

@@ -11,12 +11,12 @@ from annotated_types import Ge, Le, MinLen
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.files import parse_yaml
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.file import DEFINITIONS, EVERY_STATE, FORMAT, FormulaFile
 from glassgait.models.formulas.grammar import TextError, parse_formula, refuse_unprintable
 from glassgait.models.formulas.mirror import FormulaMirror, Place, completed
 from glassgait.models.formulas.quantities import Definition, Range, Readings, Vocabulary
-from glassgait.models.plain_yaml import parse_yaml
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import Gains, JointLaw
 from glassgait.models.robots.robot import DEFAULT_ROBOT

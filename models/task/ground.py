@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.estimation.odometry import BASE_VELOCITY_SCALE
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
@@ -257,3 +258,10 @@ def sense_feet(
         # On level ground height and contact are one measurement.
         touching = height < 0.0 if ground.is_level else ground.touching(robot, positions)
     return FootSense(touching=touching, contact=touching | previously_touching, height=height)
+
+
+def body_state(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Array:
+    """Returns the true base velocity, scaled by 2, and foot heights (..., 7; m/s, m)."""
+    linear, _ = kinematics.base_velocity(state)
+    heights = ground.foot_heights(robot, state)
+    return np.concatenate([BASE_VELOCITY_SCALE * linear, heights], axis=-1)

@@ -14,7 +14,6 @@ from glassgait.models.estimation.odometry import BASE_VELOCITY_SCALE
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import MOST_STATES
-from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1
@@ -314,10 +313,3 @@ def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
     )
     past = (observation[..., spent] - observation[..., commanded]) / ITERATIONS_SCALE
     return np.rint(past) >= OVERDUE
-
-
-def body_state(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Array:
-    """Returns the true base velocity, scaled by 2, and foot heights (..., 7; m/s, m)."""
-    linear, _ = kinematics.base_velocity(state)
-    heights = ground.foot_heights(robot, state)
-    return np.concatenate([BASE_VELOCITY_SCALE * linear, heights], axis=-1)

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
-from glassgait.models.task.formula import N_STANCES, stance_code
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait import N_STANCES, Gait, stance_code
 
 TRANSITION_MULTIPLIER = 1000.0
 """Factor on the plain reward of a step in which the machine moves on."""

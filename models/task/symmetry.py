@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
-from glassgait.models.task.formula import STANCES, stance_code
-from glassgait.models.task.gait import Gait, Transition
+from glassgait.models.task.gait import STANCES, Gait, Transition, stance_code
 from glassgait.models.task.observation import ObservationEntry, entries_of
 
 MIRRORED_LEGS = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}

@@ -24,8 +24,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands, sound_command
-from glassgait.models.task.formula import STANCES
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait import STANCES, Gait
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.studies.common.episode import (
     BoolArray,

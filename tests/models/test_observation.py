@@ -6,9 +6,9 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
+from glassgait.models.task.ground import body_state
 from glassgait.models.task.observation import (
     ObservationLayout,
-    body_state,
     entries_of,
     entry_of,
     indices_of,

@@ -12,9 +12,9 @@ from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.formula import parse_formula
-from glassgait.models.task.gait import load_gait
-from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
+from glassgait.models.task.gait import load_gait, parse_formula
+from glassgait.models.task.ground import body_state
+from glassgait.models.task.observation import ObservationLayout, proprioception
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.symmetry import (
     MIRRORED_LEGS,

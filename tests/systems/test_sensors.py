@@ -16,7 +16,8 @@ from glassgait.models.estimation.imu import GRAVITY, IMU_NOISE, ImuErrors, ImuRe
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.observation import JOINT_NOISE, body_state
+from glassgait.models.task.ground import body_state
+from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.terrain import Terrain
 from glassgait.systems.control import JointTargets

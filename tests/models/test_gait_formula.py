@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.task.formula import STANCES, parse_formula, stance_code
+from glassgait.models.task.gait import STANCES, parse_formula, stance_code
 
 
 def test_table_agrees_with_python_on_every_stance():
