@@ -188,7 +188,7 @@ class ControlStep:
             joint_velocity=sensors.joint_velocity,
             previous_action=memory.action,
             rm_state=self.machine.one_hot(memory.machine.state),
-            rm_iterations=memory.machine.iterations,
+            rm_iterations=memory.machine.iterations.astype(float),
             commanded_dwell=command.dwell,
             imu=sensors.imu if self.observes_imu else None,
             limited=self.law.limited,
