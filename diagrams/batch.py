@@ -14,8 +14,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState, measured
 from glassgait.models.arrays import Array
 from glassgait.models.control import BoolArray, ControlStep
-from glassgait.models.estimation.contact import read_contacts
-from glassgait.models.estimation.imu import N_IMU, measure_imu
+from glassgait.models.estimation.sensors import N_IMU, measure_imu, read_contacts
 from glassgait.models.policies.controller import Estimator
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD

@@ -19,9 +19,8 @@ from glassgait.diagrams.commands import AddCommand, AddSeed
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints, laid
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.contact import stuck_sensors
-from glassgait.models.estimation.imu import N_IMU
 from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.estimation.sensors import N_IMU, stuck_sensors
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot
@@ -34,12 +33,13 @@ from glassgait.systems.control import (
     AlternationSchedule,
     ContactTrustSystem,
     JointTargets,
+    OdometrySystem,
     PolicySystem,
     Proprioception,
     RewardMachineSystem,
+    StateEstimator,
     TargetLimitsSystem,
 )
-from glassgait.systems.estimation import OdometrySystem, StateEstimator
 from glassgait.systems.reward import FallMonitor, RewardSystem
 from glassgait.systems.sensors import (
     BodyStateSensor,

@@ -12,7 +12,7 @@ from glassgait.diagrams.physics import Engine, Held, IntArray
 from glassgait.diagrams.station import PATCH, PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.contact import BoolArray
+from glassgait.models.estimation.sensors import BoolArray
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import Terrain

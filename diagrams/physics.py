@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.contact import BoolArray
+from glassgait.models.estimation.sensors import BoolArray
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD

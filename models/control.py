@@ -16,9 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.contact import BoolArray, ContactTrust, believed_contacts
-from glassgait.models.estimation.imu import N_IMU, ImuReading
 from glassgait.models.estimation.odometry import Odometry, OdometryState
+from glassgait.models.estimation.sensors import (
+    N_IMU,
+    BoolArray,
+    ContactTrust,
+    ImuReading,
+    believed_contacts,
+)
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.robot import Robot

@@ -5,8 +5,13 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.contact import read_contacts, stuck_sensors
-from glassgait.models.estimation.imu import IMU_NOISE, N_IMU, measure_imu
+from glassgait.models.estimation.sensors import (
+    IMU_NOISE,
+    N_IMU,
+    measure_imu,
+    read_contacts,
+    stuck_sensors,
+)
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.ground import LEVEL_GROUND, Ground, body_state, sense_feet
@@ -144,7 +149,7 @@ class ImuSensor(MealySystem):
     """Measures angular velocity, change of velocity and gravity's direction.
 
     Drake's `Gyroscope` measures the first as well; its `Accelerometer` measures an instant, while
-    `glassgait.models.estimation.imu` needs the sum over a control period.
+    `glassgait.models.estimation.sensors` needs the sum over a control period.
 
     .. pydrake_system::
 
@@ -158,7 +163,7 @@ class ImuSensor(MealySystem):
 
     Inputs: state (37), the plant's. uniform_noise (9, in [0, 1]) and imu_bias (9), added to a
     reading; either may stay unconnected.
-    Outputs: imu (9; rad/s, m/s, none), the reading of `glassgait.models.estimation.imu`, of this
+    Outputs: imu (9; rad/s, m/s, none), a reading by `glassgait.models.estimation.sensors`, of this
     control instant or as many before as it is late; at first the first.
     State: whether there is an instant before (1), the trunk's velocity then (3, world frame), and
     the readings that are still to come (delay × 9). Drake's `DiscreteTimeDelay` would latch after

@@ -11,7 +11,7 @@ import yaml
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
-from glassgait.models.estimation.imu import IMU_NOISE
+from glassgait.models.estimation.sensors import IMU_NOISE
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots import quadruped

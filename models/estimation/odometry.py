@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from glassgait.models import CONTROL_PERIOD
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.imu import GRAVITY, ImuReading
+from glassgait.models.estimation.sensors import GRAVITY, ImuReading
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot

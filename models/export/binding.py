@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError, brief
-from glassgait.models.estimation.imu import ImuReading
+from glassgait.models.estimation.sensors import ImuReading
 from glassgait.models.export.c_source import ControllerSource, Interface
 from glassgait.models.files import write_atomically
 from glassgait.models.robots import quadruped

@@ -3,16 +3,15 @@
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from glassgait.models.estimation.contact import LOW, UNCHANGED_STEPS
-from glassgait.models.estimation.imu import GRAVITY
 from glassgait.models.estimation.odometry import SLIP, Odometry
+from glassgait.models.estimation.sensors import GRAVITY, LOW, UNCHANGED_STEPS
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.file import FormulaFile, header_lines
 from glassgait.models.formulas.grammar import SIGNS, Notation, formula_tokens, written_number
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.target_limits import TargetLimits
+from glassgait.models.robots.joint_law import TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import entries_of
 
@@ -31,7 +30,7 @@ def programs_of(file: FormulaFile) -> dict[str, list[str]]:
 
 
 def contacts_program() -> list[str]:
-    """Writes which contact sensors are believed; see `glassgait.models.estimation.contact`."""
+    """Writes which contact sensors are believed; see `glassgait.models.estimation.sensors`."""
     seconds = written_number(UNCHANGED_STEPS * CONTROL_PERIOD)
     return [
         "# Of each foot: sensed, whether its sensor feels the ground; expected, its height (m)",
@@ -67,7 +66,7 @@ def odometry_program(odometry: Odometry) -> list[str]:
 
 
 def limits_program(limits: TargetLimits) -> list[str]:
-    """Writes how targets are limited; see `glassgait.models.robots.target_limits`."""
+    """Writes how targets are limited; see `glassgait.models.robots.joint_law`."""
     stiffness, margin = written_number(limits.stiffness), written_number(limits.margin)
     return [
         "# asked: what a formula asks for; before: target of the step before; q: angle of the",

@@ -8,8 +8,14 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.contact import STUCK_CLOSED, STUCK_OPEN, stuck_sensors
-from glassgait.models.estimation.imu import IMU_NOISE, N_IMU, ImuErrors
+from glassgait.models.estimation.sensors import (
+    IMU_NOISE,
+    N_IMU,
+    STUCK_CLOSED,
+    STUCK_OPEN,
+    ImuErrors,
+    stuck_sensors,
+)
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import DISTINCT, FEW, IN_ORDER, NotNegative, Range, Settings, checked

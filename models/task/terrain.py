@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.imu import GRAVITY
+from glassgait.models.estimation.sensors import GRAVITY
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import NotNegative, Seed, Settings, checked
 

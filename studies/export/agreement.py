@@ -12,7 +12,7 @@ from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.control import ControlStep, Sensors
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.imu import GRAVITY
+from glassgait.models.estimation.sensors import GRAVITY
 from glassgait.models.export.binding import LoadedController, Memory
 from glassgait.models.policies.controller import (
     AlternatingController,

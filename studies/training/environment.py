@@ -14,8 +14,8 @@ from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.imu import ImuReading, measure_imu
 from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.estimation.sensors import ImuReading, measure_imu
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS

@@ -16,7 +16,7 @@ from glassgait.diagrams.scenario import (
 )
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.imu import ImuErrors
+from glassgait.models.estimation.sensors import ImuErrors
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.termination import TerminationLimits
 

@@ -10,7 +10,7 @@ from glassgait.models.certificates.claims import (
     load_claims,
 )
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.imu import IMU_NOISE, ImuReading
+from glassgait.models.estimation.sensors import IMU_NOISE, ImuReading
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import (

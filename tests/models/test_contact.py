@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddStation, StationConfig
-from glassgait.models.estimation.contact import LOW, UNCHANGED_STEPS, ContactTrust
+from glassgait.models.estimation.sensors import LOW, UNCHANGED_STEPS, ContactTrust
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.ground import sense_feet

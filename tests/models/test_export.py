@@ -8,8 +8,8 @@ import pytest
 
 from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.contact import UNCHANGED_STEPS
 from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.export.binding import (
     OK,
     LoadedController,

@@ -8,8 +8,7 @@ import pytest
 
 from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.contact import UNREAD
-from glassgait.models.estimation.imu import ImuReading
+from glassgait.models.estimation.sensors import UNREAD, ImuReading
 from glassgait.models.export.binding import (
     BAD_INPUT,
     BAD_MEMORY,

@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import InputPortIndex
 
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.contact import UNCHANGED_STEPS
+from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot

@@ -17,8 +17,8 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.joint_law import TargetLimits
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.target_limits import TargetLimits
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.randomization import Randomization
@@ -29,12 +29,13 @@ from glassgait.systems.control import (
     AlternationSchedule,
     ContactTrustSystem,
     JointTargets,
+    OdometrySystem,
     PolicySystem,
     Proprioception,
     RewardMachineSystem,
+    StateEstimator,
     TargetLimitsSystem,
 )
-from glassgait.systems.estimation import OdometrySystem, StateEstimator
 from glassgait.systems.gait_display import GaitDisplay
 from glassgait.systems.reward import FallMonitor, RewardSystem
 from glassgait.systems.sensors import (

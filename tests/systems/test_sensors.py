@@ -11,8 +11,14 @@ from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.systems.sensors import Accelerometer, Gyroscope
 
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
-from glassgait.models.estimation.contact import stuck_sensors
-from glassgait.models.estimation.imu import GRAVITY, IMU_NOISE, ImuErrors, ImuReading, measure_imu
+from glassgait.models.estimation.sensors import (
+    GRAVITY,
+    IMU_NOISE,
+    ImuErrors,
+    ImuReading,
+    measure_imu,
+    stuck_sensors,
+)
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
