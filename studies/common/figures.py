@@ -1,17 +1,30 @@
-"""The look of the project's figures, and how they are written."""
+"""Figures and HTML pages: their look, the gait diagram, and how they are written."""
 
+import base64
 import io
+import json
+import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import jinja2
 import matplotlib as mpl
-from matplotlib.axis import Axis
-from matplotlib.category import StrCategoryFormatter
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter, FuncFormatter
+from matplotlib.patches import Patch
 
+from glassgait.diagrams.rollout import Rollout
 from glassgait.models.files import write_atomically
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.drawing import ink_on, state_colors
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.tables import format_cell
+
+SHARED_TEMPLATES = Path(__file__).parent / "templates"
 
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""
@@ -31,12 +44,14 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "legend.frameon": False,
     "figure.constrained_layout.use": True,
+    # Names of gaits and files may hold dollar signs.
+    "text.parse_math": False,
     "pdf.fonttype": 42,
     "savefig.dpi": 200,
 }
 
 styled = mpl.rc_context(STYLE)
-"""Decorates a function that draws a figure, so that the look is the project's there alone."""
+"""Decorates a function that draws a figure, without a change of Matplotlib's global state."""
 
 
 def subplots(n_rows: int = 1, n_columns: int = 1, **options: Any) -> tuple[Figure, Any]:
@@ -53,11 +68,7 @@ def subplots(n_rows: int = 1, n_columns: int = 1, **options: Any) -> tuple[Figur
 
 @styled
 def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png", "pdf")) -> None:
-    """Writes a figure as `<stem>.png` and `<stem>.pdf`.
-
-    A dollar sign in a title, a label or a legend is one: names are no mathematics.
-    """
-    _take_names_as_text(figure)
+    """Writes a figure as `<stem>.png` and `<stem>.pdf`."""
     for extension in extensions:
         buffer = io.BytesIO()
         # No date inside: equal runs give equal files.
@@ -66,22 +77,100 @@ def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png"
         write_atomically(stem.with_name(f"{stem.name}.{extension}"), buffer.getvalue())
 
 
-def _take_names_as_text(figure: Figure) -> None:
-    axes = [axis for own in figure.axes for axis in (own.xaxis, own.yaxis)]
-    # Matplotlib writes the powers of ten of a logarithmic axis as mathematics.
-    powers = {
-        text
-        for axis in axes
-        if not _is_named(axis)
-        for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
-        for text in tick.findobj(Text)
+@styled
+def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) -> Figure:
+    """Draws the feet in contact over time, with the reward machine's states as bands."""
+    figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
+    last = rollout.time[-1]
+    draw_gait(axes, rollout, gait)
+    axes.set_xlim(max(0.0, last - seconds), last)
+    axes.set_title(title)
+    return figure
+
+
+def strip_data(rollout: Rollout, gait: Gait) -> dict[str, Any]:
+    """Returns the data of a page's gait strip; see `player.js`."""
+    colors = state_colors(gait)
+    return {
+        "period": CONTROL_PERIOD,
+        "legs": quadruped.LEGS,
+        "states": gait.states,
+        "colors": colors,
+        "inks": [ink_on(color) for color in colors],
+        "state": rollout["rm_state"].argmax(axis=1).tolist(),
+        "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
     }
-    for text in figure.findobj(Text):
-        if isinstance(text, Text) and text not in powers:
-            text.set_parse_math(False)
 
 
-def _is_named(axis: Axis) -> bool:
-    """Returns whether somebody gave the labels of the ticks, rather than matplotlib."""
-    given = (FixedFormatter, FuncFormatter, StrCategoryFormatter)
-    return isinstance(axis.get_major_formatter(), given)
+def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
+    """Draws the gait diagram of a whole rollout."""
+    states, colors = rollout["rm_state"].argmax(axis=1), state_colors(gait)
+    for start, stop in _runs(states):
+        axes.axvspan(
+            rollout.time[start],
+            rollout.time[start] + (stop - start) * CONTROL_PERIOD,
+            color=colors[states[start]],
+            alpha=0.25,
+            linewidth=0,
+        )
+    for row in range(quadruped.N_LEGS):
+        touches = rollout["foot_contact"][:, row] > 0.5
+        bars = [
+            (rollout.time[start], (stop - start) * CONTROL_PERIOD)
+            for start, stop in _runs(touches)
+            if touches[start]
+        ]
+        axes.broken_barh(bars, (row - 0.35, 0.7), color="0.15", linewidth=0)
+    axes.set_yticks(range(quadruped.N_LEGS), quadruped.LEGS)
+    axes.set(xlabel="time (s)", ylim=(quadruped.N_LEGS - 0.4, -0.6))
+    axes.grid(visible=False)
+    handles = [
+        Patch(color=color, alpha=0.25, label=name)
+        for name, color in zip(gait.states, colors, strict=True)
+    ]
+    handles.insert(0, Patch(color="0.15", label="contact"))
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _runs(values: np.ndarray) -> list[tuple[int, int]]:
+    """Finds the stretches [start, stop) of equal values."""
+    edges = np.flatnonzero(np.diff(values)) + 1
+    borders = [0, *edges.tolist(), len(values)]
+    return list(pairwise(borders))
+
+
+def page_template(folder: Path, name: str) -> jinja2.Template:
+    """Loads a template of a study; it may extend the shared `page.html`.
+
+    Args:
+        folder: Folder of the study's own templates.
+        name: File name.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader([folder, SHARED_TEMPLATES]),
+        autoescape=jinja2.select_autoescape(["html"]),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["cell"] = format_cell
+    environment.filters["minus"] = lambda text: re.sub(r"-(?=[0-9])", "−", text)
+    environment.globals["chip"] = lambda color: f"background: {color}; color: {ink_on(color)}"
+    return environment.get_template(name)
+
+
+def gait_title(gait: str, robot: Robot) -> str:
+    """Returns the title of a gait on a page, with the robot unless it is the default one."""
+    whose = "" if robot.name == DEFAULT_ROBOT else f" of the {robot.name.capitalize()}"
+    return f"{gait.capitalize()}{whose}"
+
+
+def embedded(value: Any) -> str:
+    """Writes a value as JSON that may stand inside a script element."""
+    return json.dumps(value).replace("<", "\\u003c")
+
+
+def inline_image(path: Path) -> str:
+    """Encodes a picture as a URL that holds all of it."""
+    kind = {".png": "image/png", ".svg": "image/svg+xml", ".gif": "image/gif"}[path.suffix]
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.studies.common.episode import BoolArray, ControlStep, IntArray, Observer
+from glassgait.studies.common.episode import ControlStep, Observer
 
 
 @dataclass(frozen=True)
@@ -98,36 +97,6 @@ class Observations(Observer):
         return np.array(self._rows)
 
 
-class Snapshots(Observer):
-    """Records the task's state before each control step, to go on from.
-
-    Attributes:
-        states: The states (T).
-    """
-
-    def __init__(self) -> None:
-        self.states: list[TaskState] = []
-
-    def observe(self, step: ControlStep) -> None:
-        """Records a control step."""
-        self.states.append(step.before)
-
-    def at(self, robots: IntArray, steps: IntArray) -> TaskState:
-        """Returns the states of robots (m), each before a control step of its own (m)."""
-        rows = [self.states[step].as_arrays() for step in steps]
-        return TaskState.from_arrays(
-            {
-                name: np.stack([row[name][i] for row, i in zip(rows, robots, strict=True)])
-                for name in rows[0]
-            }
-        )
-
-
-def entered(step: ControlStep, state: int) -> BoolArray:
-    """Returns which robots' reward machines entered a state in a control step (n,)."""
-    return step.outcome.fired & (step.after.memory.machine.state == state)
-
-
 def forward_and_yaw(plant: Array) -> Array:
     """Returns forward speed and yaw rate in the trunk's frame (..., 2; m/s, rad/s)."""
     linear, angular = kinematics.base_velocity(plant)
@@ -138,8 +107,8 @@ def joint_power(controller: Controller, scenario: Scenario, plant: Array, action
     """Returns the absolute mechanical power of all joints (...; W).
 
     Args:
-        controller: What acts; of its robot are the joints.
-        scenario: The world.
+        controller: The controller, whose robot has the joints.
+        scenario: The scenario.
         plant: Plant states x (..., 37).
         action: Actions that the joints follow (..., 12).
     """

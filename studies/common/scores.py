@@ -30,6 +30,9 @@ SCORES = (
 PHYSICAL = "fell_physically"
 """Column of scores: whether a robot falls physically, where both kinds of fall are counted."""
 
+PLACES = {"gait", "scenario"}
+"""Columns in which a policy and its reference agree."""
+
 SPEED_ERROR_TITLE = "speed error, commanded to go (m/s)"
 """What tables call `going_speed_error`: commands to stand are left out."""
 
@@ -38,22 +41,26 @@ GRAVITY = 9.81
 
 
 def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
-    """Scores every robot up to its first failure.
+    """Scores every robot up to its first failure, a row a robot.
 
-    Columns: `steps` survived; `fell`, whether it failed before the end, by any of the task's
-    terminations; `failure`, their names; `not_finite`, the joint whose action was not finite, if
-    there was one; `return` and `plain_return`, sums; `rhythm`, the share of
-    the commanded rhythm kept; `going_speed_error` (m/s) and `yaw_rate_error` (rad/s), means over
-    seconds of the absolute difference between a second's average and the command. The first second
-    after a new command is left out; of the speed, all seconds in which it is commanded to stand
-    are, since standing is easy and drawn commands below `DEAD_BAND` ask for it: NaN for a robot
-    that is never commanded to go. `way`, the share of the commanded way that it goes, of the steps
-    that are commanded to go. `expert_share`, the share of steps at which the expert acted.
-    `cost_of_transport`, the joints' absolute work per weight and distance,
-    of the steps that are commanded to go forward or back.
+    Columns:
+        steps: Control steps survived.
+        fell: Whether it failed before the end, by any of the task's terminations.
+        failure: Names of the terminations.
+        not_finite: Joint whose action was not finite, if there was one.
+        return, plain_return: Sums of the rewards with and without the reward machine's factor.
+        rhythm: Share of the commanded rhythm that it kept.
+        expert_share: Share of steps at which the expert acted.
+        going_speed_error, yaw_rate_error: Means over seconds of the absolute difference between a
+            second's average and the command (m/s, rad/s). The first second after a new command is
+            left out and, for the speed, seconds in which the robot is commanded to stand: standing
+            is easy, and drawn commands below `DEAD_BAND` ask for it. NaN if nothing is left.
+        way: Share of the commanded way that it goes, where it is commanded to go.
+        cost_of_transport: The joints' absolute work per weight and distance, where it is commanded
+            to go.
 
     Args:
-        log: What the robots did.
+        log: The rollouts.
         mass: The robot's mass, with its load (kg).
     """
     n_steps, n_robots = log.reward.shape
@@ -63,26 +70,30 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
         fell = bool(failed[:, i].any())
         steps = int(np.argmax(failed[:, i])) + 1 if fell else n_steps
         alive = slice(0, steps)
-        shown = log.failures[steps - 1, i]
         velocity, command = log.velocity[alive, i], log.command[alive, i]
+        going = command[:, 0] != 0.0
+        distance = np.abs(velocity[going, 0]).sum()
         not_finite = first_not_finite(log.action[alive, i])
-        errors = _tracking_errors(velocity, command)
+        speed_error, yaw_rate_error = _tracking_errors(velocity, command)
         rows.append(
             {
                 "robot": i,
                 "steps": steps,
                 "fell": fell,
-                "failure": " ".join(np.array(FAILURES)[shown]),
+                "failure": " ".join(np.array(FAILURES)[log.failures[steps - 1, i]]),
                 "not_finite": quadruped.JOINTS[not_finite[1]] if not_finite else "",
                 "return": log.reward[alive, i].sum(),
                 "plain_return": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,
                 "expert_share": log.expert_acts[alive, i].mean(),
-                "going_speed_error": errors[0],
-                "yaw_rate_error": errors[1],
-                "way": _share_of_way(velocity[:, 0], command[:, 0]),
-                "cost_of_transport": _cost_of_transport(
-                    log.power[alive, i], velocity[:, 0], command[:, 0], mass
+                "going_speed_error": speed_error,
+                "yaw_rate_error": yaw_rate_error,
+                "way": _ratio(
+                    (velocity[:, 0] * np.sign(command[:, 0]))[going].sum(),
+                    np.abs(command[going, 0]).sum(),
+                ),
+                "cost_of_transport": _ratio(
+                    log.power[alive, i][going].sum(), mass * GRAVITY * distance
                 ),
             }
         )
@@ -98,26 +109,12 @@ def _tracking_errors(velocity: Array, command: Array) -> tuple[float, float]:
     settled = start % COMMAND_STEPS >= WINDOW_STEPS
     errors = np.abs(difference.mean(axis=1))
     going = settled & (command[start, 0] != 0.0)
-    return _mean(errors[going, 0]), _mean(errors[settled, 1])
+    speed, yaw_rate = errors[going, 0], errors[settled, 1]
+    return _ratio(speed.sum(), len(speed)), _ratio(yaw_rate.sum(), len(yaw_rate))
 
 
-def _mean(values: Array) -> float:
-    return float(values.mean()) if len(values) else float("nan")
-
-
-def _share_of_way(speed: Array, command: Array) -> float:
-    going = command != 0.0
-    if not going.any():
-        return float("nan")
-    return float((speed * np.sign(command))[going].sum() / np.abs(command[going]).sum())
-
-
-def _cost_of_transport(power: Array, speed: Array, command: Array, mass: float) -> float:
-    going = command != 0.0
-    distance = np.abs(speed[going]).sum()
-    if distance == 0.0:
-        return float("nan")
-    return float(power[going].sum() / (mass * GRAVITY * distance))
+def _ratio(part: float, whole: float) -> float:
+    return float(part / whole) if whole else float("nan")
 
 
 def interval(values: pd.Series) -> float:
@@ -129,62 +126,64 @@ def interval(values: pd.Series) -> float:
     return float(quantile * np.std(known, ddof=1) / np.sqrt(len(known)))
 
 
-def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Averages scores over robots: means, 95 % intervals (`_ci`), falls and fall rate.
+def wilson_interval(count: int, n: int) -> tuple[float, float]:
+    """Returns the 95 % interval of a share, by Wilson's score."""
+    bounds = stats.binomtest(count, n).proportion_ci(confidence_level=0.95, method="wilson")
+    return float(bounds.low), float(bounds.high)
 
-    Where scores count physical falls, too, `physical_falls` is how many there are.
+
+def summarize(scores: pd.DataFrame, by: Sequence[str], against: str | None = None) -> pd.DataFrame:
+    """Averages scores over robots, with falls and intervals.
+
+    Args:
+        scores: Scores, a row a robot.
+        by: Columns that distinguish groups.
+        against: Policy that the others are compared with, robot by robot, in the same gait and
+            scenario; none by default.
+
+    Returns:
+        A row a group, in the order of the scores: means and half the widths of their 95 % intervals
+        (`_ci`); `falls`, their share `fall_rate` with Wilson's interval (`_low`, `_high`) and, if
+        they were told apart, `physical_falls`. With a reference also `points_more`, by which the
+        falls of a hundred exceed its own, and the `share` of its return with the paired interval
+        `share_ci`.
     """
-    rows = []
-    for keys, group in scores.groupby(by, sort=False):
-        row: dict[str, Any] = dict(zip(by, keys, strict=True))
-        row |= {"robots": len(group), "falls": int(group["fell"].sum())}
-        row["fall_rate"] = row["falls"] / row["robots"]
+    keys, rows = list(by), []
+    for values, group in scores.groupby(keys, sort=False):
+        falls, n = int(group["fell"].sum()), len(group)
+        low, high = wilson_interval(falls, n)
+        row: dict[str, Any] = {**dict(zip(keys, values, strict=True)), "robots": n, "falls": falls}
+        row |= {"fall_rate": falls / n, "fall_rate_low": low, "fall_rate_high": high}
         if PHYSICAL in group:
             row["physical_falls"] = int(group[PHYSICAL].sum())
         for name in SCORES:
-            row[name] = group[name].mean()
-            row[f"{name}_ci"] = interval(group[name])
+            row |= {name: group[name].mean(), f"{name}_ci": interval(group[name])}
+        if against is not None:
+            row |= _compared(group, scores, against)
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def summarize_against(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
-    """Averages scores over robots, with shares of a reference's return.
-
-    Args:
-        scores: Scores, a row a robot.
-        by: Columns whose values make a group.
-        reference: Scores of the reference, as `return_shares` takes them.
-
-    Returns:
-        What `summarize` returns, with the columns of `return_shares`.
-    """
-    return summarize(scores, by).merge(return_shares(scores, by, reference), on=by)
+def _compared(group: pd.DataFrame, scores: pd.DataFrame, against: str) -> dict[str, float]:
+    """Compares a group with a policy in the same gait and scenario."""
+    reference = scores[scores["policy"] == against]
+    for place in PLACES & {*scores}:
+        reference = reference[reference[place] == group[place].iloc[0]]
+    share, half = paired_share(group["return"], reference["return"])
+    more = 100.0 * (group["fell"].mean() - reference["fell"].mean())
+    return {"points_more": more, "share": share, "share_ci": half}
 
 
-def return_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
-    """Sets returns in proportion to those of a reference that was rolled out from the same seeds.
+def paired_share(values: pd.Series, reference: pd.Series) -> tuple[float, float]:
+    """Returns the mean of values as a share of a reference's, and half its 95 % interval.
 
     Robots of a seed start alike, are commanded alike and feel the same noise. They are compared one
     by one, which leaves out how much robots differ by their commands: the interval is that of a
     ratio of paired means, to first order in the errors.
-
-    Args:
-        scores: Scores, a row a robot.
-        by: Columns whose values make a group.
-        reference: Scores of the reference, its robots in the order of each group's.
-
-    Returns:
-        A row a group: `share` of the reference's mean return, and its 95 % interval `share_ci`.
     """
-    whole = reference["return"].to_numpy(dtype=float)
-    rows = []
-    for keys, group in scores.groupby(by, sort=False):
-        own = group["return"].to_numpy(dtype=float)
-        share = own.mean() / whole.mean()
-        half = interval(pd.Series(own - share * whole)) / abs(whole.mean())
-        rows.append({**dict(zip(by, keys, strict=True)), "share": share, "share_ci": half})
-    return pd.DataFrame(rows)
+    own, whole = values.to_numpy(dtype=float), reference.to_numpy(dtype=float)
+    share = own.mean() / whole.mean()
+    return share, interval(pd.Series(own - share * whole)) / abs(whole.mean())
 
 
 def not_finite_lines(scores: pd.DataFrame) -> list[str]:
@@ -200,46 +199,3 @@ def not_finite_lines(scores: pd.DataFrame) -> list[str]:
             "robots, which count as fallen"
         )
     return lines
-
-
-PLACES = ("gait", "scenario")
-"""Columns in which a policy and its reference agree."""
-
-
-def wilson_interval(count: int, n: int) -> tuple[float, float]:
-    """Returns the 95 % interval of a share, by Wilson's score."""
-    bounds = stats.binomtest(count, n).proportion_ci(confidence_level=0.95, method="wilson")
-    return float(bounds.low), float(bounds.high)
-
-
-def summary(scores: pd.DataFrame, by: Sequence[str], against: str | None = None) -> pd.DataFrame:
-    """Averages scores over robots, with falls and intervals.
-
-    Args:
-        scores: Scores, a row a robot.
-        by: Columns that distinguish groups.
-        against: The policy that others are compared with, robot by robot, where gait and scenario
-            are the same; none by default.
-
-    Returns:
-        A row a group, in the order of the scores: what `summarize` returns; the 95 % interval of
-        the share of falls, `fall_rate_low` and `fall_rate_high`; and, where there is a reference,
-        `points_more` falls of a hundred than it, and the `share` of its return with its paired
-        interval `share_ci`.
-    """
-    keys = list(by)
-    table = summarize(scores, keys)
-    pairs = zip(table["falls"], table["robots"], strict=True)
-    table[["fall_rate_low", "fall_rate_high"]] = [wilson_interval(*pair) for pair in pairs]
-    if against is None:
-        return table
-    places = [name for name in PLACES if name in keys]
-    groups = scores.groupby(places, sort=False) if places else [((), scores)]
-    parts = []
-    for _, group in groups:
-        reference = group[group["policy"] == against]
-        own = return_shares(group, keys, reference)
-        parts.append(own.assign(expected=float(reference["fell"].mean())))
-    table = table.merge(pd.concat(parts, ignore_index=True), on=keys)
-    table["points_more"] = 100.0 * (table["fall_rate"] - table.pop("expected"))
-    return table

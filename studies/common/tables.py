@@ -8,52 +8,21 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from rich.measure import Measurement
 from rich.table import Table
-from rich.text import Text
 
 from glassgait.models.files import write_atomically
 from glassgait.studies.common.console import console
 
-SHORT = 24
-"""Characters of a cell that is not to be broken in lines."""
-
 
 def print_table(title: str, frame: pd.DataFrame) -> None:
-    """Prints a table on the terminal: one below the other where columns have no room there."""
-    anywhere = console.options.update(max_width=10_000)
-    needed = Measurement.get(console, anywhere, _flat(title, frame, unbroken=True)).minimum
-    if needed > console.width:
-        console.print(_upright(title, frame))
-    else:
-        console.print(_flat(title, frame))
-
-
-def _flat(title: str, frame: pd.DataFrame, *, unbroken: bool = False) -> Table:
-    """Makes a table of rows; to be measured, with short cells that are not broken."""
+    """Prints a table on the terminal."""
     table = Table(title=title, title_justify="left")
     for column in frame.columns:
         numeric = pd.api.types.is_numeric_dtype(frame[column])
-        table.add_column(str(column), justify="right" if numeric else "left")
+        table.add_column(str(column), justify="right" if numeric else "left", overflow="fold")
     for row in frame.itertuples(index=False):
-        cells = [format_cell(value) for value in row]
-        if unbroken:
-            cells = [cell.replace(" ", "_") if len(cell) <= SHORT else cell for cell in cells]
-        table.add_row(*cells)
-    return table
-
-
-def _upright(title: str, frame: pd.DataFrame) -> Table:
-    """Makes a table that has a block for each row: its first cell, and below it all others."""
-    table = Table(title=title, title_justify="left", show_header=False)
-    first, *others = (str(column) for column in frame.columns)
-    for row in frame.itertuples(index=False):
-        name, *cells = (format_cell(value) for value in row)
-        table.add_row(first, Text(name, style="bold"))
-        for column, cell in zip(others, cells, strict=True):
-            table.add_row(Text(column, style="dim"), cell)
-        table.add_section()
-    return table
+        table.add_row(*map(format_cell, row))
+    console.print(table)
 
 
 def write_table(frame: pd.DataFrame, stem: Path) -> None:
@@ -68,7 +37,7 @@ def write_metrics(values: Any, path: Path) -> None:
 
 
 def json_records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
-    """Returns the rows of a table for JSON, which has no NaN: null stands in its place."""
+    """Returns the rows of a table for JSON, with null in place of NaN."""
     return table.astype(object).where(table.notna(), None).to_dict(orient="records")
 
 

@@ -6,12 +6,7 @@ import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import TRAINING
-from glassgait.studies.common.scores import (
-    SPEED_ERROR_TITLE,
-    summarize_against,
-    summary,
-    wilson_interval,
-)
+from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, wilson_interval
 from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.evaluation.pushing import Basin
 
@@ -48,9 +43,9 @@ def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
         titles: The scenarios' titles by their names.
 
     Returns:
-        A row a policy and scenario: the columns of `summary`.
+        A row a policy and scenario: the columns of `summarize`.
     """
-    table = summary(scores, ["policy", "scenario"], against=policies_of(scores)[0])
+    table = summarize(scores, ["policy", "scenario"], against=policies_of(scores)[0])
     table.insert(2, "world", table["scenario"].map(titles))
     there = {name: place for place, name in enumerate(titles)}
     table = table.sort_values("scenario", key=lambda own: own.map(there), kind="stable")
@@ -134,8 +129,7 @@ def with_interval(means: pd.DataFrame, name: str, digits: int) -> list[str]:
 
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
     """Averages scores of every policy at every ratio, with shares of the expert's return."""
-    expert = scores[scores["policy"] == "expert"]
-    return summarize_against(scores, ["policy", "ratio"], expert)
+    return summarize(scores, ["policy", "ratio"], against="expert")
 
 
 def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:

@@ -26,8 +26,9 @@ from glassgait.models.settings import Count, Seed, checked
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import indices_of, machine_state_entries
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experiment import REPORTED_SEEDS
 from glassgait.studies.common.observers import Observations
-from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig, roll_out
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students import OnePolicy, policy_title

@@ -15,8 +15,13 @@ from glassgait.models.policies.policy import Contributions, FactoredTerm, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.gait_figure import strip_data
-from glassgait.studies.common.pages import embedded, gait_title, inline_image, page_template
+from glassgait.studies.common.figures import (
+    embedded,
+    gait_title,
+    inline_image,
+    page_template,
+    strip_data,
+)
 from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
 

@@ -26,13 +26,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands, sound_command
 from glassgait.models.task.gait import STANCES, Gait
 from glassgait.models.task.reward_machine import RewardMachine
-from glassgait.studies.common.episode import (
-    BoolArray,
-    Episode,
-    Event,
-    Observer,
-    episode,
-)
+from glassgait.studies.common.episode import BoolArray, Episode, Event, Observer, episode
 from glassgait.studies.common.episode import ControlStep as EpisodeStep
 from glassgait.studies.common.observers import Log
 from glassgait.studies.common.scores import score_rollouts

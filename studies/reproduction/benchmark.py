@@ -30,7 +30,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import OneGait
-from glassgait.studies.common.pages import page_template
+from glassgait.studies.common.figures import page_template
 from glassgait.studies.common.policies import ALL, Policies
 from glassgait.studies.common.run import CONFIG_NAME, default_folder, read_run, refuse_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table

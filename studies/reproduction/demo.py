@@ -21,8 +21,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count, Settings, checked
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.policies import EXPERT, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, play
 from glassgait.studies.common.run import default_folder, open_run

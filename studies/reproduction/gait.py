@@ -17,8 +17,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Report
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students import load_students, policy_title

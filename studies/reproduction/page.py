@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from glassgait.models.files import write_atomically
-from glassgait.studies.common.pages import inline_image, page_template
+from glassgait.studies.common.figures import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 

@@ -21,8 +21,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.studies.common.console import console
 from glassgait.studies.common.experiment import PolicySource
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
 from glassgait.studies.common.rollouts import Steps, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain

@@ -10,8 +10,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.drawing import state_colors
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.figures import COLUMN_WIDTH, styled
-from glassgait.studies.common.gait_figure import draw_gait
+from glassgait.studies.common.figures import COLUMN_WIDTH, draw_gait, styled
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:

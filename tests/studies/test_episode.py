@@ -18,7 +18,6 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.episode import Event, Observer, episode, give, push
-from glassgait.studies.common.observers import Observations, Snapshots
 
 CALM = Scenario(sensor_noise=0.0, command=FixedCommand(0.5))
 
@@ -63,24 +62,21 @@ def test_observers_see_each_step_from_its_state_to_the_next(expert):
     assert ended.fell.tolist() == [6, 6, 6]
 
 
-def test_an_episode_goes_on_from_a_snapshot_as_it_went(expert):
-    snapshots = Snapshots()
-    _, whole = play(expert, observers=[snapshots])
-    start = snapshots.at(np.arange(3), np.full(3, 4))
-    _, ended = play(expert, n_steps=2, start=start)
+def test_an_episode_goes_on_from_a_state_as_it_went(expert):
+    steps, whole = play(expert)
+    _, ended = play(expert, n_steps=2, start=steps[4].before)
     expected = whole.state.as_arrays()
     for name, values in ended.state.as_arrays().items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
-def test_robots_go_on_from_a_snapshot_among_others(expert):
+def test_robots_go_on_from_a_state_among_others(expert):
     """A network sums a row's products in an order that depends on the row's place."""
-    snapshots, observations = Snapshots(), Observations()
-    _, whole = play(expert, observers=[snapshots, observations])
-    start = snapshots.at(np.array([2, 0]), np.array([4, 4]))
+    whole, end = play(expert)
+    start = whole[4].before.of_robots(np.array([2, 0]))
     steps, ended = play(expert, n_robots=2, n_steps=2, start=start)
-    np.testing.assert_array_equal(steps[0].observation, observations.array[4, [2, 0]])
-    np.testing.assert_allclose(ended.state.plant, whole.state.plant[[2, 0]], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(steps[0].observation, whole[4].observation[[2, 0]])
+    np.testing.assert_allclose(ended.state.plant, end.state.plant[[2, 0]], rtol=0, atol=1e-9)
 
 
 def test_a_fallen_robot_rests_and_the_others_go_on(expert):

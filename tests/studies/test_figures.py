@@ -21,8 +21,7 @@ from glassgait.models.policies.policy import Contributions
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.figures import save_figure, subplots
-from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.figures import gait_figure, save_figure, subplots
 from glassgait.studies.evaluation.figures import fall_map, return_figure
 from glassgait.studies.importance.figures import (
     contribution_figure,
