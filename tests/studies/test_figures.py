@@ -1,7 +1,6 @@
 """Figures of training and of gaits."""
 
 import ctypes.util
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from glassgait.models.policies.policy import Contributions
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.figures import gait_figure, save_figure, subplots
+from glassgait.studies.common.figures import save_figure
 from glassgait.studies.evaluation.figures import fall_map, return_figure
 from glassgait.studies.importance.figures import (
     contribution_figure,
@@ -59,12 +58,6 @@ def test_last_cycle_lasts_as_long_as_the_machine_stays_in_its_states(rollout):
     assert 16 <= stop - start <= 20
 
 
-def test_names_of_a_gait_are_no_formulas(rollout, tmp_path):
-    gait = replace(load_gait("trot"), states=("$\\stance{$", "swing"))
-    save_figure(gait_figure(rollout, gait, "$\\mine{$, expert"), tmp_path / "gait", ("png",))
-    assert (tmp_path / "gait.png").exists()
-
-
 HOSTILE = r"a$\frac$b"
 
 
@@ -92,17 +85,6 @@ def test_dollars_in_names_are_no_mathematics(curve, tmp_path):
         assert any(HOSTILE in text.get_text() for text in figure.findobj(Text))
         save_figure(figure, tmp_path / name, ("png",))
     assert len(list(tmp_path.iterdir())) == len(figures)
-
-
-def test_powers_of_ten_are_still_written_as_such(tmp_path):
-    figure, axes = subplots()
-    axes.plot([1e-5, 1e-1], [1, 2])
-    axes.set(xscale="log", title=HOSTILE)
-    save_figure(figure, tmp_path / "powers")
-    labels = [label for label in axes.get_xticklabels() if "10^" in label.get_text()]
-    assert labels
-    assert all(label.get_parse_math() for label in labels)
-    assert not axes.title.get_parse_math()
 
 
 def test_long_terms_are_drawn_whole():
