@@ -222,18 +222,15 @@ class TrainingConfig(Settings):
                 f"training: n_robots is {self.n_robots}, fewer than n_groups = {n_groups}, and a "
                 "group would have none; raise n_robots or lower n_groups"
             )
-        self._check_batch()
+        # PPO divides by the spread of an update's advantages, which one step does not have.
+        if self.steps_per_update < max(2, self.ppo.num_minibatches):
+            raise InputError(
+                f"training: an update of {self.steps_per_update} steps does not fill "
+                f"{self.ppo.num_minibatches} num_minibatches of PPO; raise n_robots or "
+                "steps_per_update"
+            )
 
     @property
     def steps_per_update(self) -> int:
         """Control steps of all robots between two updates."""
         return self.n_robots * self.ppo.steps_per_update
-
-    def _check_batch(self) -> None:
-        # PPO divides by the spread of an update's advantages, which one step does not have.
-        steps = self.steps_per_update
-        if steps < max(2, self.ppo.num_minibatches):
-            raise InputError(
-                f"training: an update of {steps} steps does not fill {self.ppo.num_minibatches} "
-                "num_minibatches of PPO, nor is one step enough; raise n_robots or steps_per_update"
-            )

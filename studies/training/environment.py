@@ -183,12 +183,7 @@ class Environment:
     def play(
         self, act: Callable[[TensorDict], torch.Tensor], n_steps: int
     ) -> Iterator[tuple[TensorDict, TrainingStep]]:
-        """Yields control steps, each after the observations that its actions answer.
-
-        Args:
-            act: Maps observation groups (n, ...) to actions (n, 12).
-            n_steps: Number of control steps.
-        """
+        """Yields control steps, each after the observations that its actions answer."""
         observations = self.observe()
         for _ in range(n_steps):
             step = self.step(act(observations))

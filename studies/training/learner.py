@@ -59,12 +59,6 @@ class StateEstimator(nn.Module):
     def __init__(
         self, n_proprioceptive: int, config: EstimatorConfig, reflection: Reflection | None = None
     ) -> None:
-        """
-        Args:
-            n_proprioceptive: Length of the proprioception.
-            config: Settings.
-            reflection: The mirror of observations, to treat left and right alike.
-        """
         super().__init__()
         mlp = MLP(n_proprioceptive, N_ESTIMATED, config.layers, "elu")
         self.mlp = mlp if reflection is None else Mirrored(mlp, *reflection.split(n_proprioceptive))
@@ -117,12 +111,7 @@ def set_layers(mlp: nn.Module, network: Network) -> None:
 
 
 def gaussian_actor(ppo: PpoConfig, observations: TensorDict) -> MLPModel:
-    """Makes an actor: a network that gives the mean of each action, and a spread.
-
-    Args:
-        ppo: Settings.
-        observations: Observation groups of all robots, for their sizes.
-    """
+    """Makes an actor for observation groups: the mean of each action, and a spread."""
     return MLPModel(
         observations,
         OBSERVATION_GROUPS,
@@ -154,7 +143,7 @@ class Learner:
             config: Settings.
             observations: Observation groups of all robots, for their sizes.
             actor: The policy that acts.
-            estimator: The estimator that the environment observes with, if it learns too.
+            estimator: The estimator that the environment observes with, if it learns.
         """
         # PPO's networks, storage and optimizer.
         ppo = config.ppo

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.formulas.grammar import parse_expression, variable_names
-from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -27,10 +27,6 @@ A1 = load_robot()
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
-
-
-def own_importance(policy, observations):
-    return policy.importance(observations)
 
 
 def linear(weights):
@@ -82,22 +78,13 @@ def test_the_machines_state_is_shuffled_as_one(generator):
     assert group == pytest.approx(2.0, abs=0.3)
 
 
-def test_permutation_repeats_with_its_seed(generator):
-    policy = linear(generator.normal(size=(12, N)))
-    samples = samples_of(policy, generator, count=50)
-    first, again = (
-        permutation_importance(policy, samples, np.random.default_rng(3), 2) for _ in range(2)
-    )
-    np.testing.assert_array_equal(first, again)
-
-
 def test_slopes_count_with_the_observations_spread(generator):
     names = variable_names(N)
     formula = parse_expression("3 * x2 - x4 * x4", names)
     policy = SymbolicPolicy("trot", NAMES, [formula] * 12)
     observations = samples_of(policy, generator, 4000).observations
     observations[:, 2] *= 10.0
-    method, importances = own_importance(policy, observations)
+    method, importances = policy.importance(observations)
     assert method == "derivatives"
     spread = observations.std(axis=0)
     assert importances[0, 2] == pytest.approx(3 * spread[2] / A1.action_scale)
@@ -114,13 +101,8 @@ def test_laws_of_states_count_by_the_time_in_them(generator):
     observations = generator.normal(size=(100, N))
     observations[:, machine_state_entries(NAMES)] = [1.0, 0.0]
     observations[:75, machine_state_entries(NAMES)] = [0.0, 1.0]
-    _, found = own_importance(policy, observations)
+    _, found = policy.importance(observations)
     np.testing.assert_allclose(found[:, 2], 0.25 * 4.0 * observations[:, 2].std())
-
-
-def test_open_loop_has_no_importance_of_its_own():
-    policy = OpenLoopPolicy("trot", NAMES, np.zeros((2, 5, 12)))
-    assert policy.importance(np.zeros((3, N))) is None
 
 
 def test_top_observations_merge_legs_and_list_what_any_joint_named():

@@ -51,6 +51,7 @@ def additive():
     return policy, models, observations
 
 
+@pytest.mark.slow
 def test_interprets_dashboard_shows_the_model(additive, capsys):
     for package in ("dash", "dash_cytoscape", "gevent", "IPython", "plotly"):
         pytest.importorskip(package, reason="needs the extra 'show'")
@@ -95,13 +96,6 @@ def test_functions_are_drawn_in_the_robots_units(additive):
     low, high = below.dataLim.intervalx
     seen = 20 * observations[:, velocity]
     assert (low, high) == pytest.approx((seen.min(), seen.max()))
-
-
-def test_interprets_dashboard_draws_the_rebuilt_model(additive):
-    pytest.importorskip("plotly")
-    policy, _, observations = additive
-    explanation = interpret_model(policy, 0, observations).explain_global()
-    assert explanation.visualize(3) is not None
 
 
 def test_additive_students_are_drawn(additive, tmp_path):
