@@ -10,17 +10,13 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.relaxation import Relaxation
 
-MOST_CELLS = 500
-"""Cells of a search that gives up: its bound holds, and is less tight."""
+MOST_CELLS, SPLIT_AT_ONCE = 500, 64
+"""Cells of a search that gives up, whose bound holds and is less tight, and splits at once."""
 
-SPLIT_AT_ONCE = 64
+STARTS, SWEEPS, INNER_POINTS = 16, 6, 9
+"""A witness is sought from the best starts, quantity by quantity, in so many sweeps.
 
-STARTS = 16
-SWEEPS = 6
-"""A witness is sought from the best starts, quantity by quantity, in so many sweeps."""
-
-INNER_POINTS = 9
-"""Values of a curved quantity that are tried; of others the ends, where affine functions peak."""
+Of a curved quantity several values are tried, of others the ends, where affine functions peak."""
 
 Tree = list
 """A split: [quantity, cut, tree below, tree above]; an empty list where nothing is split."""

@@ -52,10 +52,9 @@ class Verdict:
     Attributes:
         claim: The claim.
         outcome: Whether it holds.
-        worst: The value that comes closest to breaking it, or breaks it, in the claim's unit. If
-            proved it is never exceeded; if refuted it is the witness's; else it is the best bound.
+        worst: The bound that comes closest to breaking it, or the value of the witness.
         claimed: The value that the claim allows there.
-        where: Joint, state and observation of `worst`, in words.
+        where: Joint, state and observation of `worst`.
         witnesses: Observations that refute it; two where a change does.
     """
 
@@ -86,11 +85,6 @@ class Prover:
 
     def __init__(self, policy: Policy, gait: Gait, operating: ObservationBox | None = None) -> None:
         """
-        Args:
-            policy: The policy.
-            gait: Its gait.
-            operating: The operating box; the gait's shipped one by default.
-
         Raises:
             InputError: if the policy is not made of formulas or has another machine, or there is no
                 operating box of its observations.
@@ -123,13 +117,8 @@ class Prover:
             InputError: if the claim names what the gait's robots do not know.
         """
         claim.refuse_unknown(self.gait, imu=self.policy.layout.imu)
-        match claim.kind:
-            case "mirror":
-                return self._mirrored(claim)
-            case "change":
-                return self._changed(claim)
-            case _:
-                return self._bounded(claim)
+        decide = {"mirror": self._mirrored, "change": self._changed}.get(claim.kind, self._bounded)
+        return decide(claim)
 
     def _box(self, place: Place, state: int) -> ObservationBox:
         physical = self.boxes["physical"]
@@ -280,11 +269,7 @@ class Prover:
     def _widest_change(
         self, joints: Sequence[int], changes: Array, box: ObservationBox
     ) -> tuple[float, Array, Array]:
-        """Seeks two observations of a box between which the action changes much.
-
-        Returns:
-            The squared change of the action, and both observations in the robot's units (n, n).
-        """
+        """Returns a great squared change of the action, and two observations of a box (n, n)."""
         generator = np.random.default_rng(0)
         counted = np.isin(np.arange(len(changes)), list(box.counted))
         # A hair less, so that two witnesses are not a rounding further apart than is claimed.

@@ -15,13 +15,9 @@ from glassgait.models.formulas.interval import FUNCTIONS, Interval
 Element = tuple[int, int]
 """A factor and its power: what a relaxation takes for a variable of its own."""
 
-MOST_TOGETHER = 10
-"""Elements whose ends are combined in all ways; where more meet, a bound is less tight."""
-
-BLOCK = 200_000
-"""Numbers of an array that is worked on at once."""
-
-ROUNDING = 2.0**-52
+MOST_TOGETHER, BLOCK, ROUNDING = 10, 200_000, 2.0**-52
+"""Elements whose ends are combined in all ways, numbers of an array that is worked on at once, and
+the error of an operation."""
 
 Scope = tuple[Element, ...]
 """The elements that a table has an axis of, in order."""

@@ -193,7 +193,8 @@ def sections(text: str) -> dict[str, list[str]]:
         if TITLE.fullmatch(bare):
             lines = found.setdefault(bare, [])
         else:
-            lines.append(bare)
+            # What begins a comment in the header is YAML's to say.
+            lines.append(line if lines is found[""] else bare)
     kinds = {title.partition(" ")[0] for title in found} - {"", "definitions"}
     refuse_unless(len(kinds) == 1, "formulas serve every state, or one each")
     return found
