@@ -1,12 +1,11 @@
 """Checks a certificate without the program that proved it.
 
-Nothing of the prover is used here, and nothing of how policies act: the files of gait and policy
-are read anew, bounds are computed in balls of real numbers (Arb, by python-flint), what double
-precision adds is bounded node by node, and every claim is decided again from bounds and witnesses
-that hold.
+It uses nothing of the prover, and nothing by which policies act. The files of policy and robot are
+read anew, bounds are computed in balls of real numbers (Arb, by python-flint), rounding of double
+precision is bounded node by node, and every claim is decided again from bounds and witnesses.
 
-What is trusted: these files, Python, PyYAML, Arb; that robots compute in double precision,
-with functions that are right to 4 units of the last place; and that robots stay in the boxes.
+Trusted are these files, Python, NumPy, PyYAML and Arb, that robots compute in double precision with
+functions that are right to 4 units of the last place, and that robots stay in the boxes.
 """
 
 try:
