@@ -18,15 +18,12 @@ from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
 from glassgait.models import CONTROL_PERIOD
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, cross
+from glassgait.models.estimation import BASE_VELOCITY_SCALE
 from glassgait.models.estimation.sensors import GRAVITY, ImuReading
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings, checked
-
-BASE_VELOCITY_SCALE = 2.0
-"""Factor on the trunk's velocity as policies observe it."""
 
 SLIP = 1.0
 """Speed over the ground at which a foot does not stand (m/s)."""

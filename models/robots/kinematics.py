@@ -4,35 +4,16 @@ Every function takes the plant's state or positions with robots along the leadin
 `quadruped` for the layout.
 """
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, cross, stacked
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
-Scalar = TypeVar("Scalar", bound=np.generic)
-
 LEVEL = 1e-9
 """Greatest rise of an edge, over its length, that counts as level."""
-
-
-def stacked(*components: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Returns arrays (...) side by side (..., k); for few robots `np.stack` is slower."""
-    first = np.asarray(components[0])
-    values = np.empty((*first.shape, len(components)), first.dtype)
-    for i, component in enumerate(components):
-        values[..., i] = component
-    return values
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Returns cross products (..., 3); for small arrays NumPy's function is slower."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return stacked(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
 def rotation_matrix(quaternion: Array) -> Array:

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, stacked
 from glassgait.models.errors import InputError, shown
-from glassgait.models.estimation.odometry import BASE_VELOCITY_SCALE
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.estimation import BASE_VELOCITY_SCALE
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import MOST_STATES
 
@@ -290,7 +290,7 @@ def proprioception(
     """
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
     held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
-    counts = kinematics.stacked(held, commanded_dwell)
+    counts = stacked(held, commanded_dwell)
     measured_by_imu = () if imu is None else (imu[..., 6:9], ANGULAR_VELOCITY_SCALE * imu[..., 0:3])
     return np.concatenate(
         [

@@ -7,10 +7,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, cross, stacked
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import NotNegative, Positive, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
@@ -176,14 +175,14 @@ def step_reward(
         tilt,
         slip,
     )
-    terms = kinematics.stacked(*values) * weights.of_terms
+    terms = stacked(*values) * weights.of_terms
     plain = np.maximum(_total(terms) * CONTROL_PERIOD, 0.0)
     air_time = np.where(foot_contact, 0.0, air_time)
     return Reward(terms=terms, plain=plain, air_time=air_time, tracked=tracked)
 
 
 def _tracked(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
-    now = kinematics.stacked(linear[..., 0], angular[..., 2])
+    now = stacked(linear[..., 0], angular[..., 2])
     if weights.tracking_time == 0.0:
         return now
     kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)

@@ -6,8 +6,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
-from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.arrays import Array, stacked
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
@@ -104,7 +104,7 @@ def failures(
         # with it. On a ground that does not give way it would be higher by as much.
         calves = calves - np.minimum(clearances.feet, 0.0)
         lowest = np.minimum(lowest, calves.min(axis=-1))
-    shown = kinematics.stacked(
+    shown = stacked(
         lowest < 0.0,
         clearances.trunk < limits.trunk_height,
         overrun > limits.joint_overrun,

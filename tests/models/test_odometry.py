@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.estimation.odometry import Odometry, cross
+from glassgait.models.arrays import cross
+from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.estimation.sensors import GRAVITY, measure_imu
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
