@@ -39,7 +39,7 @@ class HandWrittenTrot(LeafSystem):
         self.DeclareVectorOutputPort("actions", quadruped.N_JOINTS, self._calc_actions)
 
     def _calc_actions(self, context: Context, output: BasicVector) -> None:
-        swings = SWINGING[self._rm_state.Eval(context).argmax()]
+        swings = SWINGING[np.argmax(self._rm_state.Eval(context))]
         phase = min(self._iterations.Eval(context)[0] / DWELL, 1.0)
         # Feet rise until the state ends, and come down fast in the next one. Thighs of feet in the
         # air swing forward, the others back.

@@ -11,35 +11,18 @@ from glassgait.studies.reproduction.page import Section
 
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 
-JOINT_FIGURES = (
-    ("Figure 6", "A weak learner of the GBM", "gbm_FL_hip_tree", True),
-    (
-        "Figure 7",
-        "Partial dependence on the top 3 observations, GBM",
-        "gbm_FL_hip_partial_dependence",
-        True,
-    ),
-    (
-        "Figure 8, top",
-        "Functions of one observation, explainable boosting",
-        "ebm_FL_hip_shapes",
-        True,
-    ),
-    (
-        "Figure 8, bottom",
-        "A function of two observations, explainable boosting",
-        "ebm_FL_hip_pair_1",
-        False,
-    ),
-    ("Figure 9", "Local explanation, explainable boosting", "ebm_local", False),
-    (
-        "Figure 10",
-        "Global importances of the terms, explainable boosting",
-        "ebm_FL_hip_terms",
-        False,
-    ),
-)
-"""Figures of FL hip: the paper's number, the title, the file's stem, whether it is wide."""
+JOINT_FIGURES = {
+    "6": ("A weak learner of the GBM", "gbm_FL_hip_tree"),
+    "7": ("Partial dependence on the top 3 observations, GBM", "gbm_FL_hip_partial_dependence"),
+    "8, top": ("Functions of one observation, explainable boosting", "ebm_FL_hip_shapes"),
+    "8, bottom": ("A function of two observations, explainable boosting", "ebm_FL_hip_pair_1"),
+    "9": ("Local explanation, explainable boosting", "ebm_local"),
+    "10": ("Global importances of the terms, explainable boosting", "ebm_FL_hip_terms"),
+}
+"""Figures of FL hip: title and stem of the file, by the paper's number."""
+
+WIDE = ("6", "7", "8, top")
+"""Those whose pictures take the page's whole width."""
 
 
 def contents(results: Sequence[GaitResults]) -> list[Section]:
@@ -62,8 +45,13 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
         *_tables(results),
         *(_sequences(results, number, kind) for number, kind in papers.items()),
         *(
-            Section(f"{title}, FL hip", number, figures=_figures(results, stem, title), wide=wide)
-            for number, title, stem, wide in JOINT_FIGURES
+            Section(
+                f"{title}, FL hip",
+                f"Figure {number}",
+                figures=_figures(results, stem, title),
+                wide=number in WIDE,
+            )
+            for number, (title, stem) in JOINT_FIGURES.items()
         ),
         Section(
             "Observation importances of the GBM, by two methods",

@@ -12,7 +12,6 @@ from pydrake.geometry import Meshcat
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -118,25 +117,25 @@ class Demo(Settings):
         folder = self.output or default_folder(self.title, found.expert.robot.name)
         inputs = {"gait": gait.digest(), "expert": found.expert.digest()}
         with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
-            road = _Road(gait, found.expert, folder)
+            page = _Page(gait, found.expert, folder)
             # Another robot may have no formulas yet.
             shown = SHOWN if SHOWN in found.students else EXPERT
-            road.show(shown, found.students.get(shown, found.expert))
+            page.show(shown, found.students.get(shown, found.expert))
             if self.full:
-                road.show(EXPERT, found.expert)
-            students = road.distill(FULL if self.full else QUICK, resume=self.resume)
-            road.compare(students, self.n_robots)
+                page.show(EXPERT, found.expert)
+            students = page.distill(FULL if self.full else QUICK, resume=self.resume)
+            page.compare(students, self.n_robots)
             if self.full:
-                road.alternate(students, self.n_robots)
-                road.print_formulas(students[FORMULAS])
+                page.alternate(students, self.n_robots)
+                page.print_formulas(students[FORMULAS])
             minutes = (time.monotonic() - started) / 60
-            path = road.write(f"Computed in {minutes:.1f} minutes.")
+            path = page.write(f"Computed in {minutes:.1f} minutes.")
         console.print(f"page written to {path} after {minutes:.1f} minutes")
 
 
 @dataclass
-class _Road:
-    """One run of the demo, and the sections of its page so far."""
+class _Page:
+    """The page of one run, with its sections so far."""
 
     gait: Gait
     expert: NeuralPolicy
@@ -147,6 +146,7 @@ class _Road:
 
     def show(self, name: str, policy: Policy) -> None:
         """Adds a policy's replay and gait diagram, and of formulas the explanation of an action."""
+        # The replay opens without a server; it is there before anything is distilled.
         title, file = f"{policy_title(name)}, as shipped", f"{name}_replay.html"
         scenario = Scenario(command=FixedCommand(speed=0.5))
         rollout = play(
@@ -159,6 +159,8 @@ class _Road:
             repetitions=REPLAYS_IN_A_ROW,
         )
         say(f"open {self.folder / file}: a replay, {title}")
+
+        # The gait diagram, and of formulas the terms of one joint's target at one instant.
         figures = {"gait": gait_figure(rollout, self.gait, title)}
         captions = ["Feet in contact over time, and the states of the reward machine"]
         step, joint = min(EXPLAINED_STEP, len(rollout.time) - 1), EXPLAINED_JOINT
@@ -167,6 +169,7 @@ class _Road:
             moment = f"{quadruped.JOINTS[joint]} at {rollout.time[step]:.2f} s"
             figures["explanation"] = contribution_figure(parts, f"Terms of {moment}")
             captions.append(f"The terms of the formula that add up to the target of {moment}")
+
         for stem, figure in figures.items():
             save_figure(figure, self.folder / f"{name}_{stem}", ("png",))
         paths = [self.folder / f"{name}_{stem}.png" for stem in figures]
@@ -209,18 +212,10 @@ class _Road:
         self._add(Section("Return against the alternation ratio", note=note, figures=figures))
 
     def print_formulas(self, policy: Policy) -> None:
-        """Adds the formulas of the student that was distilled here."""
+        """Adds the file of the formulas that were distilled here."""
         assert isinstance(policy, FormulaPolicy)
-        symbols = policy.vocabulary.symbols
-        texts = [
-            (
-                f"{quadruped.JOINTS[place[-1]]} in {self.gait.states[place[0]]}",
-                write_formula(formula, symbols),
-            )
-            for place, formula in policy.to_file().written().items()
-        ]
-        note = "Formulas that are not listed are the mirror images of those that are."
-        self._add(Section("The formulas distilled here", note=note, texts=texts))
+        texts = [("The file, which is the policy that acts", policy.to_text())]
+        self._add(Section("The formulas distilled here", texts=texts))
 
     def _roll_out(
         self, students: Mapping[str, Policy], n_robots: int, periods: tuple[int, ...]
