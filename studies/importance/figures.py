@@ -329,7 +329,7 @@ def pair_figure(
     explanation: Any = model.explain_global()
     data = explanation.data(term)
     first, second = model.term_features_[term]
-    left, right = _edges(data["left_names"]), _edges(data["right_names"])
+    left, right = np.asarray(data["left_names"], float), np.asarray(data["right_names"], float)
     scores = np.asarray(data["scores"])
     reach = max(float(np.abs(scores).max()), 1e-9)
     figure, axes = subplots(figsize=(COLUMN_WIDTH, 2.6))
@@ -376,7 +376,7 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
 
 
 def _draw_shape(above: Axes, below: Axes, data: dict[str, Any]) -> None:
-    edges, scores = _edges(data["names"]), np.asarray(data["scores"])
+    edges, scores = np.asarray(data["names"], float), np.asarray(data["scores"])
     # interpret's bounds are one standard deviation away.
     band = 2.0 * (np.asarray(data["upper_bounds"]) - scores)
     above.stairs(
@@ -388,13 +388,8 @@ def _draw_shape(above: Axes, below: Axes, data: dict[str, Any]) -> None:
     below.stairs(density["scores"], density["names"], fill=True, color="0.6")
 
 
-def _edges(names: Any) -> np.ndarray:
-    return np.asarray(names, dtype=float)
-
-
 N_SHAPES = 3
 """Functions of one observation, and curves of partial dependence, that are drawn for a joint."""
-
 
 N_PAIRS = 2
 """Functions of two observations that are drawn for a joint."""
@@ -407,7 +402,7 @@ def student_figures(
 
     Boosted trees: one tree, and the partial dependence on the three most important observations.
     Additive models: the terms' importances, functions of one observation with their bands, and of
-    two as maps. Other students have no such figures.
+    two as maps. Other students have no such figures. Names begin with the kind and the joint.
 
     Args:
         gait: Name of the gait.
@@ -416,9 +411,6 @@ def student_figures(
         joint: Index of the joint.
         observations: Observations (m, n) that importances and averages are taken over.
         seed: Seed of the samples whose curves are drawn.
-
-    Returns:
-        The figures, by names that begin with the kind and the joint.
     """
     name = quadruped.JOINTS[joint]
     title = f"{gait.capitalize()}, {policy_title(kind)}, {name.replace('_', ' ')}"

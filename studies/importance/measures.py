@@ -24,15 +24,7 @@ def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
 
 
 def merge_importances(importances: Array, names: tuple[str, ...]) -> Array:
-    """Adds importances up over the observations of each group.
-
-    Args:
-        importances: Importances (..., n).
-        names: Names of the observations.
-
-    Returns:
-        Importances (..., n_groups), in the order of `observation_groups`.
-    """
+    """Adds importances (..., n) up over the observations of each group (..., n_groups)."""
     groups = observation_groups(names)
     return np.stack(
         [importances[..., columns].sum(axis=-1) for columns in groups.values()], axis=-1
@@ -95,13 +87,6 @@ def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, li
 
     Importances are added up over observations that differ only by leg. Each of a type's four joints
     names its first, second and third; a place lists the names of all four, the most frequent first.
-
-    Args:
-        importances: Importances (12, n).
-        names: Names of the observations.
-
-    Returns:
-        For each joint type, three lists of merged names.
     """
     groups = tuple(observation_groups(names))
     order = np.argsort(-merge_importances(importances, names), axis=1, kind="stable")
@@ -119,12 +104,6 @@ def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str
     """Sets the three most important observations beside the paper's.
 
     A name that the paper lists at the same place is marked with an asterisk.
-
-    Args:
-        importances: Importances (12, n).
-        names: Names of the observations.
-        gait: The gait.
-        method: `impurity` or `permutation`.
     """
     paper = PAPER_TOP[method].get(gait, {})
     rows = []

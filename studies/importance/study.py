@@ -36,14 +36,7 @@ N_VISITS = 8
 
 
 def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int) -> Dataset:
-    """Draws samples from the episodes that a student was not fitted to.
-
-    Args:
-        folder: Folder of the distillation.
-        kind: Kind of student.
-        n_samples: Number of samples, at most.
-        seed: Seed of the drawing.
-    """
+    """Draws at most so many samples from the episodes that a student was not fitted to."""
     data = load_rounds(samples_folder(folder, kind))
     return _drawn(data.subset(data.held_out), n_samples, seed)
 
@@ -77,12 +70,6 @@ def measure_importances(
     student: Policy, samples: Dataset, *, seed: int, repeats: int
 ) -> pd.DataFrame:
     """Measures a student's importances by permutation and, if it has one, by its method.
-
-    Args:
-        student: The student.
-        samples: Held-out samples.
-        seed: Seed of the shuffling.
-        repeats: Shuffles of each observation.
 
     Returns:
         A row for each method, repeat, joint and observation.

@@ -62,11 +62,11 @@ def test_records_name_the_expert_that_ships(gait):
 
 
 def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(other_expert, tmp_path):
-    with pytest.raises(InputError, match="inputs.expert"):
+    with pytest.raises(InputError, match="expert"):
         load_student_of(other_expert, STUDENT_DIRECTORY / "trot" / "gbm.safetensors")
     shutil.copytree(STUDENT_DIRECTORY / "trot", tmp_path / "run")
     other_expert.save(tmp_path / "run" / "trot.safetensors")
-    with pytest.raises(InputError, match="inputs.expert"):
+    with pytest.raises(InputError, match="expert"):
         find_policies(load_gait("trot"), tmp_path / "run").controller("gbm")
 
 
