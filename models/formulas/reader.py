@@ -146,7 +146,7 @@ class _Formulas:
     content: FormulaFile
     definitions: list[Definition] = field(default_factory=list)
     formulas: dict[Place, Expression] = field(default_factory=dict)
-    section: str = ""
+    sections: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.names, self.mirror = self.content.vocabulary.names, self.content.mirror
@@ -174,9 +174,15 @@ class _Formulas:
         self._end_definitions(number)
         return self._finished(number)
 
+    @property
+    def _section(self) -> str:
+        return self.sections[-1] if self.sections else ""
+
     def _begin(self, title: str, line: int) -> None:
-        if title == DEFINITIONS and self.section:
-            raise TextError("definitions stand once, before all formulas; move them up", line, 1)
+        if title in self.sections:
+            raise TextError(f"{title!r} stands twice; join the two", line, 1)
+        if title == DEFINITIONS and self.sections:
+            raise TextError("definitions stand before all formulas; move them up", line, 1)
         state = _STATE.fullmatch(title)
         if state and int(state[1]) not in self.states:
             raise TextError(f"there are states 0 to {len(self.states) - 1}; name one", line, 7)
@@ -186,31 +192,31 @@ class _Formulas:
                 f"formulas serve {EVERY_STATE!r} or one state each, not both; choose", line, 1
             )
         self._end_definitions(line)
-        self.section = title
+        self.sections.append(title)
 
     def _end_definitions(self, line: int) -> None:
-        if self.section == DEFINITIONS and self.mirror is not None:
+        if self._section == DEFINITIONS and self.mirror is not None:
             self.definitions = [*completed(self.names, self.mirror, self.definitions)]
             self._refuse_more(line)
 
     def _assign(self, assigned: re.Match[str], line: int) -> None:
         name, text = assigned.groups()
         # Definitions do not use other definitions.
-        known = [] if self.section == DEFINITIONS else self.definitions
+        known = [] if self._section == DEFINITIONS else self.definitions
         symbols = (*self.observed, *(definition.symbol for definition in known))
         try:
             formula = parse_formula(text, symbols)
         except TextError as error:
             shift = assigned.start(2) if error.line == 1 else 0
             raise TextError(str(error), error.line + line - 1, error.column + shift) from error
-        if self.section == DEFINITIONS:
+        if self._section == DEFINITIONS:
             self._define(name, formula, text, line)
             return
         if name not in quadruped.JOINTS:
             raise TextError(
                 f"{shown(name)} is no joint; the joints are {', '.join(quadruped.JOINTS)}", line, 1
             )
-        joint, state = quadruped.JOINTS.index(name), _STATE.fullmatch(self.section)
+        joint, state = quadruped.JOINTS.index(name), _STATE.fullmatch(self._section)
         place = (int(state[1]), joint) if state else (joint,)
         if place in self.formulas:
             raise TextError(f"{name} has a formula above; leave one out", line, 1)

@@ -304,6 +304,7 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"{HEAD}{EVERY}FL_foot = 0.2\n", 17, "'FL_foot' is no joint; the joints are FL_hip"),
         (f"{HEAD}{ONE_EACH}state 2\n", 30, "there are states 0 to 1"),
         (f"{HEAD}{ONE_EACH}every state\n", 30, "not both"),
+        (f"{HEAD}{ONE_EACH}state 0\n", 30, "'state 0' stands twice"),
         (f"{HEAD}state 0\n{shared()}", 16, "without a formula of FL_hip in state 1"),
         (f"{HEAD}{EVERY.replace('RL_calf', '#')}", 16, "without a formula of RL_calf"),
         (f"{HEAD}{EVERY}state 0  # so\n    FL_hip = t\n", 18, "only one line"),
