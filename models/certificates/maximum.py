@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.relaxation import Relaxation
+from glassgait.models.certificates.polynomial import Relaxation
 
 MOST_CELLS, SPLIT_AT_ONCE = 500, 64
 """Cells of a search that gives up, whose bound holds and is less tight, and splits at once."""

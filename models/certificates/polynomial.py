@@ -1,16 +1,23 @@
-"""Formulas as polynomials of what the robot senses and of functions of it.
+"""Formulas as polynomials of quantities and of functions, and their upper bounds over boxes.
 
 A formula such as `late*(0.1 - 0.2*cmd.yaw) + lifted.FL*q.FL_hip` is multiplied out to monomials,
 each a number times powers of *factors*: quantities, and functions such as tanh(0.5*t - 2) of other
-polynomials. Coefficients are fractions: nothing is rounded, and what cancels is gone.
+polynomials. Coefficients are fractions: nothing is rounded, and terms that cancel are gone.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
+from typing import NamedTuple
 
+import numpy as np
+
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.interval import FUNCTIONS, Interval
 
 MOST_MONOMIALS = 20_000
 """Greatest number of monomials that a formula is multiplied out to."""
@@ -139,3 +146,199 @@ def product(left: Polynomial, right: Polynomial) -> Polynomial:
 
 def _of_number(number: Fraction) -> Polynomial:
     return {(): number} if number else {}
+
+
+Element = tuple[int, int]
+"""A factor and its power: what a relaxation takes for a variable of its own."""
+
+MOST_TOGETHER, BLOCK, ROUNDING = 10, 200_000, 2.0**-52
+"""Elements whose ends are combined in all ways, numbers of an array that is worked on at once, and
+the error of an operation."""
+
+Scope = tuple[Element, ...]
+"""The elements that a table has an axis of, in order."""
+
+
+class Step(NamedTuple):
+    """Adds up tables, by number, and maximises the sum over one element of its scope.
+
+    The table that a step leaves takes the next number.
+    """
+
+    element: Element
+    tables: tuple[int, ...]
+    scope: Scope
+
+
+class Relaxation:
+    """Bounds a polynomial over boxes of quantities from above.
+
+    Where powers of factors, its *elements*, are taken for independent of one another, the
+    polynomial is affine in each, so that it is greatest where each is at one of its two ends. A
+    monomial adds a table over the ends of its elements. Tables are added up, and maximised over one
+    element after the other (variable elimination, Bertelè and Brioschi, Nonserial Dynamic
+    Programming, 1972). That finds the best corner. Where more than `MOST_TOGETHER` elements meet,
+    tables of one element are maximised apart (mini-buckets, Dechter and Rish 2003): a bound still.
+    Two elements may depend on the same quantity; boxes that are narrow in these `shared` quantities
+    lose little.
+
+    Attributes:
+        used: Quantities that the polynomial is of.
+        curved: Those of them that it may not be affine in.
+        shared: Those that boxes are split by.
+    """
+
+    def __init__(self, ring: PolynomialRing, polynomial: Polynomial) -> None:
+        self._ring = ring
+        # An order that another program finds as well, whatever it calls the factors.
+        self._elements = sorted(
+            {element for monomial in polynomial for element in monomial}, key=self._key
+        )
+        place = {element: index for index, element in enumerate(self._elements)}
+        self._monomials: dict[Scope, float] = {
+            tuple(sorted(monomial, key=place.__getitem__)): float(coefficient)
+            for monomial, coefficient in polynomial.items()
+        }
+        self._steps = eliminated(list(self._monomials), self._elements)
+        of_elements = (ring.variables(number) for number, _ in self._elements)
+        self.used = sorted(frozenset[int]().union(*of_elements))
+        self.curved, self.shared = list[int](), list[int]()
+        for index in self.used:
+            of = [own for own in self._elements if index in ring.variables(own[0])]
+            if any(power > 1 or ring.factors[i].function != "variable" for i, power in of):
+                self.curved.append(index)
+            if len(of) > 1 or any(self._is_loose(number) for number, _ in of):
+                self.shared.append(index)
+
+    def upper(self, lower: Array, upper: Array) -> Array:
+        """Bounds the polynomial from above over boxes.
+
+        Args:
+            lower: Least quantities of each box (m, n).
+            upper: Greatest quantities of each box (m, n).
+
+        Returns:
+            Bounds (m,), rounded up; infinite where there is none.
+        """
+        together = max((len(step.scope) for step in self._steps), default=0)
+        size = max(1, BLOCK >> together)
+        starts = range(0, len(lower), size)
+        return np.concatenate(
+            [self._upper(lower[i : i + size], upper[i : i + size]) for i in starts]
+        )
+
+    def _upper(self, lower: Array, upper: Array) -> Array:
+        ranges = self._ranges(lower, upper)
+        m = len(lower)
+        with np.errstate(invalid="ignore", over="ignore"):
+            ends = {own: np.stack([span.lower, span.upper]) for own, span in ranges.items()}
+            tables = [_product(scope, c, ends, m) for scope, c in self._monomials.items()]
+            scopes = list(self._monomials)
+            for step in self._steps:
+                whole = sum(_spread(tables[i], scopes[i], step.scope) for i in step.tables)
+                axis = step.scope.index(step.element)
+                tables.append(np.max(whole, axis=axis))
+                scopes.append(step.scope[:axis] + step.scope[axis + 1 :])
+            done = [table for table, scope in zip(tables, scopes, strict=True) if not scope]
+            found = sum(done, np.zeros(m)) + self._rounding(ranges, m)
+        return np.where(np.isnan(found), np.inf, found)
+
+    def _rounding(self, ranges: dict[Element, Interval], m: int) -> Array:
+        """Bounds what rounding can do: each of k operations is off by a share of 2^-53."""
+        operations = 8 + len(self._monomials) + 2 * max(map(len, self._monomials), default=0)
+        sizes = (
+            math.prod([ranges[element].magnitude for element in monomial], start=abs(coefficient))
+            for monomial, coefficient in self._monomials.items()
+        )
+        return operations * ROUNDING * np.asarray(sum(sizes, np.zeros(m)))
+
+    def _ranges(self, lower: Array, upper: Array) -> dict[Element, Interval]:
+        @cache
+        def of_factor(number: int) -> Interval:
+            factor = self._ring.factors[number]
+            if factor.function == "variable":
+                return Interval(lower[:, factor.variable], upper[:, factor.variable])
+            return FUNCTIONS[factor.function](of_polynomial(factor.argument))
+
+        def of_polynomial(terms: Sequence[tuple[Monomial, Fraction]]) -> Interval:
+            whole = Interval.point(0.0, (len(lower),))
+            for monomial, coefficient in terms:
+                ends = np.nextafter(float(coefficient), [-np.inf, np.inf])
+                part = Interval(*(np.full(len(lower), end) for end in ends))
+                for factor, power in monomial:
+                    part = part * of_factor(factor).power(power)
+                whole = whole + part
+            return whole
+
+        return {(factor, power): of_factor(factor).power(power) for factor, power in self._elements}
+
+    def _key(self, element: Element) -> tuple[list[int], str, int, Element]:
+        number, power = element
+        function = self._ring.factors[number].function
+        return sorted(self._ring.variables(number)), function, power, element
+
+    def _is_loose(self, number: int) -> bool:
+        """Returns whether a function's bounds may be wider than its values."""
+        argument = self._ring.factors[number].argument
+        inner = [factor for monomial, _ in argument for factor, _ in monomial]
+        return (
+            len(inner) != len(set(inner))
+            or any(sum(power for _, power in monomial) > 1 for monomial, _ in argument)
+            or any(self._ring.factors[factor].function != "variable" for factor in inner)
+        )
+
+
+def eliminated(scopes: Sequence[Scope], elements: Sequence[Element]) -> list[Step]:
+    """Plans the elimination of tables with these scopes: first where fewest elements meet."""
+    tables, steps = list(scopes), []
+    of = {
+        element: {i for i, scope in enumerate(scopes) if element in scope} for element in elements
+    }
+    meeting = {element: _joined(tables[i] for i in of[element]) for element in elements}
+    while of:
+        element = min(of, key=lambda own: len(meeting[own]))
+        changed = meeting[element] - {element}
+        for bucket in _buckets(element, of.pop(element), tables):
+            together = _joined(tables[i] for i in bucket)
+            scope = tuple(own for own in elements if own in together)
+            steps.append(Step(element, bucket, scope))
+            tables.append(tuple(own for own in scope if own != element))
+            for own in tables[-1]:
+                of[own] = of[own] - {*bucket} | {len(tables) - 1}
+        for own in changed:
+            meeting[own] = _joined(tables[i] for i in of[own])
+    return steps
+
+
+def _buckets(
+    element: Element, numbers: Collection[int], tables: Sequence[Scope]
+) -> list[tuple[int, ...]]:
+    """Groups an element's tables such that at most `MOST_TOGETHER` elements meet in each."""
+    groups: list[tuple[list[int], set[Element]]] = []
+    for number in sorted(numbers, key=lambda i: (-len(tables[i]), i)):
+        for group, together in groups:
+            if len(together.union(tables[number])) <= MOST_TOGETHER:
+                group.append(number)
+                together.update(tables[number])
+                break
+        else:
+            groups.append(([number], {element, *tables[number]}))
+    return [tuple(group) for group, _ in groups]
+
+
+def _joined(scopes: Iterable[Scope]) -> frozenset[Element]:
+    return frozenset().union(*scopes)
+
+
+def _product(scope: Scope, coefficient: float, ends: dict[Element, Array], m: int) -> Array:
+    """Returns a monomial at the ends of its elements, (2, ..., 2, m)."""
+    whole = np.full((1,) * len(scope) + (m,), coefficient)
+    for element in scope:
+        whole = whole * _spread(ends[element], (element,), scope)
+    return whole
+
+
+def _spread(table: Array, scope: Scope, wider: Scope) -> Array:
+    """Gives a table an axis of length 1 for each element that it does not depend on."""
+    at = tuple(slice(None) if element in scope else None for element in wider)
+    return table[at]

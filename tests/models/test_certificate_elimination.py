@@ -10,11 +10,10 @@ from flint import arb
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.certificates import relaxation
+from glassgait.models.certificates import polynomial as polynomials
 from glassgait.models.certificates.checker import bounds
 from glassgait.models.certificates.checker.bounds import Elimination
-from glassgait.models.certificates.polynomial import Polynomial, PolynomialRing
-from glassgait.models.certificates.relaxation import Relaxation
+from glassgait.models.certificates.polynomial import Polynomial, PolynomialRing, Relaxation
 from glassgait.models.formulas.expression import variable
 
 N = 6
@@ -70,7 +69,7 @@ def test_the_best_corner_is_found(terms, ends):
 
 @pytest.mark.parametrize("most", [2, 3, 4])
 def test_where_too_many_elements_meet_a_bound_is_looser_and_the_same(monkeypatch, most):
-    monkeypatch.setattr(relaxation, "MOST_TOGETHER", most)
+    monkeypatch.setattr(polynomials, "MOST_TOGETHER", most)
     monkeypatch.setattr(bounds, "MOST_TOGETHER", most)
     generator = np.random.default_rng(0)
     loose = 0
