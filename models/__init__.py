@@ -2,3 +2,6 @@
 
 CONTROL_PERIOD = 0.02
 """Time between two actions (s)."""
+
+BASE_VELOCITY_SCALE = 2.0
+"""Factor on the trunk's velocity as policies observe it."""

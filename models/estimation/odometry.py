@@ -17,9 +17,8 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
-from glassgait.models import CONTROL_PERIOD
+from glassgait.models import BASE_VELOCITY_SCALE, CONTROL_PERIOD
 from glassgait.models.arrays import Array, cross
-from glassgait.models.estimation import BASE_VELOCITY_SCALE
 from glassgait.models.estimation.sensors import GRAVITY, ImuReading
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot

@@ -21,7 +21,8 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import Gains, JointLaw, TargetLimits
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Settings, checked
-from glassgait.models.task.gait import MOST_STATES, gait_names, parse_gait, shipped_gait
+from glassgait.models.task import MOST_STATES
+from glassgait.models.task.gait import gait_names, parse_gait, shipped_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import refuse_other_mirror
 

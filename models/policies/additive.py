@@ -8,13 +8,16 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import variable
-from glassgait.models.policies.arrays import ArraySpec, Indices, Reals, rounded
 from glassgait.models.policies.policy import (
     INTERCEPT,
+    ArraySpec,
     Contributions,
     FactoredTerm,
+    Indices,
     Policy,
+    Reals,
     contributions_of_action,
+    rounded,
 )
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot

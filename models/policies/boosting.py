@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.arrays import ArraySpec, Indices, Reals, rounded
-from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.policy import ArraySpec, Indices, Policy, Reals, rounded
 from glassgait.models.robots.robot import Robot
 
 if TYPE_CHECKING:

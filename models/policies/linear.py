@@ -8,12 +8,13 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import variable
-from glassgait.models.policies.arrays import ArraySpec, Reals
 from glassgait.models.policies.policy import (
     INTERCEPT,
+    ArraySpec,
     Contributions,
     FactoredTerm,
     Policy,
+    Reals,
     contributions_of_action,
 )
 from glassgait.models.robots import quadruped

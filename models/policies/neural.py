@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.policies.arrays import ArraySpec, Reals, take_arrays
-from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.policy import ArraySpec, Policy, Reals, take_arrays
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation

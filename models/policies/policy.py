@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, save_arrays
-from glassgait.models.policies.arrays import ArraySpec, narrowest, take_arrays
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
@@ -35,8 +34,124 @@ if TYPE_CHECKING:
 
 FORMAT_VERSION = 1
 
+LARGEST = 1e30
+"""Greatest size of a parameter: products of a few, as in a network, stay finite."""
+
+MAX_ENTRIES = 2**26
+"""Greatest number of entries of an array: half a gigabyte of double precision."""
+
+
 INTERCEPT = "intercept"
 """The constant among the terms of a target."""
+
+
+@dataclass(frozen=True)
+class Reals:
+    """An array of half, single or double precision, converted to double precision.
+
+    Attributes:
+        dims: Its dimensions: numbers, or names that stand for the same size in all arrays of a
+            policy, such as "joints trees nodes+1". A question mark allows a size of 0.
+        ascending: Whether the last axis must not descend.
+    """
+
+    dims: str
+    least: float = -LARGEST
+    most: float = LARGEST
+    ascending: bool = False
+
+    def taken(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
+        """Returns the array in double precision."""
+        if array.dtype not in (np.float16, np.float32, np.float64):
+            raise InputError(f"is of type {array.dtype}; it must be float16, float32 or float64")
+        with np.errstate(invalid="ignore"):
+            values = array.astype(np.float64, copy=False)
+            inside = (values >= self.least) & (values <= self.most)
+        if not inside.all():
+            raise InputError(
+                f"holds {values[~inside][0]:g}; its numbers must be from {self.least:g} to "
+                f"{self.most:g}"
+            )
+        if self.ascending and not np.all(values[..., 1:] >= values[..., :-1]):
+            raise InputError("does not ascend; it must along its last axis")
+        return values
+
+
+@dataclass(frozen=True)
+class Indices:
+    """An array of indices that stay below the size of the name `of`."""
+
+    dims: str
+    of: str
+
+    def taken(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
+        """Returns the array."""
+        if array.dtype.kind not in "iu" or not np.can_cast(array.dtype, np.int64):
+            raise InputError(f"is of type {array.dtype}; it must be uint8, uint16, int32 or int64")
+        inside = (array >= 0) & (array < sizes[self.of])
+        if not inside.all():
+            last = sizes[self.of] - 1
+            raise InputError(f"holds {array[~inside][0]}; its numbers must be from 0 to {last}")
+        return array
+
+
+ArraySpec = Reals | Indices
+
+
+def take_arrays(
+    arrays: Mapping[str, NDArray[Any]], specs: Mapping[str, ArraySpec], sizes: Mapping[str, int]
+) -> dict[str, NDArray[Any]]:
+    """Checks the arrays of a policy, of which some sizes are known, and returns them.
+
+    Raises:
+        InputError: if an array is missing, left over, or not valid; the message names it.
+    """
+    for name in sorted(set(arrays) ^ set(specs)):
+        if name in specs:
+            raise InputError(f"lacks the array {name!r}; make it anew")
+        raise InputError(f"holds an array {shown(name)}, which is no part of it; make it anew")
+    known, taken = dict(sizes), {}
+    for name, spec in specs.items():
+        try:
+            _fit_shape(np.shape(arrays[name]), spec.dims, known)
+            taken[name] = spec.taken(np.asarray(arrays[name]), known)
+        except InputError as error:
+            raise InputError(f"array {name!r} {error}; make it anew") from None
+    return taken
+
+
+def _fit_shape(shape: tuple[int, ...], dims: str, sizes: dict[str, int]) -> None:
+    """Refuses a shape that does not have these dimensions, and notes sizes that were unknown."""
+    fits = len(shape) == len(dims.split())
+    for size, dim in zip(shape, dims.split(), strict=False):
+        name, _, extra = dim.rstrip("?").partition("+")
+        base, least = size - int(extra or 0), 0 if dim.endswith("?") else 1
+        known = int(name) if name.isdigit() else sizes.setdefault(name, max(base, least))
+        fits = fits and base == known
+    if not fits or np.prod(shape, dtype=float) > MAX_ENTRIES:
+        known = ", ".join(f"{size} {name}" for name, size in sizes.items())
+        raise InputError(
+            f"is of shape {shown(shape)}; it must be ({', '.join(dims.split())}), with {known} and "
+            f"at most {MAX_ENTRIES} entries"
+        )
+
+
+_NARROW = {"i": (np.uint8, np.int32), "f": (np.float16, np.float32)}
+"""Narrower types of whole numbers and of doubles, the narrowest first."""
+
+
+def narrowest(array: NDArray[Any]) -> NDArray[Any]:
+    """Returns an array in the narrowest type that holds all its values exactly."""
+    for width in _NARROW.get(array.dtype.kind, ()):
+        if np.array_equal(rounded(array, width), array, equal_nan=True):
+            return array.astype(width)
+    return array
+
+
+def rounded(array: NDArray[Any], width: DTypeLike) -> NDArray[Any]:
+    """Returns an array of the same type, with its values rounded to a narrower one."""
+    with np.errstate(over="ignore"):
+        return array.astype(width).astype(array.dtype)
 
 
 class FactoredTerm(NamedTuple):
@@ -70,14 +185,7 @@ class Contributions:
 def contributions_of_action(
     robot: Robot, terms: Sequence[str], values: Array, joint: int
 ) -> Contributions:
-    """Turns parts of a joint's actions into parts of its targets.
-
-    Args:
-        robot: The robot.
-        terms: Names of the parts (k), the intercept first.
-        values: Contribution of each part to the action (..., k).
-        joint: Index of the joint, whose default stance is added to the intercept.
-    """
+    """Turns parts of a joint's actions (..., k), the intercept first, into parts of its targets."""
     of_target = robot.action_scale * values
     of_target[..., 0] += robot.default_stance[joint]
     return Contributions(tuple(terms), of_target)
@@ -122,12 +230,8 @@ class Policy(ABC):
         Args:
             gait: Name of the gait.
             observation_names: Names of the observations, in order.
-            in_order: The first arrays of `array_specs`, in its order.
+            in_order: The first arrays of `array_specs`, in its order; the others go by name.
             robot: The robot; the default one by default.
-            arrays: The other arrays, by name.
-
-        Raises:
-            InputError: if a name or an array is not valid.
         """
         if len(in_order) > len(self.array_specs):
             raise TypeError(f"{self.kind} policy: takes {len(self.array_specs)} arrays")
@@ -144,11 +248,7 @@ class Policy(ABC):
 
     @classmethod
     def _sizes(cls, observation_names: Sequence[str]) -> dict[str, int]:
-        """Returns the sizes that the arrays of any policy may have.
-
-        Raises:
-            InputError: if the names are not those of an observation, in its order.
-        """
+        """Returns the sizes that arrays may have, and refuses names of another observation."""
         names = tuple(observation_names)
         unknown = next((name for name in names if not isinstance(name, str)), None)
         if unknown is not None or names != ObservationLayout.of(names).names:
@@ -193,16 +293,7 @@ class Policy(ABC):
     def from_arrays(
         cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
-        """Rebuilds the policy that `to_arrays` took apart.
-
-        Args:
-            arrays: The arrays.
-            values: The other values.
-            names: Its `gait`, `observation_names` and `robot`.
-
-        Raises:
-            InputError: if a part is missing, left over, or not valid.
-        """
+        """Rebuilds the policy that `to_arrays` took apart, with its gait, observation and robot."""
         parts: dict[str, Any] = names | dict(arrays)
         return cls(**parts)
 
@@ -257,13 +348,7 @@ class Policy(ABC):
         return self._estimator
 
     def with_estimator_of(self, expert: "Policy") -> Self:
-        """Returns the policy with the estimator of its expert.
-
-        Files of students hold no estimator, unless it is odometry.
-
-        Raises:
-            InputError: if the expert is of another gait.
-        """
+        """Returns the policy with the estimator of its expert; files hold only odometry."""
         if expert.gait != self.gait:
             raise InputError(
                 f"the expert is of the {expert.gait} and the policy of the {self.gait}; name the "
@@ -274,11 +359,7 @@ class Policy(ABC):
         return made
 
     def with_joint_law(self, law: JointLaw) -> Self:
-        """Returns the policy whose joints follow another law.
-
-        Raises:
-            InputError: if its limits count torques by less than the joints' stiffness.
-        """
+        """Returns the policy whose joints follow another law, which must suit the robot."""
         law.check(self.robot)
         made = copy.copy(self)
         made.joint_law = law
@@ -341,27 +422,16 @@ class Policy(ABC):
         observation_names: tuple[str, ...],
         robot: Robot | None = None,
     ) -> None:
-        """Refuses another robot, another gait or another layout of the observation.
-
-        Args:
-            gait: The gait, or only its name.
-            observation_names: Names of the observations, in order.
-            robot: The robot.
-
-        Raises:
-            InputError: if one differs; the message names the difference.
-        """
-        if robot is not None and self.robot.name != robot.name:
-            raise InputError(
-                f"this policy was made for robot {self.robot.name!r}, not "
-                f"{robot.name!r}; load a policy of that robot"
-            )
+        """Refuses another robot, another gait or its name, or another layout of the observation."""
         name = gait if isinstance(gait, str) else gait.name
-        if self.gait != name:
-            raise InputError(
-                f"this policy was made for gait {self.gait!r}, not {name!r}; name its gait with "
-                f"--gait, or a policy of the {name}"
-            )
+        if robot is not None and self.robot.name != robot.name:
+            differs = f"robot {self.robot.name!r}, not {robot.name!r}; load one of that robot"
+        elif self.gait != name:
+            differs = f"gait {self.gait!r}, not {name!r}; name its gait with --gait"
+        else:
+            differs = None
+        if differs is not None:
+            raise InputError(f"this policy was made for {differs}")
         if not isinstance(gait, str):
             self.refuse_other_machine(gait)
         ours, theirs = self.observation_names, observation_names
@@ -374,12 +444,7 @@ class Policy(ABC):
 
 
 def read_policy_file(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Reads the arrays and the header of a policy file.
-
-    Raises:
-        InputError: if the file is missing, damaged or of another format, or its header lacks a key
-            or holds a value of another type.
-    """
+    """Reads the arrays and the header of a policy file."""
     arrays, header = load_arrays(path)
     if not isinstance(header, dict) or header.get("format") != FORMAT_VERSION:
         raise InputError(f"{path}: is not a policy of format {FORMAT_VERSION}; make it anew")

@@ -30,6 +30,7 @@ from glassgait.models.errors import InputError, brief, shown
 from glassgait.models.files import YAML_BYTES, parse_yaml, read_text
 from glassgait.models.robots.quadruped import LEGS, N_LEGS
 from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
+from glassgait.models.task import MOST_STATES
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
 
@@ -44,9 +45,6 @@ LONGEST_STATE = 40
 
 LONGEST_DESCRIPTION = 500
 """Greatest number of characters of a description."""
-
-MOST_STATES = 32
-"""Greatest number of states; each is an entry of the observation."""
 
 
 N_STANCES: Final = 2**N_LEGS

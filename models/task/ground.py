@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from glassgait.models import BASE_VELOCITY_SCALE
 from glassgait.models.arrays import Array
-from glassgait.models.estimation import BASE_VELOCITY_SCALE
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of

@@ -8,12 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from glassgait.models import BASE_VELOCITY_SCALE
 from glassgait.models.arrays import Array, stacked
 from glassgait.models.errors import InputError, shown
-from glassgait.models.estimation import BASE_VELOCITY_SCALE
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.gait import MOST_STATES
+from glassgait.models.task import MOST_STATES
 
 JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1

@@ -14,7 +14,6 @@ from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.formulas.grammar import parse_formula
 from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.arrays import narrowest
 from glassgait.models.policies.boosting import (
     BoostedTreesPolicy,
     lower_neighbours,
@@ -28,7 +27,7 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy, elu
-from glassgait.models.policies.policy import first_not_finite
+from glassgait.models.policies.policy import first_not_finite, narrowest
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
