@@ -1,10 +1,10 @@
-"""A linear policy learns to trot in gymnasium's vector environment, within a minute.
+"""Trains a linear policy in gymnasium's vector environment within a minute.
 
-It imitates the shipped expert by DAgger: the student acts, the expert says what it would have
-done, and least squares fit all of it. To learn from the reward alone takes millions of
-control steps, hours on two cores: see `glassgait train`.
+    python -m glassgait.studies.examples.train_in_gym --seconds 45
 
-Run `python -m glassgait.studies.examples.train_in_gym --seconds 45`.
+The policy imitates the shipped expert by DAgger: the student acts, the expert labels what the
+student observes, and least squares fit all labels. Learning from the reward takes millions of
+control steps, hours on two cores; see `glassgait train`.
 """
 
 import time
@@ -45,10 +45,13 @@ def train(seconds: float = 45.0, num_envs: int = 32) -> tuple[float, float, floa
             rewards.append(reward)
         return float(np.mean(rewards))
 
+    # The normal equations of a slightly regularised least squares fit.
     inputs = with_one(envs.reset(seed=0)[0])
     products, targets = 0.01 * np.eye(inputs.shape[1]), np.zeros((inputs.shape[1], 12))
     weights = np.zeros_like(targets)
     before, deadline = score(student), time.monotonic() + seconds
+
+    # The student acts for 25 control steps between two fits.
     observations, _ = envs.reset(seed=0)
     while time.monotonic() < deadline:
         for _ in range(25):

@@ -148,6 +148,7 @@ def step_times(
         policy_name=kind,
         version=version("glassgait"),
     )
+    # The harness includes the controller's file and calls its step.
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         size = write_source(written, folder).stat().st_size
@@ -161,6 +162,7 @@ def step_times(
         )
         write_atomically(folder / "step_times.c", harness)
         compile_c(folder / "step_times.c", folder / "step_times", FLAGS)
+        # The fastest run counts: other work of the machine only adds time.
         runs = [
             subprocess.run([folder / "step_times"], check=True, capture_output=True, text=True)
             for _ in range(REPETITIONS)
@@ -205,6 +207,7 @@ def training_and_physics(
     Returns:
         Control steps/s of `training` and bare `physics`, a row a turn.
     """
+    # MuJoCo's share is left out, so that both time Drake only.
     config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
     with tempfile.TemporaryDirectory() as temporary:
         folder = checkpoint or Path(temporary)
@@ -213,6 +216,7 @@ def training_and_physics(
     robot = load_robot(config.robot)
     stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
     physics, recorded = _BarePhysics(robot, stations), _record_steps(run)
+    # The first update warms caches and is not timed.
     run.update()
     rows = []
     for _ in range(repeats):

@@ -27,6 +27,7 @@ WIDE = ("6", "7", "8, top")
 
 def contents(results: Sequence[GaitResults]) -> list[Section]:
     """Lists everything in the paper's order, then the gait sequences of further students."""
+    # Gait sequences of students beyond the paper's come last.
     further = [kind for kind in _students(results) if kind not in paper_students()]
     papers = dict(zip(("Figure 3", "Figure 4", "Figure 5"), paper_students(), strict=True))
     ours = {f"Ours {place}": kind for place, kind in enumerate(further, start=1)}

@@ -71,20 +71,22 @@ def study_gait(
     repeats: int,
 ) -> GaitResults:
     """Distils, evaluates and explains one gait, from where an earlier run stopped."""
+    # Section III-C of the paper: students, and their R² (Table II).
     name, title = gait.name, gait.name.capitalize()
     source = folder / "distillation"
     r2 = distill(distillation, gait, expert, source, resume=True)
     write_r2_table(r2, name, source)
     students = load_students(source, expert)
 
+    # Section IV-A: returns against the alternation ratio (Figure 2).
     say(f"{title}: rolling out every student at every alternation ratio")
     kept = folder / "rollouts"
     scores = alternation_scores(gait, expert, students, rollouts, kept, periods)
     alternation_report(scores, title).write(folder)
     standalone = standalone_table(scores)
 
+    # Section IV-B: importances and explanations of the ensembles (Table I, Figures 6 to 11).
     seed = rollouts.seed
-    # The paper explains its ensembles by figures; formulas are read.
     explained = {kind: students[kind] for kind in ("gbm", "ebm")}
     measured = []
     for kind, student in explained.items():

@@ -108,6 +108,7 @@ class Report(Settings):
             resume=self.resume,
             free=("gait",),
         ):
+            # A single gait is studied in this process, which shows its progress.
             jobs = [Job(name, 0, folder / load_gait(name).name, name) for name in names]
             if len(jobs) == 1 and self.workers.backend == "loky":
                 results = [_study_job(report, jobs[0])]

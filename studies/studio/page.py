@@ -56,6 +56,7 @@ def serve(
         save_as: Folder and stem of the file that is saved.
         listening: A socket that listens at `HOST`.
     """
+    # NiceGUI's page on an application of its own, which has no other routes.
     app = FastAPI(openapi_url=None)
 
     @ui.page("/", response_timeout=RECONNECT)
@@ -73,6 +74,7 @@ def serve(
         show_welcome_message=False,
         reconnect_timeout=RECONNECT,
     )
+    # Python's threads switch more often, so that messages do not wait for the robot.
     config = uvicorn.Config(app, log_level="error", access_log=False, lifespan="on")
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL)
@@ -207,6 +209,8 @@ class _Page:
         """Shows what the robot does, and what each term adds now."""
         if self._shown != (self._place, self._session.policy):
             self._show_formula()
+
+        # The switch follows the robot, which pauses by itself if an action is not finite.
         samples = self._robot.samples()
         self._pause.set_value(self._robot.paused)
         if not samples:
@@ -221,6 +225,8 @@ class _Page:
             for index in ranked
         ]
         self._terms.update()
+
+        # Where the formula acts, and how robot and ghost fare.
         state, joint = int(robot.rm_state.argmax()), self._place[-1]
         acts = len(self._place) == 1 or self._place[0] == state
         self._sum.set_text(

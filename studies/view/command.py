@@ -98,6 +98,7 @@ class View(PolicySource):
 
     def run(self) -> None:
         """Plays, and writes the replay, the gait diagram and these settings."""
+        # The policy, or expert and student in turns, in the scenario with its command.
         gait = find_gait(self.gait, self.robot)
         (found,) = find_policies_of([gait], self.source, [self.policy], self.robot).values()
         gait, controller = found.gait, self._controller(found)
@@ -114,6 +115,7 @@ class View(PolicySource):
         stem = folder / "_".join(part for part in parts if part != TRAINING)
         refuse_run(folder)
 
+        # Live in real time, or as fast as it goes.
         meshcat, replay = open_meshcat(), Path(f"{stem}.html")
         if self.live:
             rollout = play_live(gait, controller, scenario, meshcat, replay, seed=self.seed)
@@ -122,6 +124,8 @@ class View(PolicySource):
             options = {"n_steps": self.n_steps or N_STEPS, "seed": self.seed}
             rollout = play(gait, controller, scenario, meshcat, replay, **options)
             ending = "fell" if rollout.failed else "stayed up"
+
+        # The settings stand beside the replay, so that it can be made again.
         record = {**to_plain(self), "scenario": scenario.to_plain()}
         write_atomically(Path(f"{stem}.yaml"), yaml.safe_dump(record, sort_keys=False))
         title = f"{gait.name}, {self.policy}" + f", ratio {ratio}" * (self.ratio is not None)

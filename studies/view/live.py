@@ -41,6 +41,7 @@ def play_live(
     Raises:
         InputError: if a policy does not fit the gait.
     """
+    # The diagram is built once: a restart only sets its state.
     meshcat.AddButton(STOP_BUTTON, "Escape")
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
     console.print(
@@ -64,6 +65,7 @@ def play_live(
 
             return record(simulator, None, stopped=ended)
 
+        # Each fall ends a rollout; the next one is appended.
         n_falls = 0
         rollout = live(n_falls)
         while not stopped():

@@ -29,15 +29,17 @@ def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
 
 @styled
 def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
-    """Draws stills of the last cycle, framed in the colour of the machine's state, each above its
-    moment in the gait diagram.
+    """Draws stills of the last cycle above the gait diagram, framed in the colour of the RM state.
 
     Raises:
         InputError: if the rollout holds no whole cycle.
     """
+    # Stills are evenly spread over the cycle.
     start, stop = last_cycle(rollout, gait)
     middles = (np.arange(n_stills) + 0.5) / n_stills
     steps = start + np.floor(middles * (stop - start)).astype(int)
+
+    # Stills stand in the upper row.
     camera = Camera(robot, 480, 320)
     figure = Figure(figsize=(2 * COLUMN_WIDTH, 2.2))
     grid = figure.add_gridspec(2, n_stills, height_ratios=(1.0, 1.3))
@@ -49,6 +51,8 @@ def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) ->
             colors[rollout["rm_state"][step].argmax()],
             1000.0 * (rollout.time[step] - rollout.time[start]),
         )
+
+    # The diagram stands below, with a line at each still's instant.
     axes = figure.add_subplot(grid[1, :])
     draw_gait(axes, rollout, gait)
     axes.set_xlim(rollout.time[start], rollout.time[stop])
