@@ -1,8 +1,7 @@
-"""Episodes: the one loop over control steps in which controllers move robots in batch.
+"""Episodes: the only loop over control steps in which controllers move robots in batch.
 
-Other loops over time are of another kind: reinforcement learning draws its actions from a
-distribution that it changes (`glassgait.studies.training`), `drive` waits for messages, and one
-robot's diagram is advanced by Drake (`glassgait.diagrams.rollout.record`).
+Reinforcement learning loops in `glassgait.studies.training`, where actions are drawn, and Drake
+advances the diagram of a single robot (`glassgait.diagrams.rollout.record`).
 """
 
 from collections.abc import Callable, Sequence
@@ -59,17 +58,16 @@ class World(NamedTuple):
 
 
 class ControlStep(NamedTuple):
-    """What an observer sees of a control step of n robots, once it is over.
+    """A control step of n robots that is over, as observers see it.
 
     Attributes:
         step: Number of the step, counted from 0.
         robots: Numbers of the robots (n,); all, but for those that were left out.
         before: The task's state before the step.
         observation: Observations (n, n_obs).
-        output: What the controller returned.
-        action: Actions (n, 12) that were asked for: 0 of fallen robots. What limits left of them is
-            `after.memory.action`.
-        outcome: What the simulator returned.
+        output: Output of the controller.
+        action: Requested actions (n, 12), 0 of fallen robots; `after.memory.action` is limited.
+        outcome: Result of the simulator.
         after: The task's state after the step.
         fallen: Which robots had fallen by the end of the step (n,).
     """
@@ -161,7 +159,7 @@ def give(step: int | None, command: Command | FixedCommand) -> Event:
 
 
 class Ended(NamedTuple):
-    """What became of the n robots of an episode.
+    """End of an episode of n robots.
 
     Attributes:
         fell: Control step in which each fell first (n,); the number of steps where it did not.
@@ -186,22 +184,22 @@ def episode(
     when_fallen: Literal["rest", "restart", "go on"] = "rest",
     leave_out_every: int | None = None,
 ) -> Ended:
-    """Lets a controller move robots, each control step alike: events, observe, act, step, record.
+    """Lets a controller move robots; a control step is: events, observe, act, step, record.
 
     Equal seeds give equal starts, commands and noise, whatever the controller does.
 
     Args:
         gait: The gait.
         controller: The controller, or a policy that acts alone.
-        scenario: The world.
+        scenario: The scenario, or a world made of one.
         n_robots: Number of robots.
         n_steps: Control steps; fewer are taken once an observer is done.
         seed: Seed of starts, commands and noise, or the generator that draws them.
-        observers: What records the steps.
-        events: What happens between them, in this order at each step.
+        observers: Observers that record the steps.
+        events: Events before the steps, in this order.
         start: A state to go on from; near the default stance by default.
-        when_fallen: What a robot does after a fall: `rest` with actions of 0, since a policy may
-            well diverge on the ground; `restart` its episode; or `go on` as if nothing was.
+        when_fallen: Whether a robot that fell is to `rest` with actions of 0, since a policy may
+            diverge on the ground, `restart` its episode, or `go on` as if nothing had happened.
         leave_out_every: Control steps after which fallen robots are left out, so that they cost
             nothing more; by default none is. Others draw other noise from then on.
 
@@ -218,6 +216,7 @@ def episode(
     fell = np.full(n_robots, n_steps)
     memory = controller.begin(n_robots)
     for step in range(n_steps):
+        # Leave out fallen robots from time to time.
         robots = running.robots
         fallen = fell[robots] < n_steps
         if leave_out_every and step % leave_out_every == 0 and fallen.any():
@@ -226,6 +225,7 @@ def episode(
             robots, fallen = robots[up], fallen[up]
         if len(robots) == 0:
             break
+        # Apply the events, and act.
         running.step, simulator = step, running.simulator
         for event in events:
             event.happen(running)
@@ -234,24 +234,16 @@ def episode(
         memory, action = output.memory, output.action
         if when_fallen == "rest":
             action = np.where(fallen[:, None], 0.0, action)
+        # Step the simulation, and let observers record.
         outcome = simulator.step(action)
         fell[robots[outcome.terminated & ~fallen]] = step
         fallen = fallen | outcome.terminated
         after = simulator.state
+        seen = ControlStep(
+            step, robots, before, observation, output, action, outcome, after, fallen
+        )
         for observer in observers:
-            observer.observe(
-                ControlStep(
-                    step,
-                    robots,
-                    before,
-                    observation,
-                    output,
-                    action,
-                    outcome,
-                    after,
-                    fallen,
-                )
-            )
+            observer.observe(seen)
         if any(observer.done for observer in observers):
             break
         if when_fallen == "restart" and outcome.terminated.any():

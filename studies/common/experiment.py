@@ -1,4 +1,4 @@
-"""Experiments: policies that are measured in scenarios, side by side, and a report of them.
+"""Experiments: policies are measured in scenarios, case by case, and reported.
 
     @checked
     class Mine(Experiment):
@@ -8,12 +8,9 @@
 
         def report(self, table: pd.DataFrame) -> Report: ...
 
-`Mine().run()` finds the policies, opens the run's folder, measures every policy in every scenario
-with every seed, keeps the table of each case as soon as it is measured, and writes the report.
-`run_from_command_line(Mine)` takes the settings from the command line.
-
-Libraries that take long to load are imported in the functions that need them, so that `--help` does
-not wait for Drake and PyTorch.
+`Mine().run()` measures every policy in every scenario with every seed, and writes the report;
+`run_from_command_line(Mine)` takes the settings from the command line. Heavy libraries are imported
+in the functions that need them, so that `--help` does not wait for Drake and PyTorch.
 """
 
 from __future__ import annotations
@@ -22,6 +19,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -75,13 +73,11 @@ def refuse_to_report(seeds: Sequence[int]) -> None:
     Raises:
         InputError: if one of the seeds is kept for selection.
     """
-    for seed in seeds:
-        if seed in SELECTION_SEEDS:
-            first, last = SELECTION_SEEDS[0], SELECTION_SEEDS[-1]
-            raise InputError(
-                f"--seed: leads to {seed}, but {first} to {last} choose among candidates; name "
-                "others"
-            )
+    for seed in {*seeds} & {*SELECTION_SEEDS}:
+        kept = f"{SELECTION_SEEDS[0]} to {SELECTION_SEEDS[-1]}"
+        raise InputError(
+            f"--seed: leads to {seed}, but {kept} choose among candidates; name others"
+        )
 
 
 @checked
@@ -98,16 +94,12 @@ class PolicySource(Settings):
     robot: str | None = None
     source: Path | None = None
 
-    def policies_of(self, gait: str, *, quiet: bool = False) -> Policies:
-        """Finds the policies of a gait, by its name or file, and prints where they are from.
-
-        Raises:
-            InputError: as `find_gait` and `find_policies`.
-        """
+    def policies_of(self, gait: str) -> Policies:
+        """Finds the policies of a gait, by its name or file, and prints where they are from."""
         from glassgait.models.policies.library import find_gait
         from glassgait.studies.common.policies import find_policies
 
-        return find_policies(find_gait(gait, self.robot), self.source, self.robot, quiet=quiet)
+        return find_policies(find_gait(gait, self.robot), self.source, self.robot)
 
 
 @checked
@@ -121,11 +113,7 @@ class OneGait(PolicySource):
     gait: str = "trot"
 
     def policies(self) -> Policies:
-        """Finds the policies, and prints where they are from.
-
-        Raises:
-            InputError: as `policies_of`.
-        """
+        """Finds the policies, and prints where they are from."""
         return self.policies_of(self.gait)
 
 
@@ -275,20 +263,11 @@ class Experiment(PolicySource):
     output: Path | None = None
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Measures one case, in a process of its own.
-
-        Returns:
-            Rows of the table, before which the case's labels are put.
-        """
+        """Measures one case, in a process of its own; the case's labels are put before the rows."""
         raise NotImplementedError
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Turns the rows of all cases into tables, figures and metrics.
-
-        Args:
-            table: What `measure` returned, with the cases' labels: `gait`, `policy`, `scenario` and
-                `seed`.
-        """
+        """Turns the rows of all cases, with labels, into tables, figures and metrics."""
         raise NotImplementedError
 
     def cases(self) -> list[Case]:
@@ -302,20 +281,18 @@ class Experiment(PolicySource):
                 selection.
         """
         refuse_to_report(self.seeds)
-        slow_first = sorted(self.scenarios.items(), key=lambda item: item[1].max_robots or math.inf)
-        for gait in self.gaits:
-            for scenario in self.scenarios.values():
-                scenario.command.check(gait)
+        for scenario, gait in product(self.scenarios.values(), self.gaits):
+            scenario.command.check(gait)
+        names = sorted(self.scenarios, key=lambda name: self.scenarios[name].max_robots or math.inf)
         return [
             Case(
                 {"gait": gait.name, "policy": policy, "scenario": name, "seed": seed},
                 gait,
                 controller,
-                scenario,
+                self.scenarios[name],
                 seed,
             )
-            for name, scenario in slow_first
-            for gait in self.gaits
+            for name, gait in product(names, self.gaits)
             for policy, controller in self.controllers[gait.name].items()
             for seed in self.seeds
         ]
@@ -335,21 +312,17 @@ class Experiment(PolicySource):
         cases = self.cases()
         for policies in self.policies.values():
             note(policies.origin)
+        acting = (own for case in cases for own in case.controller.policies.values())
+        read = {"gait": self.gaits, "scenario": self.scenarios.values(), "policy": acting}
         inputs = {
-            "gait": " ".join(gait.digest() for gait in self.gaits),
-            "scenario": " ".join(scenario.digest() for scenario in self.scenarios.values()),
-            "policy": " ".join(
-                policy.digest()
-                for controllers in self.controllers.values()
-                for controller in controllers.values()
-                for policy in controller.policies.values()
-            ),
+            name: " ".join(dict.fromkeys(own.digest() for own in parts))
+            for name, parts in read.items()
         }
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         # Processes are sent a copy without the policies that this one has found.
-        measure = replace(self).measure
+        measure, n_workers = replace(self).measure, self.workers.n_workers
         with open_run(folder, **run), parallel_backend(self.workers.backend):
-            table = run_cases(cases, measure, folder / "cases", n_workers=self.workers.n_workers)
+            table = run_cases(cases, measure, folder / "cases", n_workers=n_workers)
             report = self.report(table)
             report.write(folder)
         report.show()
@@ -404,18 +377,13 @@ class Experiment(PolicySource):
             InputError: if there is no such policy.
         """
         found = {}
+        some = len(self.gaits) > 1 or self.policy == type(self).policy
         for gait, policies in self.policies.items():
             names = policies.named(self.policy)
             there = [name for name in names if name in ("expert", *policies.files)]
-            if len(self.gaits) > 1 or self.policy == type(self).policy:
-                found[gait] = policies.controllers(there)
-            else:
-                found[gait] = policies.controllers(names)
+            found[gait] = policies.controllers(there if some else names)
         if not any(found.values()):
-            raise InputError(
-                f"--policy {' '.join(self.policy)}: no gait has such a policy; name others, or one "
-                "gait and the run with --source"
-            )
+            raise InputError(f"--policy {' '.join(self.policy)}: no gait has such a policy")
         return found
 
     @property

@@ -4,9 +4,8 @@ import logging
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from annotated_types import Le, Lt, MinLen
 from joblib import Parallel, delayed, parallel_config
@@ -42,10 +41,10 @@ LOST = (
 def run_parallel(
     work: Iterable[Any], n_jobs: int = -1, *, in_order: bool = True
 ) -> Generator[Any, None, None]:
-    """Makes calls in other processes, and yields what they return.
+    """Makes calls in other processes, and yields their results.
 
     Each call computes on one thread, and loops inside of it run one call after another: so neither
-    the place of a call nor its siblings change a bit of its results.
+    its place nor its siblings change a bit of its results.
 
     Args:
         work: The calls, each made by `joblib.delayed`.
@@ -156,15 +155,14 @@ class SweepConfig(WorkersConfig):
     n_seeds: Seeds = 1
 
 
-@dataclass(frozen=True)
-class Job:
+class Job(NamedTuple):
     """A run of one gait and seed.
 
     Attributes:
         gait: Name of the gait, or path of its file.
         seed: The seed.
         folder: The run's folder.
-        title: Its name in progress and errors.
+        title: Its name in progress lines and errors.
     """
 
     gait: str
@@ -207,15 +205,12 @@ def jobs_of(
 
 
 def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersConfig) -> list[Any]:
-    """Runs every job; one that is refused stops no other.
+    """Runs every job, and returns their results; one that is refused stops no other.
 
     Args:
         jobs: The jobs.
-        run: Does a job, from where its folder's run stopped; it is pickled.
+        run: Does a job; it is pickled.
         config: Where they run, and how many at once.
-
-    Returns:
-        What the jobs returned, in their order.
 
     Raises:
         InputError: after all other jobs are done, if jobs were refused.
@@ -226,12 +221,11 @@ def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersCon
         work = (delayed(_run_job)(place, job, run) for place, job in enumerate(jobs))
         n_jobs = min(config.n_workers, len(jobs))
         for place, result, sentence in run_parallel(work, n_jobs, in_order=False):
-            results[place] = result
+            results[place], job = result, jobs[place]
             if sentence is not None:
-                refused.append(f"{jobs[place].title}: {sentence}")
+                refused.append(f"{job.title}: {sentence}")
             ending = "done" if sentence is None else "refused"
-            done = f"({len(results)} of {len(jobs)}), in {jobs[place].folder}"
-            say(f"{jobs[place].title}: {ending} {done}")
+            say(f"{job.title}: {ending} ({len(results)} of {len(jobs)}), in {job.folder}")
     if refused:
         raise InputError(
             f"{len(refused)} of {len(jobs)} jobs were refused, the others are done: "

@@ -5,7 +5,7 @@ gait that does not ship, the runs' default folders are taken: runs/distill/<gait
 runs/train/<gait>; of another robot than the default one runs/train/<robot>/<gait> and so on.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -292,23 +292,6 @@ def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None
     if source is None and gait.name not in shipped_experts(own.name):
         source = default_folder("train", own.name) / gait.name
     return find_policies(gait, source, robot).expert
-
-
-def find_policies_of(
-    gaits: Sequence[Gait],
-    source: Path | None = None,
-    names: Iterable[str] = (),
-    robot: str | None = None,
-) -> dict[str, Policies]:
-    """Finds the policies of several gaits, by the gaits' names.
-
-    Raises:
-        InputError: as `find_policies`, and if a folder or files, which are of one gait, are named
-            for several.
-    """
-    if len(gaits) > 1 and (source is not None or any(is_file(name) for name in names)):
-        raise InputError("--gait: several gaits take no files of your own; name one gait for them")
-    return {gait.name: find_policies(gait, source, robot) for gait in gaits}
 
 
 def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies | None:

@@ -132,7 +132,7 @@ def play(
     seed: int = 0,
     repetitions: int = 1,
 ) -> Rollout:
-    """Rolls one robot out, and writes the replay.
+    """Rolls one robot out as fast as it goes, pushed as the scenario says, and writes the replay.
 
     Args:
         gait: The gait.
@@ -143,43 +143,18 @@ def play(
         n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of noise, pushes and drawn commands.
         repetitions: How often the replay plays before it stands still.
-
-    Raises:
-        InputError: if a policy or the command does not fit the gait.
     """
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
-    rollout = roll_one_out(diagram, scenario, n_steps=n_steps, seed=seed)
+    simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
+    pushed = pusher(simulator, scenario, seed)
+    # A push returns nothing, so that only a fall or the last step stops the rollout.
+    rollout = record(simulator, n_steps, stopped=lambda: bool(pushed()))
     save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
     return rollout
 
 
-def roll_one_out(diagram: Diagram, scenario: Scenario, *, n_steps: int, seed: int) -> Rollout:
-    """Rolls one robot out as fast as it goes, pushed as the scenario says.
-
-    Args:
-        diagram: The diagram that `MakeLocomotion` built for the scenario.
-        scenario: The scenario.
-        n_steps: Control steps of the rollout; a fall ends it before.
-        seed: Seed of noise, pushes and drawn commands.
-    """
-    simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
-    pushed = pusher(simulator, scenario, seed)
-
-    def stopped() -> bool:
-        pushed()
-        return False
-
-    return record(simulator, n_steps, stopped=stopped)
-
-
 def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], None]:
-    """Returns a function that pushes the robot as the scenario says, called between control steps.
-
-    Args:
-        simulator: A simulator of a diagram that `MakeLocomotion` built.
-        scenario: The scenario.
-        seed: Seed of the pushes.
-    """
+    """Returns a function to call between control steps, which pushes the robot at times."""
     randomization, generator = scenario.randomization(), np.random.default_rng(seed)
     shown = simulator.get_system()
     assert isinstance(shown, Diagram)

@@ -12,9 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import FancyBboxPatch, Rectangle
-from matplotlib.patheffects import withStroke
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import PercentFormatter
 
 from glassgait.diagrams.scenario import TRAINING
@@ -40,9 +38,6 @@ COLUMN, ROW = 0.24, 0.19
 
 PANEL = 1.95
 """Width of a policy's disc of pushes (inches)."""
-
-HOLE = 0.22
-"""Radius of the hole in the middle of a disc, where the robot stands (shares of its width)."""
 
 MOST_COLUMNS = 5
 """Greatest number of discs side by side."""
@@ -161,8 +156,6 @@ def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> N
 def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
     """Draws a disc of each policy: direction as angle, speed as radius, colour for survival.
 
-    The line is where half survive. The robot stands in the middle and faces upward.
-
     Args:
         basins: Pushes that each policy survives, the expert first.
         title: Title of the figure.
@@ -176,7 +169,14 @@ def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
     for axes in panels[len(basins) :]:
         axes.set_visible(False)
     for axes, (policy, basin) in zip(panels, basins.items(), strict=False):
-        _draw_basin(axes, basin)
+        half = np.pi / len(basin.grid.directions)
+        sectors = np.append(basin.grid.directions - half, 2.0 * np.pi - half)
+        axes.pcolormesh(
+            sectors, _rings(basin.grid.speeds), basin.shares.T, cmap=SURVIVAL, vmin=0, vmax=1
+        )
+        axes.set_theta_zero_location("N")
+        axes.set_xticks(np.arange(4) * np.pi / 2, SIDES, fontsize=6.5)
+        axes.tick_params(pad=-2)
         name = policy_title(policy)
         axes.set_title(f"{name}\nall survived up to {basin.all_up_to:.2g} m/s", fontsize=7.5)
     bar = figure.colorbar(
@@ -184,40 +184,10 @@ def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
         ax=panels.tolist(),
         format=PercentFormatter(1.0),
         shrink=0.7,
-        pad=0.02,
     )
     bar.set_label("share of phases survived")
-    bar.outline.set_visible(False)  # type: ignore[operator]
     figure.suptitle(textwrap.fill(title, round(18 * (PANEL * columns + 0.7))), fontsize=8)
     return figure
-
-
-def _draw_basin(axes: Axes, basin: Basin) -> None:
-    directions, speeds, shares = basin.grid.directions, basin.grid.speeds, basin.shares
-    rings = _rings(speeds)
-    axes.set_theta_zero_location("N")  # type: ignore[attr-defined]
-    axes.set_rorigin(rings[0] - HOLE * (rings[-1] - rings[0]))  # type: ignore[attr-defined]
-    width = 2.0 * np.pi / len(directions)
-    for column, low, high in zip(shares.T, rings[:-1], rings[1:], strict=True):
-        look = {"color": SURVIVAL(column), "edgecolor": "white", "linewidth": 0.35}
-        axes.bar(directions, high - low, width=width, bottom=low, **look)
-    around = np.append(directions, directions[0] + 2 * np.pi)
-    halves = half_lines(speeds, shares)
-    axes.plot(around, np.append(halves, halves[0]), color="#D55E00", linewidth=1.1, zorder=4)
-    axes.set_ylim(rings[0], rings[-1])
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
-    axes.set_xticks(np.arange(4) * np.pi / 2, SIDES, fontsize=6.5)
-    axes.tick_params(pad=-2)
-    axes.set_yticks([])
-    circle = np.linspace(0.0, 2.0 * np.pi, 181)
-    for speed in np.arange(1.0, rings[-1]):
-        if speed > rings[0]:
-            axes.plot(circle, np.full(181, speed), color="0.35", linewidth=0.4, zorder=3)
-            # On a line between two sides, where no word stands.
-            text = axes.text(-np.pi / 4, speed, f"{speed:g}", fontsize=6, ha="center", va="center")
-            text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
-    _draw_robot(axes)
 
 
 def _rings(speeds: Array) -> Array:
@@ -227,51 +197,3 @@ def _rings(speeds: Array) -> Array:
     middles = 0.5 * (speeds[:-1] + speeds[1:])
     inner, outer = 2.0 * speeds[0] - middles[0], 2.0 * speeds[-1] - middles[-1]
     return np.concatenate([[max(inner, 0.0)], middles, [outer]])
-
-
-def half_lines(speeds: Array, shares: Array) -> Array:
-    """Finds where, from the middle outward, fewer than half survive for the first time.
-
-    Args:
-        speeds: Speeds of pushes (n_speeds,; m/s).
-        shares: Shares that survive (n_directions, n_speeds).
-
-    Returns:
-        Speeds, interpolated between those of the grid (n_directions,; m/s); the greatest where at
-        least half survive all of them.
-    """
-    found = []
-    for own in shares:
-        below = np.flatnonzero(own < 0.5)
-        if len(below) == 0:
-            found.append(speeds[-1])
-            continue
-        after = below[0]
-        if after == 0:
-            found.append(speeds[0])
-            continue
-        high, low = own[after - 1], own[after]
-        part = (high - 0.5) / (high - low)
-        found.append(speeds[after - 1] + part * (speeds[after] - speeds[after - 1]))
-    return np.array(found)
-
-
-def _draw_robot(axes: Axes) -> None:
-    """Draws the robot from above into the hole: its trunk, its feet, and where it faces."""
-    length, width = 0.1, 0.05
-    look = {"transform": axes.transAxes, "clip_on": False, "zorder": 5}
-    trunk = FancyBboxPatch(
-        (0.5 - width / 2, 0.5 - length / 2),
-        width,
-        length,
-        boxstyle="round,pad=0,rounding_size=0.02",
-        facecolor="0.25",
-        linewidth=0,
-        **look,
-    )
-    axes.add_artist(trunk)
-    for x, y in product((-0.75, 0.75), (-0.5, 0.5)):
-        foot = (0.5 + x * width, 0.5 + y * length)
-        axes.add_artist(Line2D(*zip(foot, strict=True), marker="o", color="0.25", ms=1.8, **look))
-    nose = ([0.5], [0.5 + 0.36 * length])
-    axes.add_artist(Line2D(*nose, marker="^", color="#D55E00", ms=2.6, mew=0, **look))

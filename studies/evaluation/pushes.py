@@ -106,7 +106,7 @@ class Pushes(Experiment):
         summed, gait = push_summary(basins), table["gait"].iloc[0]
         title = (
             f"{gait.capitalize()} at {self.command.speed:g} m/s: which pushes are survived. "
-            f"Direction as angle, speed (m/s) as radius; the line is where half survive"
+            "Direction as angle, speed (m/s) as radius"
         )
         return Report(
             tables={"summary": summed, "pushes": push_table(basins)},

@@ -22,7 +22,7 @@ from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.studies.common.console import console
 from glassgait.studies.common.experiment import PolicySource
 from glassgait.studies.common.figures import gait_figure, save_figure
-from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
+from glassgait.studies.common.policies import EXPERT, Policies, find_policies
 from glassgait.studies.common.rollouts import Steps, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
@@ -100,7 +100,7 @@ class View(PolicySource):
         """Plays, and writes the replay, the gait diagram and these settings."""
         # The policy, or expert and student in turns, in the scenario with its command.
         gait = find_gait(self.gait, self.robot)
-        (found,) = find_policies_of([gait], self.source, [self.policy], self.robot).values()
+        found = find_policies(gait, self.source, self.robot)
         gait, controller = found.gait, self._controller(found)
         ratio = "alone" if self.ratio is None else ratio_title(controller.period)
         scenario = load_scenario(self.scenario)

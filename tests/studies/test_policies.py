@@ -15,7 +15,7 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of
+from glassgait.studies.common.policies import ORDER, find_policies
 from glassgait.studies.common.run import default_folder
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students import STUDENTS
@@ -165,12 +165,6 @@ def test_of_policies_of_one_name_the_second_is_called_by_its_path(tmp_path, othe
     found = find_policies(TROT).controllers(["expert", path])
     assert list(found) == ["expert", path]
     assert found[path].expert.digest() == other_expert.digest()
-
-
-@pytest.mark.parametrize(("source", "names"), [(STUDENT_DIRECTORY, ()), (None, ["a.formulas"])])
-def test_files_of_one_gait_are_refused_for_several(source, names):
-    with pytest.raises(InputError, match="--gait"):
-        find_policies_of([TROT, load_gait("pace")], source, names)
 
 
 def test_every_student_has_its_place_in_tables():

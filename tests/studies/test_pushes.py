@@ -13,7 +13,7 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import limits_of
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.figures import half_lines, push_figure
+from glassgait.studies.evaluation.figures import push_figure
 from glassgait.studies.evaluation.pushing import (
     Basin,
     Pushed,
@@ -110,11 +110,6 @@ def test_tables_hold_shares_and_their_intervals():
     assert summed["how the others ended"] == "low trunk 3"
 
 
-def test_the_line_stands_where_half_survive_first():
-    shares = np.array([[1.0, 0.0, 1.0], [1.0, 0.75, 0.25], [1.0, 1.0, 1.0], [0.2, 1.0, 1.0]])
-    assert half_lines(np.array([1.0, 2.0, 3.0]), shares).tolist() == [1.5, 2.5, 3.0, 1.0]
-
-
 def test_the_picture_has_a_panel_for_each_policy_and_a_cell_for_each_push():
     own = basin([[4, 2], [4, 0], [3, 1]])
     figure = push_figure(dict.fromkeys(("expert", "gbm", "sparse_formula"), own), "Trot")
@@ -125,7 +120,7 @@ def test_the_picture_has_a_panel_for_each_policy_and_a_cell_for_each_push():
         "Page of formulas",
     ]
     for axes in panels:
-        assert sum(len(container) for container in axes.containers) == 6
+        assert axes.collections[0].get_array().size == 6
         assert "up to 0 m/s" in axes.get_title()
     assert bar.get_ylabel() == "share of phases survived"
     assert push_figure({"expert": basin([[4], [4], [3]])}, "one speed").axes
