@@ -51,7 +51,7 @@ from glassgait.systems.sensors import (
 )
 
 if TYPE_CHECKING:
-    from glassgait.models.policies.controller import AlternatingController, Controller, Estimator
+    from glassgait.models.policies.controller import Controller, Estimator
     from glassgait.models.policies.policy import Policy
 
 Ports = dict[str, OutputPort]
@@ -155,7 +155,7 @@ def MakeLocomotion(  # noqa: N802
 
 def _taken(
     policy: "Controller | Policy", *, true_body_state: bool
-) -> tuple["AlternatingController", "Estimator | None"]:
+) -> tuple["Controller", "Estimator | None"]:
     """Returns the controller of a policy, and its estimator.
 
     Raises:
@@ -164,14 +164,14 @@ def _taken(
     """
     # Imported here: a robot without a policy needs none of them.
     from glassgait.models.policies.controller import (  # noqa: PLC0415
-        AlternatingController,
+        Controller,
         alone,
         estimator_in_loop,
     )
     from glassgait.models.policies.policy import Policy  # noqa: PLC0415
 
     controller = alone(policy) if isinstance(policy, Policy) else policy
-    if not isinstance(controller, AlternatingController):
+    if not isinstance(controller, Controller):
         raise InputError(
             f"a diagram has no system for a controller of type {type(controller).__name__}; "
             "choose a discrete scenario, which the batch simulator plays"
@@ -318,7 +318,7 @@ def _add_observation(
 
 def _add_policies(
     builder: DiagramBuilder,
-    controller: "AlternatingController",
+    controller: "Controller",
     gait: Gait,
     layout: ObservationLayout,
     law: JointLaw,

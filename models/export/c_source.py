@@ -21,7 +21,7 @@ from glassgait.models.export.c_language import (
 )
 from glassgait.models.export.c_policies import Code, Style, network_code, policy_code
 from glassgait.models.formulas.grammar import GLUE
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.neural import MirroredNetwork, Network
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
@@ -88,7 +88,7 @@ class ControllerSource(Interface):
 
 def write_controller(
     gait: Gait,
-    controller: AlternatingController,
+    controller: Controller,
     *,
     name: str,
     policy_name: str,
@@ -184,13 +184,13 @@ def check_name(name: str) -> None:
         )
 
 
-def reads_imu(controller: AlternatingController) -> bool:
+def reads_imu(controller: Controller) -> bool:
     """Returns whether a controller's policy, its odometry or its limits read an IMU."""
     odometry = isinstance(controller.estimator, Odometry)
     return odometry or controller.policy.layout.imu or controller.joint_law.limits is not None
 
 
-def exported_estimator(controller: AlternatingController) -> Network | MirroredNetwork | Odometry:
+def exported_estimator(controller: Controller) -> Network | MirroredNetwork | Odometry:
     """Returns a controller's estimator.
 
     Raises:
@@ -233,7 +233,7 @@ def _places(robot: Robot, layout: ObservationLayout) -> list[tuple[str, int, str
 # ---- The robot -------------------------------------------------------------------------------
 
 
-def _robot_values(robot: Robot, controller: AlternatingController, gait: Gait) -> dict[str, Any]:
+def _robot_values(robot: Robot, controller: Controller, gait: Gait) -> dict[str, Any]:
     """Returns the numbers of the robot, of its joints and of the task."""
     law = controller.joint_law
     stiffness, damping = law.gains_of(robot)

@@ -17,7 +17,7 @@ from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import Interface, reads_imu
 from glassgait.models.files import digest, read_yaml
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import robot_of
@@ -70,7 +70,7 @@ TARGETS: Signals = {"joint_position": _signal(quadruped.N_JOINTS, "rad")}
 
 def contract_of(
     gait: Gait,
-    controller: AlternatingController,
+    controller: Controller,
     file: Path,
     policy_name: str,
     real: Real = "double",

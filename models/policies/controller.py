@@ -35,7 +35,7 @@ class ControllerOutput(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AlternatingController:
+class Controller:
     """An expert, a student, or both by turns (paper, Algorithm 1), in a closed loop of n robots.
 
     A controller is a value. A subclass that remembers something returns it from `begin` and
@@ -119,10 +119,7 @@ class AlternatingController:
         return {"period": self.period}
 
 
-Controller = AlternatingController
-
-
-def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController:
+def alone(policy: Policy, expert: Policy | None = None) -> Controller:
     """Returns the controller in which only one policy acts.
 
     Args:
@@ -130,19 +127,19 @@ def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController
         expert: The expert whose estimator observes for a student without odometry.
     """
     if expert is None or expert is policy:
-        return AlternatingController(policy)
+        return Controller(policy)
     has_odometry = isinstance(policy.estimator, Odometry)
     if has_odometry and expert.observation_names != policy.observation_names:
-        return AlternatingController(policy)
-    return AlternatingController(expert, policy, period=0)
+        return Controller(policy)
+    return Controller(expert, policy, period=0)
 
 
-def expert_of(controller: AlternatingController | Policy) -> Policy:
+def expert_of(controller: Controller | Policy) -> Policy:
     """Returns a controller's expert, or the policy itself."""
     return controller if isinstance(controller, Policy) else controller.expert
 
 
-def refuse_other_machine(controller: AlternatingController | Policy | None, gait: Gait) -> None:
+def refuse_other_machine(controller: Controller | Policy | None, gait: Gait) -> None:
     """Refuses a gait for which a policy that acts was not made.
 
     Raises:
@@ -156,7 +153,7 @@ def refuse_other_machine(controller: AlternatingController | Policy | None, gait
 
 
 def estimator_in_loop(
-    controller: AlternatingController | Policy, *, true_body_state: bool = False
+    controller: Controller | Policy, *, true_body_state: bool = False
 ) -> Estimator | None:
     """Returns the estimator of a closed loop; None where the true body state is observed.
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from glassgait.diagrams.scenario import Scenario
-    from glassgait.models.policies.controller import AlternatingController
+    from glassgait.models.policies.controller import Controller
     from glassgait.models.task.gait import Gait
     from glassgait.studies.common.policies import Policies
 
@@ -131,7 +131,7 @@ class Case:
 
     labels: dict[str, Any]
     gait: Gait
-    controller: AlternatingController
+    controller: Controller
     scenario: Scenario
     seed: int
 
@@ -368,7 +368,7 @@ class Experiment(PolicySource):
         }
 
     @cached_property
-    def controllers(self) -> dict[str, dict[str, AlternatingController]]:
+    def controllers(self) -> dict[str, dict[str, Controller]]:
         """Each policy without the expert, by the gait's name and the policy's.
 
         Of several gaits, and of the default policies, those are taken that there are.

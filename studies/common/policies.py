@@ -13,7 +13,7 @@ from pathlib import Path
 from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import read_yaml
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import Controller, alone
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
@@ -175,7 +175,7 @@ class Policies:
             )
         return policy
 
-    def controller(self, name: str) -> AlternatingController:
+    def controller(self, name: str) -> Controller:
         """Loads a policy that acts without the expert, with the estimator that it observes by.
 
         A neural policy observes by its own estimator, and any other by its expert's, if there is
@@ -198,7 +198,7 @@ class Policies:
             return self.expert_there
         return load_expert(self.gait, kept, self.robot)
 
-    def controllers(self, names: Iterable[str]) -> dict[str, AlternatingController]:
+    def controllers(self, names: Iterable[str]) -> dict[str, Controller]:
         """Loads policies that act without the expert, by their names in folders and tables.
 
         Args:
@@ -207,7 +207,7 @@ class Policies:
         Raises:
             InputError: if there is no such policy, or it does not fit.
         """
-        found: dict[str, AlternatingController] = {}
+        found: dict[str, Controller] = {}
         for name in self.named(names):
             stem = Path(name).stem if is_file(name) else name
             # Of two files of one name the second is called by its path.

@@ -22,7 +22,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import NO_SLIDERS
 from glassgait.diagrams.visualization import save_replay
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, Controller
+from glassgait.models.policies.controller import Controller
 from glassgait.models.settings import Count, Range, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import expert_acts
@@ -123,7 +123,7 @@ def score(
 
 def play(
     gait: Gait,
-    policy: AlternatingController,
+    policy: Controller,
     scenario: Scenario,
     meshcat: Meshcat,
     replay: Path,
@@ -212,7 +212,7 @@ def _roll_out_diagrams(
 def _to_log(
     rollout: Rollout, n_steps: int, controller: Controller, scenario: Scenario
 ) -> RolloutLog:
-    assert isinstance(controller, AlternatingController)
+    assert isinstance(controller, Controller)
     acts = expert_acts(np.arange(len(rollout.time) - 1), controller.period)
     log = RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],

@@ -11,7 +11,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, refuse_other_machine
+from glassgait.models.policies.controller import Controller, refuse_other_machine
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS
@@ -32,7 +32,7 @@ from glassgait.studies.distillation.dataset import Dataset
 
 def collect(
     gait: Gait,
-    controller: AlternatingController,
+    controller: Controller,
     *,
     episodes: range,
     n_steps: int,

@@ -19,7 +19,7 @@ from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_atomically, write_record
 from glassgait.models.formulas.latex import to_latex
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import policy_path, save_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -218,7 +218,7 @@ class _Distillation:
         say(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
         samples = collect(
             self.gait,
-            AlternatingController(self.expert, student, plan.period),
+            Controller(self.expert, student, plan.period),
             episodes=plan.episodes,
             n_steps=plan.steps,
             speeds=None

@@ -102,13 +102,13 @@ def alternation_scores(
         InputError: if a seed is kept for selection, or a commanded speed is beyond the gait's.
     """
     from glassgait.diagrams.scenario import Scenario
-    from glassgait.models.policies.controller import AlternatingController, alone
+    from glassgait.models.policies.controller import Controller, alone
 
     refuse_to_report(config.seeds)
     scenario = config.commanding(Scenario())
     scenario.command.check(gait)
     acting = {("expert", ratio_title(1)): alone(expert)} | {
-        (kind, ratio_title(period)): AlternatingController(expert, student, period)
+        (kind, ratio_title(period)): Controller(expert, student, period)
         for kind, student in students.items()
         for period in periods
         if period != 1

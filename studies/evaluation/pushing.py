@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -73,7 +73,7 @@ class Pushed(NamedTuple):
 
 def push_everywhere(
     gait: Gait,
-    controller: AlternatingController,
+    controller: Controller,
     scenario: Scenario,
     grid: PushGrid,
     *,

@@ -15,7 +15,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import GRAVITY
 from glassgait.models.export.binding import LoadedController, Memory
 from glassgait.models.policies.controller import (
-    AlternatingController,
+    Controller,
     ControllerOutput,
     estimator_in_loop,
     refuse_other_machine,
@@ -77,7 +77,7 @@ class Agreement(NamedTuple):
 
 def agreement_table(
     gait: Gait,
-    controller: AlternatingController,
+    controller: Controller,
     compiled: LoadedController,
     n_steps: int,
     seed: int,
@@ -119,7 +119,7 @@ def agreement_table(
 
 def compare_controllers(
     gait: Gait,
-    controller: AlternatingController,
+    controller: Controller,
     compiled: LoadedController,
     sequences: Sequence[Sequence[Moment]],
 ) -> Agreement:
@@ -192,7 +192,7 @@ def _random_moments(
 
 
 def recorded_sequences(
-    gait: Gait, controller: AlternatingController, n_steps: int, seed: int
+    gait: Gait, controller: Controller, n_steps: int, seed: int
 ) -> list[list[Moment]]:
     """Records the sensors of robots that the controller moves, in the training scenario."""
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
@@ -201,7 +201,7 @@ def recorded_sequences(
 
 
 def recorded_observations(
-    gait: Gait, controller: AlternatingController, n_robots: int, n_steps: int, seed: int
+    gait: Gait, controller: Controller, n_robots: int, n_steps: int, seed: int
 ) -> Array:
     """Records observations (m, n) of robots that the controller moves, likewise."""
     steps = _walked(gait, controller, n_robots, n_steps, seed)
@@ -209,7 +209,7 @@ def recorded_observations(
 
 
 def _walked(
-    gait: Gait, controller: AlternatingController, n_robots: int, n_steps: int, seed: int
+    gait: Gait, controller: Controller, n_robots: int, n_steps: int, seed: int
 ) -> list[EpisodeStep]:
     recorded = _Steps([])
     episode(
@@ -249,7 +249,7 @@ def moments(state: TaskState) -> Iterator[Moment]:
 
 def closed_loop_table(
     gait: Gait,
-    controller: AlternatingController,
+    controller: Controller,
     compiled: LoadedController,
     *,
     n_robots: int,
@@ -296,7 +296,7 @@ def closed_loop_table(
 
 
 @dataclass(frozen=True)
-class _CompiledController(AlternatingController):
+class _CompiledController(Controller):
     """Acts by a compiled controller for each robot, whose sensors an event reads."""
 
     compiled: LoadedController | None = None

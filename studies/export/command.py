@@ -14,7 +14,7 @@ from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import MOST_NAME, check_name, write_controller
 from glassgait.models.export.contract import CONTRACT, contract_of, contract_text
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.settings import Count, Natural, Seed, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
@@ -91,7 +91,7 @@ class Export(OneGait):
     def _write_c(
         self,
         gait: Gait,
-        controller: AlternatingController,
+        controller: Controller,
         name: str,
         policy_name: str,
         folder: Path,
@@ -131,7 +131,7 @@ class Export(OneGait):
     def _write_onnx(
         self,
         gait: Gait,
-        controller: AlternatingController,
+        controller: Controller,
         name: str,
         policy_name: str,
         folder: Path,

@@ -19,7 +19,7 @@ from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import exported_estimator
 from glassgait.models.export.contract import robot_terms
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
@@ -86,7 +86,7 @@ class _Graph:
 
 
 def graph_bytes(
-    gait: Gait, controller: AlternatingController, policy_name: str, version: str, real: Real
+    gait: Gait, controller: Controller, policy_name: str, version: str, real: Real
 ) -> bytes:
     """Returns a network that acts by proprioception as the bytes of an ONNX file.
 
@@ -143,7 +143,7 @@ def graph_bytes(
     return model.SerializeToString(deterministic=True)
 
 
-def _metadata(gait: Gait, controller: AlternatingController, policy_name: str) -> dict[str, str]:
+def _metadata(gait: Gait, controller: Controller, policy_name: str) -> dict[str, str]:
     """Describes a graph as deployment stacks do; lists are separated by commas."""
     terms, entries = robot_terms(controller.robot), controller.policy.layout.entries
     stiffness, damping = controller.joint_law.gains_of(controller.robot)
@@ -183,7 +183,7 @@ def _listed(values: Iterable[object]) -> str:
 
 
 def compare_graph(
-    model: bytes, gait: Gait, controller: AlternatingController, n_rows: int, seed: int
+    model: bytes, gait: Gait, controller: Controller, n_rows: int, seed: int
 ) -> pd.DataFrame:
     """Compares a graph with Python on observations of robots that the controller moves.
 

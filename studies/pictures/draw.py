@@ -22,7 +22,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import TRAINING, Scenario
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
@@ -118,7 +118,7 @@ def falls_on(page: str) -> dict[str, pd.DataFrame]:
 def diagram_svg() -> str:
     """Draws the locomotion diagram, with expert and student, as SVG."""
     expert = load_expert("trot")
-    policy = AlternatingController(expert, untrained_student(expert), period=4)
+    policy = Controller(expert, untrained_student(expert), period=4)
     diagram = MakeLocomotion(load_gait("trot"), SCENARIO, policy=policy)
     dot = diagram.GetGraphvizString(max_depth=1)
     # Exported outputs and module names hide the loop.

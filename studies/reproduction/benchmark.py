@@ -22,7 +22,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.export.binding import FLAGS, compile_c, has_compiler, write_source
 from glassgait.models.export.c_source import write_controller
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Count, checked
@@ -137,9 +137,7 @@ def call_time(call: Callable[[Any], Any], argument: Any) -> float:
     return 1e6 * float(np.median(times))
 
 
-def step_times(
-    gait: Gait, controller: AlternatingController, kind: str, steps: int
-) -> dict[str, float]:
+def step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> dict[str, float]:
     """Compiles a controller, and times its step on random sensors, several times."""
     written = write_controller(
         gait,

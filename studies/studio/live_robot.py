@@ -17,7 +17,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import LiveDisplay, open_meshcat
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
@@ -87,7 +87,7 @@ class Sample:
 class _Walker:
     """One robot in its diagram, advanced control step by control step."""
 
-    def __init__(self, gait: Gait, scenario: Scenario, controller: AlternatingController) -> None:
+    def __init__(self, gait: Gait, scenario: Scenario, controller: Controller) -> None:
         self._robot, self._scenario = controller.robot, scenario
         self._diagram = MakeLocomotion(gait, scenario, policy=controller)
         self._simulator = make_simulator(self._diagram)
@@ -152,7 +152,7 @@ class LiveRobot:
     """
 
     def __init__(
-        self, gait: Gait, scenario: Scenario, controller: AlternatingController, *, seed: int = 0
+        self, gait: Gait, scenario: Scenario, controller: Controller, *, seed: int = 0
     ) -> None:
         """
         Raises:

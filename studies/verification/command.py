@@ -30,7 +30,7 @@ from glassgait.models.certificates.claims import Claim, claim_files, load_claims
 from glassgait.models.certificates.prover import Prover
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import Controller, alone
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import FEW, Settings, checked
@@ -145,7 +145,7 @@ class Prove(OnePolicy):
 
 def measure_box(
     gait: Gait,
-    controllers: Mapping[str, AlternatingController],
+    controllers: Mapping[str, Controller],
     scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> tuple[ObservationBox, str]:
@@ -187,7 +187,7 @@ def measure_box(
 
 
 def _sensed(
-    gait: Gait, controller: AlternatingController, scenario: Scenario, config: RolloutConfig
+    gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
 ) -> tuple[Array, Array] | None:
     """Returns the least and greatest observations (n, n) of the robots that stay up."""
     scenario, observations = config.commanding(scenario), Observations()

@@ -13,7 +13,7 @@ from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scena
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, Settings, checked
@@ -135,14 +135,14 @@ class View(PolicySource):
         console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout, scenario)}")
         console.print(f"replay, gait diagram and settings written to {stem}.*")
 
-    def _controller(self, found: Policies) -> AlternatingController:
+    def _controller(self, found: Policies) -> Controller:
         """Loads the policy, or expert and student in turns."""
         controller = found.controller(self.policy)
         if self.ratio is None:
             return controller
         if self.policy == EXPERT:
             raise InputError("--ratio shares steps with a student; name one with --policy")
-        return AlternatingController(controller.expert, controller.policy, parse_ratio(self.ratio))
+        return Controller(controller.expert, controller.policy, parse_ratio(self.ratio))
 
 
 def _summary(rollout: Rollout, scenario: Scenario) -> str:

@@ -10,7 +10,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import save_replay
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
@@ -24,7 +24,7 @@ FALLEN_SECONDS = 1.0
 
 def play_live(
     gait: Gait,
-    policy: AlternatingController,
+    policy: Controller,
     scenario: Scenario,
     meshcat: Meshcat,
     replay: Path,

@@ -12,7 +12,7 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import Controller, alone
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
@@ -52,7 +52,7 @@ def test_an_action_acts_at_the_instant_it_is_computed(trot):
 @pytest.mark.parametrize("period", [1, 3, 0])
 def test_alternation_lets_the_right_policy_act(trot, make_policy, period):
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
-    diagram = MakeLocomotion(trot, TRUE, policy=AlternatingController(expert, student, period))
+    diagram = MakeLocomotion(trot, TRUE, policy=Controller(expert, student, period))
     rollout = record(make_simulator(diagram), 12, stop_on_failure=False)
     for step in range(13):
         acts = expert if period and step % period == 0 else student
@@ -117,7 +117,7 @@ def test_policies_that_do_not_fit_are_refused(trot, make_policy, imu_expert):
     for policy, message in (
         (make_policy(load_gait("pace")), "pace"),
         (trees, "load_student"),
-        (AlternatingController(imu_expert, make_policy(trot), 2), "Gravity X"),
+        (Controller(imu_expert, make_policy(trot), 2), "Gravity X"),
     ):
         with pytest.raises(InputError, match=message):
             MakeLocomotion(trot, CALM, policy=policy)

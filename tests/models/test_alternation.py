@@ -5,7 +5,7 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import (
-    AlternatingController,
+    Controller,
     alone,
     estimator_in_loop,
 )
@@ -31,7 +31,7 @@ def test_ratios_are_named_as_in_the_paper():
 @pytest.mark.parametrize("period", [1, 2, 4, 0])
 def test_an_alternating_policy_acts_as_expert_acts_says(trot, make_policy, period):
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
-    controller = AlternatingController(expert, student, period)
+    controller = Controller(expert, student, period)
     observation, memory = np.ones((3, len(expert.observation_names))), controller.begin(3)
     for step in range(9):
         output = controller.advance(step, observation, memory)
@@ -45,7 +45,7 @@ def test_an_alternating_policy_acts_as_expert_acts_says(trot, make_policy, perio
 )
 def test_an_alternation_without_its_student_is_refused(trot, make_policy, period, message):
     with pytest.raises(ValueError, match=message):
-        AlternatingController(make_policy(trot), None, period)
+        Controller(make_policy(trot), None, period)
 
 
 def test_the_experts_estimator_observes_for_both(trot, make_policy):
@@ -72,7 +72,7 @@ def test_targets_are_limited_by_the_expert_or_by_a_student_that_acts_alone(
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
     expert.joint_law = JointLaw(limited=expert_limits)
     student.joint_law = JointLaw(limited=student_limits)
-    assert AlternatingController(expert, student, period).joint_law.limited is limited
+    assert Controller(expert, student, period).joint_law.limited is limited
     assert alone(expert).joint_law.limited is expert_limits
 
 
@@ -82,9 +82,9 @@ def test_joints_have_the_gains_of_the_policy_that_acts_or_else_of_its_expert(tro
     assert alone(student, firm).joint_law.gains == (40.0, 1.0)
     soft = student.with_joint_law(JointLaw((10.0, 1.0)))
     assert alone(soft, firm).joint_law.gains == (10.0, 1.0)
-    assert AlternatingController(firm, student, 3).joint_law.gains == (40.0, 1.0)
+    assert Controller(firm, student, 3).joint_law.gains == (40.0, 1.0)
     with pytest.raises(InputError, match="gains"):
-        AlternatingController(firm, soft, 3)
+        Controller(firm, soft, 3)
 
 
 @pytest.mark.parametrize("gait", PAGES)
@@ -98,9 +98,9 @@ def test_expert_and_student_that_both_act_have_the_same_limits(trot, make_policy
     law = JointLaw().with_limits(expert.robot)
     limited = student.with_joint_law(law)
     with pytest.raises(InputError, match="limits"):
-        AlternatingController(expert, limited, period=2)
-    assert AlternatingController(expert, limited, period=0).joint_law == law
-    both = AlternatingController(expert.with_joint_law(law), student, period=2)
+        Controller(expert, limited, period=2)
+    assert Controller(expert, limited, period=0).joint_law == law
+    both = Controller(expert.with_joint_law(law), student, period=2)
     assert both.joint_law == law
 
 
@@ -110,7 +110,7 @@ def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_pol
         assert estimator_in_loop(policy) is policy.estimator is not None
         assert estimator_in_loop(policy, true_body_state=True) is None
     bare = make_policy(trot)
-    for policy in (bare, AlternatingController(bare, bare, period=2)):
+    for policy in (bare, Controller(bare, bare, period=2)):
         assert estimator_in_loop(policy, true_body_state=True) is None
         with pytest.raises(InputError, match="true_b"):
             estimator_in_loop(policy)

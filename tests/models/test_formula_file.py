@@ -17,7 +17,7 @@ from glassgait.models.formulas.file import SUFFIX
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
 from glassgait.models.formulas.reader import MAX_DEFINITIONS, read_formulas
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import Controller, alone
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     find_gait,
@@ -147,7 +147,7 @@ def test_the_gain_of_odometry_can_be_edited(tmp_path):
     expert = load_expert("trot")
     assert alone(edited, expert).estimator == Odometry(gain=0.4)
     with pytest.raises(InputError, match="odometry of its own"):
-        AlternatingController(expert, edited, period=4)
+        Controller(expert, edited, period=4)
 
 
 def test_a_number_keeps_all_its_digits():

@@ -11,7 +11,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import Controller, alone
 from glassgait.models.policies.neural import MirroredNetwork
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import indices_of
@@ -25,7 +25,7 @@ def test_labels_are_the_experts_whoever_acts(expert):
     student = untrained_student(expert)
     samples = collect(
         gait,
-        AlternatingController(expert, student, period=3),
+        Controller(expert, student, period=3),
         episodes=range(1, 3),
         n_steps=20,
         worlds=Scenario(),

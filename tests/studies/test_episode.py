@@ -11,7 +11,7 @@ from glassgait import studies
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import (
-    AlternatingController,
+    Controller,
     ControllerOutput,
 )
 from glassgait.models.robots import quadruped
@@ -124,7 +124,7 @@ def test_a_command_holds_from_its_step_on(expert):
 
 
 def test_memory_goes_from_step_to_step(expert):
-    class Counting(AlternatingController):
+    class Counting(Controller):
         def begin(self, n_robots):
             return np.zeros(n_robots)
 
