@@ -36,14 +36,8 @@ from glassgait.studies.view.stills import gait_strip
 
 FOLDER = Path(__file__).parent
 
-FALLS_PAGE = FOLDER.parents[1] / "models" / "README.md"
-"""The page whose table of falls the map shows."""
-
-POLICIES = ("expert", "statewise_symbolic", "gbm", "ebm", "sparse_formula")
-"""The policies whose falls a cell of that table holds, in this order."""
-
-ROBOTS = 26
-"""Robots of each cell."""
+FALLS = FOLDER / "falls.csv"
+"""Falls of 26 robots in 10 s of every shipped policy and scenario."""
 
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
@@ -69,7 +63,7 @@ def draw(names: Sequence[str] = ()) -> None:
             curves = {gait: _learning_curve(gait) for gait in experts}
             save_figure(learning_curves(curves), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
-            figure = fall_map(falls_on(FALLS_PAGE.read_text()))
+            figure = fall_map(fall_tables())
             save_figure(figure, path.with_suffix(""), ("png",))
         elif name.endswith("_gait.png"):
             gait = load_gait(name.removesuffix("_gait.png"))
@@ -97,22 +91,12 @@ def _learning_curve(name: str) -> pd.DataFrame:
     return pd.concat(curves, ignore_index=True)
 
 
-def falls_on(page: str) -> dict[str, pd.DataFrame]:
-    """Reads the falls of each gait from a page in Markdown, a row a policy and scenario."""
-    lines = page[page.index("| scenario | walk |") :].split("\n\n", maxsplit=1)[0].splitlines()
-    head, _, *rows = [re.split(r" *\| *", line.strip("| ")) for line in lines]
-    tables = {}
-    for column, gait in enumerate(head[1:], start=1):
-        cells = [
-            {"scenario": row[0], "world": row[0], "policy": policy, "falls": int(falls)}
-            for row in rows
-            for policy, falls in zip(POLICIES, row[column].split(" / "), strict=False)
-            if falls != "–"
-        ]
-        table = pd.DataFrame(cells).assign(robots=ROBOTS)
-        table.loc[table["scenario"].str.contains(r"\(training\)"), "scenario"] = TRAINING
-        tables[gait] = table.assign(fall_rate=table["falls"] / ROBOTS)
-    return tables
+def fall_tables() -> dict[str, pd.DataFrame]:
+    """Reads the falls of each gait, as the map of falls takes them."""
+    falls = pd.read_csv(FALLS)
+    falls = falls.assign(world=falls["scenario"], robots=26, fall_rate=falls["falls"] / 26)
+    falls.loc[falls["scenario"].str.endswith("(training)"), "scenario"] = TRAINING
+    return {str(gait): table for gait, table in falls.groupby("gait", sort=False)}
 
 
 def diagram_svg() -> str:
