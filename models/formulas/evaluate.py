@@ -147,6 +147,7 @@ class _Nodes:
         return numbers[id(formula)]
 
     def _number(self, node: Expression) -> int:
+        # Equal sub-formulas have equal keys, and one number.
         operator, operands, signs = self._chains[id(node)]
         known = tuple(self._number_of_object[id(operand)] for operand in operands)
         leaf = {"variable": node.variable, "constant": node.value}
@@ -162,6 +163,7 @@ def _chain(formula: Expression) -> tuple[str, list[Expression], list[float]]:
     """Returns the operator of a node, its operands from left to right, and their signs in a sum."""
     operands: list[Expression] = []
     match formula.operator:
+        # Walk down the left side, which is evaluated first, and turn the order at the end.
         case "add" | "sub" | "neg":
             signs: list[float] = []
             while formula.operator in ("add", "sub"):

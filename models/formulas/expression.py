@@ -109,6 +109,7 @@ class Expression:
         """Differentiates the formula by a variable."""
         if variable not in self.variables:
             return ZERO
+        # Sum, product and chain rule, zeros and ones left out.
         slopes = tuple(operand.derivative(variable) for operand in self.operands)
         match self.operator, self.operands:
             case "variable", _:
@@ -271,6 +272,8 @@ class WeightedSum:
     @classmethod
     def of(cls, formula: Expression) -> "WeightedSum | None":
         """Splits a formula; returns None where a number is in a function or multiplies another."""
+        # With variables for its numbers, the formula is linear in them if their slopes are free
+        # of them.
         first = max(formula.variables, default=-1) + 1
         numbers = range(first, first + len([*numbers_of(formula)]))
         opened = _with_leaves(formula, map(variable, numbers))

@@ -141,6 +141,7 @@ class FormulaFile:
         """
         if self.mirror is None:
             return dict(self.formulas)
+        # A formula is left out if it is the image of another that stands before it.
         mirror = FormulaMirror.of(self.vocabulary, self.mirror)
         pairs = {place: mirror.place(place) for place in self.formulas}
         images = {
@@ -179,6 +180,7 @@ def header_lines(file: FormulaFile) -> Iterator[str]:
     layout = ObservationLayout.of(names)
     if names != layout.names:
         raise InputError("a formula file must hold exactly the task's observations, in their order")
+    # Who moves, by what senses.
     yield f"format: {FORMAT}"
     yield _text("gait", file.gait)
     if file.robot != DEFAULT_ROBOT:
@@ -188,6 +190,7 @@ def header_lines(file: FormulaFile) -> Iterator[str]:
         yield "senses: imu"
     if file.mirror is not None:
         yield f"mirror: {[*file.mirror]}    # {_MIRROR}"
+    # How joints follow targets, and how the state is estimated.
     if law.gains is not None:
         yield f"gains: {_list(law.gains)}    # {_GAINS}"
     if law.limited and law.limits is None:
@@ -197,6 +200,7 @@ def header_lines(file: FormulaFile) -> Iterator[str]:
         yield f"limits: {_mapping(numbers)}    # {_LIMITS}"
     if file.odometry is not None:
         yield f"odometry: {_mapping({'gain': file.odometry.gain})}    # {_ODOMETRY}"
+    # The gait, and the ranges of what is read.
     if file.machine is not None:
         yield "machine:"
         yield from (f"  {line}" for line in [*_MACHINE, *gait_lines(file.machine)])
@@ -207,12 +211,14 @@ def header_lines(file: FormulaFile) -> Iterator[str]:
 
 
 def _formulas(file: FormulaFile) -> Iterator[str]:
+    # Explain only the quantities that are used.
     written = file.written()
     yield ""
     held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
     yield from _legend(held, file.vocabulary.names)
     if file.mirror is not None:
         yield from _IN_THE_MIRROR
+    # Definitions, then the formulas of each state.
     if file.vocabulary.definitions:
         yield from ("", DEFINITIONS)
     for definition in file.written_definitions():

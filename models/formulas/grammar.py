@@ -224,12 +224,14 @@ class _Parser:
                 raise TextError(f"a number must be from {-LARGEST:g} to {LARGEST:g}", 1, place + 1)
             self.at += 1
             return constant(float(text))
+        # A name that no bracket follows is a variable.
         if kind == "name" and not is_call:
             if text not in self.index:
                 known = _known(text, self.index)
                 raise TextError(f"nothing is called {shown(text)}; {known}", 1, place + 1)
             self.at += 1
             return variable(self.index[text])
+        # A bracket, or a function and its bracket, remains.
         if is_call and text in self.functions:
             self.at += 1
         if not self._take("("):
@@ -322,6 +324,7 @@ def written_lines(
         width: Greatest number of characters of a line, where names allow.
         indent: Spaces before the first line; the others have four more.
     """
+    # Only the spaces before signs may end a line.
     tokens = formula_tokens(formula, symbols, notation)
     glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
     lines = textwrap.wrap(
@@ -364,6 +367,7 @@ def _write(
         case Expression("neg", (inner,)):
             tokens.append("-")
             operand(inner, _POWER)
+        # An equal operator on the left needs no brackets, on the right it does.
         case Expression(operator, (left, right)):
             operand(left, binding)
             tokens.append(f" {BINARY[operator]} " if binding == _SUM else BINARY[operator])

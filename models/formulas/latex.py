@@ -120,6 +120,7 @@ def _symbols(file: FormulaFile) -> Iterator[str]:
     symbols, kinds = symbols_of(file.vocabulary), dict[str, str]()
     formulas = [*(own.formula for own in file.vocabulary.definitions), *file.formulas.values()]
     used = frozenset().union(*(formula.variables for formula in formulas))
+    # Joints and feet share a kind, such as dq.
     for index, entry in enumerate(entries_of(file.vocabulary.names)):
         kind = entry.symbol if entry.leg is None else entry.symbol.split(".")[0]
         if index in used and kind not in kinds:
@@ -173,6 +174,7 @@ def _aligned(left: str, formula: Expression, symbols: Sequence[str]) -> Iterator
 def _pieces(formula: Expression, symbols: Sequence[str]) -> list[str]:
     """Writes a formula in pieces that begin with their sign."""
     tokens, pieces = formula_tokens(formula, symbols, _NOTATION), [""]
+    # A dot stands between a factor and a number, a thin space between others.
     for token, following in zip(tokens, [*tokens[1:], ""], strict=True):
         if token in SIGNS:
             pieces.append("")

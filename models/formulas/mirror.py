@@ -36,6 +36,7 @@ class FormulaMirror:
             vocabulary: What their variables are.
             states: State that each state of the machine is in the mirror, its own inverse.
         """
+        # The image of a definition is another definition, the negative of one, or stands in full.
         observed = _observed(vocabulary.names, states)
         images = dict(enumerate(observed))
         formulas = [definition.formula for definition in vocabulary.definitions]
@@ -86,6 +87,7 @@ def completed(
     images = dict(enumerate(_observed(names, states)))
     known = {definition.symbol for definition in given}
     whole: list[Definition] = []
+    # Definitions of a leg stand together, and their images follow them.
     for _, group in groupby(given, _leg):
         own = list(group)
         whole += own

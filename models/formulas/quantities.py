@@ -157,6 +157,7 @@ class Readings:
             lower: Least quantities of the box (n), in the robot's units.
             upper: Greatest ones (n).
         """
+        # Join what all legs need, right hips turned to left ones.
         hulls: dict[str, Range] = {}
         for entry, low, high in zip(entries_of(names), lower, upper, strict=True):
             if entry.group in LIMITED:
@@ -288,6 +289,7 @@ class Vocabulary:
         used = sorted(
             index for index in frozenset().union(*(f.variables for f in kept)) if index >= n
         )
+        # What is kept moves up behind the observed quantities.
         places = {index: variable(n + place) for place, index in enumerate(used)}
         definitions = tuple(self.definitions[index - n] for index in used)
         return Vocabulary(self.names, definitions), [formula.replaced(places) for formula in kept]

@@ -95,6 +95,7 @@ def _content(text: str) -> FormulaFile:
         raise InputError(f"a formula file begins with 'format: {FORMAT}'; write such a header")
     header = _Header.from_plain(said, "header")
     names = ObservationLayout(header.states, imu=header.senses is not None).names
+    # Ranges and the gait check themselves; here they must fit the other keys.
     readings = machine = None
     if header.readings is not None:
         readings = Readings(tuple(header.readings.items()))
@@ -184,6 +185,7 @@ class _Formulas:
             raise TextError(f"{title!r} stands twice; join the two", line, 1)
         if title == DEFINITIONS and self.sections:
             raise TextError("definitions stand before all formulas; move them up", line, 1)
+        # One state has formulas of its own, or none has.
         state = _STATE.fullmatch(title)
         if state and int(state[1]) not in self.states:
             raise TextError(f"there are states 0 to {len(self.states) - 1}; name one", line, 7)
@@ -213,6 +215,7 @@ class _Formulas:
         if self._section == DEFINITIONS:
             self._define(name, formula, text, line)
             return
+        # Below a state stand the formulas of joints.
         if name not in quadruped.JOINTS:
             raise TextError(
                 f"{shown(name)} is no joint; the joints are {', '.join(quadruped.JOINTS)}", line, 1
@@ -241,6 +244,7 @@ class _Formulas:
         vocabulary, formulas = Vocabulary(self.names, tuple(self.definitions)), self.formulas
         if formulas and self.mirror is not None:
             formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
+        # Name the first formula that is missing.
         joints = range(quadruped.N_JOINTS)
         shared = any(len(place) == 1 for place in formulas)
         places = [(j,) for j in joints] if shared else [(s, j) for s in self.states for j in joints]

@@ -2,10 +2,9 @@
 
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-import yaml
 from annotated_types import Ge
 from rich.text import Text
 
@@ -13,7 +12,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
-from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.files import write_atomically
 from glassgait.models.formulas.latex import programs_of, to_latex
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
@@ -21,13 +20,9 @@ from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts import Steps, play
-from glassgait.studies.common.run import refuse_run, to_plain
 from glassgait.studies.distillation.students import OnePolicy, policy_title, sums_of_terms
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.importance.figures import contribution_figure, student_figures
-
-CONFIG = "config.yaml"
-"""File beside the page that records its run."""
 
 STEP = 100
 """Step that is shown first, where the rollout lasts so long and a person names none."""
@@ -68,15 +63,13 @@ class ExplainPage(OnePolicy):
                 "--policy expert: the expert's actions are no sums of terms; name a student, of "
                 f"the kinds {', '.join(sums_of_terms())}"
             )
-        joint = joint_index(self.joint)
-        controller = found.controller(policy)
-        student = controller.policy
-        # Refused before the rollout, where the student's actions are no sums of terms.
+        joint, controller = joint_index(self.joint), found.controller(policy)
+        student, name = controller.policy, Path(policy).stem
+        # Refuse a student whose actions are no sums of terms before the rollout.
         student.explain(np.zeros(len(student.observation_names)), joint)
-        name = Path(policy).stem
+
+        # Let the student walk without the expert, and keep the replay.
         folder = self.output or found.output(self.title) / name
-        whose = {**to_plain(self), "policy": policy}
-        _refuse_another(folder, whose)
         replay = folder / f"{name}_replay.html"
         say("rolling out")
         rollout = play(
@@ -91,6 +84,8 @@ class ExplainPage(OnePolicy):
         last = len(rollout.time) - 1
         self._check_step(last, "ended in a fall" if rollout.failed else "ends")
         step = min(STEP, last) if self.step is None else self.step
+
+        # Split all targets, and draw the figures of the joint that is shown first.
         say("splitting every target into its terms")
         explained = explain_rollout(student, rollout)
         title = f"{gait.name.capitalize()}, {self.joint.replace('_', ' ')}, step {step}"
@@ -100,6 +95,8 @@ class ExplainPage(OnePolicy):
         figures = student_figures(gait.name, name, student, joint, rollout["observations"])
         for stem, figure in figures.items():
             save_figure(figure, folder / stem)
+
+        # Everything that the page shows stands in one file.
         page = render_page(
             gait=gait,
             policy_name=name,
@@ -111,8 +108,6 @@ class ExplainPage(OnePolicy):
             step=step,
             figures=[folder / f"{stem}.png" for stem in (local.name, *figures)],
         )
-        record = yaml.safe_dump({**whose, "step": step}, sort_keys=False)
-        write_atomically(folder / CONFIG, record)
         write_atomically(folder / "index.html", page)
         console.print(f"page written to {folder / 'index.html'}")
 
@@ -121,23 +116,6 @@ class ExplainPage(OnePolicy):
             raise InputError(
                 f"--step {self.step}: the rollout {end} at step {last}; name one from 0 to {last}, "
                 "or raise --n-steps"
-            )
-
-
-def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
-    """Refuses a folder that holds another student's page, or a page of something else."""
-    refuse_run(folder)
-    path = folder / CONFIG
-    if (folder / "index.html").exists() and not path.exists():
-        raise InputError(
-            f"{folder}: holds a page that 'glassgait explain page' did not write; name a new "
-            "folder with --output"
-        )
-    theirs = read_yaml(path) if path.exists() else whose
-    for key in ("gait", "policy", "source"):
-        if not isinstance(theirs, dict) or theirs.get(key) != whose[key]:
-            raise InputError(
-                f"{folder}: holds the page of another student; name a new folder with --output"
             )
 
 
@@ -168,10 +146,13 @@ class ExplainFormulas(OnePolicy):
             return
         if self.joint is not None:
             quadruped.joint_index(self.joint)
+
+        # Print the file, with colours on a terminal.
         file, lines = student.to_file(), student.to_text().splitlines()
         for line in lines_of_joint(lines, self.joint) if self.joint else lines:
             console.print(_colored(line), soft_wrap=True)
-        # Comments, so that what is printed is a file that can be taken and changed.
+
+        # Print the programs as comments, so that the whole output is a formula file.
         for title, program in {} if self.joint else programs_of(file).items():
             console.print(f"\n# {title}", style="dim")
             for line in program:

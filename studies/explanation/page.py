@@ -129,6 +129,7 @@ def render_page(
         step: Control step that is shown first.
         figures: Figures of that joint, as PNG, in order.
     """
+    # The page's script draws from this data.
     known = variables_of(policy, rollout["observations"])
     quantities = _quantities(known.titles, explained)
     data = {
@@ -144,6 +145,8 @@ def render_page(
         "joint": joint,
         "step": step,
     }
+
+    # The template holds the text around it.
     return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
         title=f"{gait_title(gait.name, policy.robot)}, {policy_title(policy_name)}",
@@ -192,6 +195,7 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
     The kept ones stand in the file's order, so that a row stays where it is from step to step.
     The terms of other states than the machine's are none of the target's.
     """
+    # Choose the largest terms of each step.
     values, active = explained.values, explained.active()
     sizes = np.where(active, np.abs(values), -1.0)
     order = np.argsort(-sizes, axis=1, kind="stable")
@@ -200,6 +204,8 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
     index = [sorted(own[:n].tolist()) for own, n in zip(order, n_shown, strict=True)]
     shown = [own[kept] for own, kept in zip(values, index, strict=True)]
     rest = [own.sum() - kept.sum() for own, kept in zip(values, shown, strict=True)]
+
+    # Choose the terms that swing most over the rollout.
     importances = explained.importances()
     moving = np.flatnonzero(importances > LEAST_SWING)
     largest = moving[np.argsort(-importances[moving], kind="stable")[:N_SHOWN]]
