@@ -3,11 +3,9 @@
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.files import YAML_BYTES
 from glassgait.models.task.gait import (
     GAIT_DIRECTORY,
     load_gait,
-    parse_gait,
 )
 
 GOOD = """
@@ -116,33 +114,6 @@ def test_names_that_are_no_gaits_are_refused(name):
     with pytest.raises(InputError, match="unknown gait") as raised:
         load_gait(name)
     assert str(raised.value).isprintable()
-
-
-def test_words_of_a_gait_may_be_any_language_and_a_date():
-    gait = parse_gait(
-        GOOD.replace("Two diagonals.", "2020-01-01").replace("q1", "Füße links"), name="mine"
-    )
-    assert gait.states == ("q0", "Füße links")
-    assert gait.description == "2020-01-01"
-
-
-def test_the_largest_machine_is_read_at_once():
-    stance = "({}) & ({}) & ({}) & ({})"
-    states = [f"state {i}" for i in range(32)]
-    lines = []
-    for i, state in enumerate(states):
-        for code in range(16):
-            feet = [f if code >> k & 1 else f"~{f}" for k, f in enumerate(("FL", "FR", "RL", "RR"))]
-            when, to = stance.format(*feet), states[(i + 1) % 32]
-            lines.append(f"  - {{from: {state}, to: {to}, when: {when}}}")
-    head = (
-        GOOD.split("transitions:", maxsplit=1)[0]
-        .replace("[q0, q1]", str(states))
-        .replace("q0", "state 0")
-    )
-    text = "\n".join([head, "transitions:", *lines])
-    assert len(text) < YAML_BYTES
-    assert len(parse_gait(text, name="largest").transitions) == 512
 
 
 def test_a_file_does_not_pass_for_a_gait_that_ships(tmp_path):

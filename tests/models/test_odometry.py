@@ -157,16 +157,6 @@ def stance_on(slope_x, slope_y):
     return pose
 
 
-def test_a_foot_that_has_just_come_down_does_not_correct():
-    kicked = measured(joint_velocity=np.ones(12), touching=np.array([True, False, False, False]))
-    once = run(Odometry(gain=1.0), [kicked], A1.default_stance)
-    np.testing.assert_allclose(once.velocity, 0.0, atol=1e-12)
-    twice = run(Odometry(gain=1.0), [kicked] * 2, A1.default_stance)
-    _, swept, turning = kinematics.foot_motion(A1, A1.default_stance, np.ones(12))
-    lowest = swept[0] + np.cross(turning[0], [0.0, 0.0, -A1.foot_radius])
-    np.testing.assert_allclose(twice.velocity, -lowest, atol=1e-12)
-
-
 def test_a_foot_that_swings_does_not_stand_though_its_sensor_reads_a_contact():
     rates = np.zeros(12)
     rates[1] = 10.0

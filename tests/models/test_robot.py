@@ -107,11 +107,6 @@ def test_bad_files_are_refused_by_key(own, file, old, new, message):
         load_robot(own(file, old, new))
 
 
-def test_a_folder_is_refused_and_the_file_in_it_named(tmp_path):
-    with pytest.raises(InputError, match=r"is a folder.*robot\.yaml"):
-        load_robot(tmp_path)
-
-
 def test_a_rear_thigh_has_limits_of_its_own():
     go2 = load_robot("go2")
     joints = dict(
