@@ -136,12 +136,8 @@ class NeuralPolicy(Policy):
             actor: Network from the observation to the action.
             estimator: Network from proprioception to the last seven entries of the observation, or
                 odometry.
-            mirrored_states: `symmetry.mirrored_states` of the gait, for networks that treat left
-                and right alike.
+            mirrored_states: `symmetry.mirrored_states` of the gait, or None.
             robot: The robot; the default one by default.
-
-        Raises:
-            InputError: if a layer is not valid, or the states are no mirror images.
         """
         super().__init__(gait, observation_names, robot=robot)
         self._networks = {"actor": actor}

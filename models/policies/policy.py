@@ -21,11 +21,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.task.observation import (
-    ObservationLayout,
-    indices_of,
-    machine_state_entries,
-)
+from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 
 if TYPE_CHECKING:
     from glassgait.models.estimation.odometry import Odometry
@@ -250,14 +246,13 @@ class Policy(ABC):
     def _sizes(cls, observation_names: Sequence[str]) -> dict[str, int]:
         """Returns the sizes that arrays may have, and refuses names of another observation."""
         names = tuple(observation_names)
-        unknown = next((name for name in names if not isinstance(name, str)), None)
-        if unknown is not None or names != ObservationLayout.of(names).names:
+        if not all(isinstance(name, str) for name in names):
+            raise InputError("an observation's name is not text; make it anew")
+        layout = ObservationLayout.of(names)
+        if names != layout.names:
             raise InputError("its observations are not those of the task; make it anew")
-        return {
-            "joints": quadruped.N_JOINTS,
-            "observations": len(observation_names),
-            "states": len(indices_of("machine state", observation_names)),
-        }
+        states = layout.n_machine_states
+        return {"joints": quadruped.N_JOINTS, "observations": len(names), "states": states}
 
     @classmethod
     @contextmanager
@@ -341,10 +336,7 @@ class Policy(ABC):
 
     @property
     def estimator(self) -> "Callable[[Array], Array] | Odometry | None":
-        """Odometry, or the map from proprioception (..., 40 + n_states) to the body state (..., 7).
-
-        None if the policy has no estimator.
-        """
+        """Odometry, or the map from proprioception to the body state (..., 7), or None."""
         return self._estimator
 
     def with_estimator_of(self, expert: "Policy") -> Self:
@@ -396,13 +388,7 @@ class Policy(ABC):
         return None
 
     def refuse_other_machine(self, gait: "Gait") -> None:
-        """Refuses a gait of the policy's name that is not the one it was made for.
-
-        That is the gait in its file or, if the file holds none, the shipped gait of that name.
-
-        Raises:
-            InputError: if it differs; the message names the key.
-        """
+        """Refuses a gait other than that in its file or, without one, the shipped gait."""
         # Imported here: few programs that load a policy need gaits.
         from glassgait.models.task.gait import gait_names, shipped_gait  # noqa: PLC0415
 
