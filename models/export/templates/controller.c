@@ -96,7 +96,7 @@ static const {{ real }} HIGHEST[3] = { {{- highest | map('number') | join(', ') 
 
 {% endif %}
 {% if odometry %}
-/* ---- Odometry: how fast the trunk is, and how high its feet are ------------------------------ */
+/* ---- Estimate: odometry, how fast the trunk is and how high its feet are --------------------- */
 
 {{ odometry }}
 {% endif %}
@@ -158,7 +158,7 @@ static void believe_contacts(Controller *controller, Sensors *sensors, int conta
             sensors->foot_contact[foot] = contact[foot] = height[foot] < LOW;
 }
 
-/* ---- Machine: where in the gait the robot is ------------------------------------------------- */
+/* ---- Reward machine: where in the gait the robot is ------------------------------------------ */
 
 #define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
 #define LONGEST 1000000000 /* control steps that are counted */
@@ -263,7 +263,7 @@ static void observe(const Controller *controller, const Sensors *sensors, const 
 }
 
 {% if not odometry %}
-/* ---- Estimator ------------------------------------------------------------------------------- */
+/* ---- Estimate: a network --------------------------------------------------------------------- */
 
 {{ (estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
 
