@@ -46,7 +46,6 @@ def collect(
     which stay. A robot that falls starts again within its episode.
 
     Args:
-        gait: The gait.
         controller: The expert, whose actions are the samples' labels, and the student.
         episodes: Numbers of the episodes, counted from 1.
         n_steps: Control steps of each.

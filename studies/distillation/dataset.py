@@ -149,27 +149,18 @@ class Dataset:
         return data
 
 
-def round_paths(folder: Path) -> list[Path]:
-    """Lists the files of a student's samples, one for each round.
-
-    Raises:
-        InputError: if there are none.
-    """
-    paths = sorted(folder.glob("round_*.safetensors"))
-    if not paths:
-        raise InputError(
-            f"{folder}: holds no samples; name the folder of a student in a run of distill"
-        )
-    return paths
-
-
 def load_rounds(folder: Path) -> Dataset:
     """Reads all samples in a student's folder.
 
     Raises:
         InputError: if it holds none, or one is damaged.
     """
-    return reduce(Dataset.union, map(Dataset.load, round_paths(folder)))
+    paths = sorted(folder.glob("round_*.safetensors"))
+    if not paths:
+        raise InputError(
+            f"{folder}: holds no samples; name the folder of a student in a run of distill"
+        )
+    return reduce(Dataset.union, map(Dataset.load, paths))
 
 
 def r2_scores(policy: Policy, dataset: Dataset) -> Array:

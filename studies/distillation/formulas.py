@@ -172,7 +172,6 @@ def settled(formula: Expression, names: Sequence[str], state: int) -> Expression
     """Replaces the entries of the machine's state in a formula by their values in that state.
 
     Args:
-        formula: The formula.
         names: Names of the observations, which are the formula's first variables.
         state: Index of the state.
     """

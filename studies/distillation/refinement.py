@@ -172,7 +172,6 @@ class RefinementRun(LearningRun):
         """
         Args:
             config: Settings; a resumed run must have the same, except for more updates.
-            gait: The gait.
             expert: The expert; its estimator, which no longer learns, observes for the policy.
             policy: The policy to begin with.
             folder: Where policy, checkpoint, curve and TensorBoard events go.

@@ -51,7 +51,6 @@ def rank_alone(
 
     Args:
         candidates: Students by label.
-        gait: The gait.
         expert: The expert, for its estimator.
         n_steps: Control steps of a rollout.
         n_jobs: Candidates that are rolled out at once.

@@ -109,9 +109,6 @@ def distill(
     a generator of its own: a run that was killed and resumed ends as if it had not been.
 
     Args:
-        config: Settings.
-        gait: The gait.
-        expert: The expert.
         folder: Where the run is kept.
         resume: Whether to continue the run that the folder holds.
 

@@ -35,7 +35,6 @@ def interpret_model(
 
     Args:
         policy: The additive policy.
-        joint: Index of the joint.
         observations: Observations (m, n); their density stands below each function and weighs the
             terms' importances.
     """
@@ -149,7 +148,6 @@ def tree_figure(
 
     Args:
         policy: The boosted trees.
-        joint: Index of the joint.
         observations: Samples (m, n).
         tree: Index of the tree.
         depth: Questions to draw on a branch, at most.
@@ -212,8 +210,6 @@ def dependence_figure(
     (paper, Figure 7).
 
     Args:
-        policy: The student.
-        joint: Index of the joint.
         observations: Samples (m, n).
         columns: Observations to vary.
         generator: Source of randomness, for the samples whose curves are drawn.
@@ -405,10 +401,7 @@ def student_figures(
     two as maps. Other students have no such figures. Names begin with the kind and the joint.
 
     Args:
-        gait: Name of the gait.
         kind: Kind of student.
-        student: The student.
-        joint: Index of the joint.
         observations: Observations (m, n) that importances and averages are taken over.
         seed: Seed of the samples whose curves are drawn.
     """

@@ -48,7 +48,6 @@ def permutation_importance(
     state. Their loss is divided equally among them.
 
     Args:
-        policy: The student.
         samples: Held-out samples with the expert's actions.
         generator: Source of randomness.
         repeats: Shuffles of each observation.

@@ -92,7 +92,6 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
     """Turns importances of a gait's students into tables and maps.
 
     Args:
-        gait: Name of the gait.
         table: What `measure_importances` returned for each student, with a column `policy`.
 
     Returns:

@@ -68,8 +68,6 @@ class Environment:
     ) -> None:
         """
         Args:
-            config: Settings.
-            gait: The gait.
             estimator: Odometry, or a network that maps proprioception (n, k) to its estimate of
                 trunk and feet (n, 7).
             generator: Source of randomness.

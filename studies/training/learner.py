@@ -140,7 +140,6 @@ class Learner:
     ) -> None:
         """
         Args:
-            config: Settings.
             observations: Observation groups of all robots, for their sizes.
             actor: The policy that acts.
             estimator: The estimator that the environment observes with, if it learns.
