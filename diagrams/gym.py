@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import gymnasium
 import numpy as np
+from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -48,18 +49,6 @@ ACTION_BOUND: Final = 8.0
 
 SENSES: Final = {"true": (False, None), "odometry": (False, Odometry()), "imu": (True, Odometry())}
 """Whether gravity and the angular velocity are observed, and the estimator of the body state."""
-
-
-def action_space() -> gymnasium.spaces.Box:
-    """Returns the space of actions (12,); see `Robot.joint_targets`."""
-    shape = (quadruped.N_JOINTS,)
-    return gymnasium.spaces.Box(-ACTION_BOUND, ACTION_BOUND, shape, np.float64)
-
-
-def observation_space(gait: Gait, *, imu: bool = False) -> gymnasium.spaces.Box:
-    """Returns the space of observations, (47 + n_states,) or, with an IMU, (53 + n_states,)."""
-    size = ObservationLayout(gait.n_states, imu=imu).size
-    return gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float64)
 
 
 class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
@@ -110,8 +99,10 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         observes_imu, estimator = SENSES[senses]
         gait = gait if isinstance(gait, Gait) else find_gait(gait)
         self.num_envs = num_envs
-        self.single_action_space = action_space()
-        self.single_observation_space = observation_space(gait, imu=observes_imu)
+        size = ObservationLayout(gait.n_states, imu=observes_imu).size
+        self.single_observation_space = Box(-np.inf, np.inf, (size,), np.float64)
+        actions = (quadruped.N_JOINTS,)
+        self.single_action_space = Box(-ACTION_BOUND, ACTION_BOUND, actions, np.float64)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._simulator = BatchSimulator(
@@ -172,6 +163,9 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
 
     Its episode only ends by a failure; `gymnasium.make` adds a `TimeLimit` of 20 s.
     """
+
+    # Drake's `DrakeGymEnv` writes its modes into the one that all environments share.
+    metadata = {"render_modes": []}  # noqa: RUF012
 
     def __init__(
         self,

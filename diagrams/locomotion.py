@@ -6,13 +6,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import (
-    Diagram,
-    DiagramBuilder,
-    InputPortIndex,
-    OutputPort,
-    System,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
 from pydrake.systems.primitives import Multiplexer, PortSwitch, RandomSource
 
 from glassgait.diagrams.commands import AddCommand, AddSeed

@@ -21,20 +21,9 @@ from glassgait.systems.reward import FallMonitor
 from glassgait.systems.sensors import WorldState
 
 RECORDED_PORTS = (
-    "actions",
-    "observations",
-    "reward",
-    "plain_reward",
-    "reward_terms",
-    "rm_state",
-    "rm_iterations",
-    "served_dwell",
-    "foot_contact",
-    "foot_height",
-    "failures",
-    "command",
-    "commanded_dwell",
-    "state",
+    *("actions", "observations", "reward", "plain_reward", "reward_terms", "rm_state"),
+    *("rm_iterations", "served_dwell", "foot_contact", "foot_height", "failures"),
+    *("command", "commanded_dwell", "state"),
 )
 
 KEPT_STEPS = 3000
@@ -74,7 +63,6 @@ def make_simulator(
     seed: int = 0,
     state: Array | None = None,
     accuracy: float | None = None,
-    realtime_rate: float = 0.0,
 ) -> Simulator:
     """Makes a simulator of the robot's diagram, or of a larger one, that is ready to advance.
 
@@ -83,7 +71,6 @@ def make_simulator(
         seed: Seed of all that the diagram draws at random except the robot's state.
         state: The plant's initial state x (37); standing at rest by default.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
-        realtime_rate: Greatest speed in wall time; 0 is as fast as can be.
 
     Raises:
         InputError: if the diagram does not hold exactly one robot, or its plant is continuous and
@@ -100,7 +87,6 @@ def make_simulator(
             integration_scheme="cenic", accuracy=accuracy, use_error_control=True
         )
         ApplySimulatorConfig(config, simulator)
-    simulator.set_target_realtime_rate(realtime_rate)
     begin_anew(simulator, seed=seed, state=state)
     return simulator
 
@@ -227,13 +213,7 @@ def _locomotions(diagram: Diagram) -> Iterator[Diagram]:
 
 
 def set_plant_state(diagram: Diagram, context: Context, state: Array | None = None) -> None:
-    """Puts the robot into a state.
-
-    Args:
-        diagram: A diagram that holds the robot.
-        context: The root context, to be changed.
-        state: The plant's state x (37), wherever in the world; standing at rest by default.
-    """
+    """Puts a robot into a state x (37), wherever in the world; by default standing at rest."""
     robot = _Robot(diagram, context)
     if state is None:
         standing = kinematics.standing_state(robot.monitor.robot)
@@ -248,11 +228,8 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
 def recenter(diagram: Diagram, context: Context) -> None:
     """Moves a robot that has left the middle period of its ground back by whole periods.
 
-    What the diagram's outputs show stays as it is. On a plane nothing happens.
-
-    Args:
-        diagram: A diagram that holds the robot.
-        context: The root context at a control instant, to be changed.
+    What the diagram's outputs show stays as it is. On a plane nothing happens. The root context is
+    at a control instant.
     """
     robot = _Robot(diagram, context)
     if robot.world is None:
@@ -267,13 +244,7 @@ def recenter(diagram: Diagram, context: Context) -> None:
 
 
 def push(diagram: Diagram, context: Context, velocity: Array) -> None:
-    """Adds a velocity (3; m/s, world frame) to that of the robot's trunk.
-
-    Args:
-        diagram: A diagram that holds the robot.
-        context: The root context, to be changed.
-        velocity: The velocity.
-    """
+    """Adds a velocity (3; m/s, world frame) to that of a robot's trunk, in the root context."""
     robot = _Robot(diagram, context)
     state = robot.plant.GetPositionsAndVelocities(robot.plant_context)
     state[quadruped.LINEAR_VELOCITY] += velocity

@@ -169,9 +169,7 @@ class StationConfig(Settings):
     def gains(self, robot: Robot, law: JointLaw = OWN_LAW) -> tuple[float, float]:
         """Returns stiffness and damping of a robot's joints, without the motors' factor.
 
-        Args:
-            robot: The robot.
-            law: What gives those that the station leaves out; the robot's own by default.
+        A law gives those that the station leaves out.
         """
         stiffness, damping = law.gains_of(robot)
         return (
@@ -199,7 +197,7 @@ def AddStation(  # noqa: N802
     stands.
 
     Args:
-        builder: The builder of the diagram.
+        builder: The diagram's builder.
         robot: The robot.
         config: Physics.
         reach: Reach of ground other than a plane around the middle period (m).
@@ -269,12 +267,7 @@ def set_friction(
 ) -> None:
     """Sets the friction of every contact between robot and ground; patches keep theirs.
 
-    Args:
-        plant: The station's plant.
-        scene_graph: Its scene graph.
-        friction: Coulomb friction, static and dynamic.
-        context: The scene graph's context to change; by default the model's default changes.
-        terrain: The ground.
+    It changes the scene graph's context or, without one, the model's default.
     """
     ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
     inspector = scene_graph.model_inspector()

@@ -98,7 +98,7 @@ def save_replay(
     """Draws every recorded control step into an animation, and writes it as an HTML page.
 
     Args:
-        diagram: A diagram that `MakeLocomotion` built to show in `meshcat`.
+        diagram: What `MakeLocomotion` built to show in `meshcat`.
         meshcat: The Meshcat.
         rollout: The rollout; its first instant is the replay's time 0.
         path: File of the page.
@@ -166,13 +166,7 @@ class LiveDisplay:
     def __init__(
         self, robot: Robot, gait: Gait, meshcat: Meshcat, *, terrain: Terrain = PLANE
     ) -> None:
-        """
-        Args:
-            robot: The robot.
-            gait: Its gait.
-            meshcat: The Meshcat that shows them; what it showed before is deleted.
-            terrain: The ground.
-        """
+        """Deletes what the Meshcat showed before."""
         self._meshcat, self._ground = meshcat, Ground([terrain])
         meshcat.Delete()
 

@@ -8,12 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSyste
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
-from glassgait.models.task.command import (
-    Command,
-    gamepad_velocity,
-    limit_command,
-    sample_commands,
-)
+from glassgait.models.task.command import Command, gamepad_velocity, limit_command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import seed_of
 

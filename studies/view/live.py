@@ -54,9 +54,8 @@ def play_live(
             return interrupted() or meshcat.GetButtonClicks(STOP_BUTTON) > 0
 
         def live(n_falls: int) -> Rollout:
-            simulator = make_simulator(
-                diagram, seed=seed + n_falls, accuracy=scenario.accuracy, realtime_rate=1.0
-            )
+            simulator = make_simulator(diagram, seed=seed + n_falls, accuracy=scenario.accuracy)
+            simulator.set_target_realtime_rate(1.0)
             pushed = pusher(simulator, scenario, seed + n_falls)
 
             def ended() -> bool:

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 from pydrake.common import RandomGenerator
 from pydrake.gym import DrakeGymEnv
 from pydrake.systems.analysis import MonteCarloSimulation, Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
-from glassgait.diagrams.gym import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
@@ -87,8 +87,8 @@ def test_drakes_gym_environment_draws_command_and_pose_for_every_seed(trot):
     env = DrakeGymEnv(
         simulator=Simulator(diagram),
         time_step=0.02,
-        action_space=action_space(),
-        observation_space=observation_space(trot),
+        action_space=Box(-1.0, 1.0, (12,), np.float64),
+        observation_space=Box(-np.inf, np.inf, (47 + trot.n_states,), np.float64),
         reward="reward",
         action_port_id="actions",
         observation_port_id="observations",

@@ -20,16 +20,6 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.termination import failures
-
-
-def test_a_robot_that_starts_as_it_stands_shows_no_failure():
-    robot = load_robot()
-    state = kinematics.standing_state(robot)[None]
-    zero = np.zeros((1, quadruped.N_JOINTS))
-    limits = Scenario().limits
-    shown = failures(robot, state, action=zero, previous_action=zero, limits=limits)
-    assert not shown.any()
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -42,10 +32,8 @@ def test_diagram_and_batch_agree_on_a_scripted_motion(name):
     diagram = MakeLocomotion(gait, scenario)
     simulator = make_simulator(diagram)
     context = simulator.get_mutable_context()
-    task = TaskConfig.of_scenario(gait, scenario)
-    assert task.robot is robot
     batch = BatchSimulator(
-        task,
+        TaskConfig.of_scenario(gait, scenario),
         make_physics(robot, scenario.station),
         n_robots=1,
         generator=np.random.default_rng(0),
@@ -53,12 +41,8 @@ def test_diagram_and_batch_agree_on_a_scripted_motion(name):
     )
     batch.start_at(start[None], Command(np.array([[0.4, 0.0]]), np.array([8.0])))
     ports = {port: diagram.GetOutputPort(port) for port in ("state", "observations", "reward")}
-    shown = {port: [own.Eval(context).copy()] for port, own in ports.items()}
-    mine = {
-        "state": [batch.state.plant[0]],
-        "observations": [batch.observe()[0]],
-        "reward": [[0.0]],
-    }
+    shown = {port: [] for port in ports}
+    mine = {port: [] for port in ports}
     for step in range(50):
         # Diagonal legs are lifted in turn, each by its thigh and calf.
         lift = 1.6 * np.sin(np.pi * (step % 16) / 16.0)
@@ -74,7 +58,7 @@ def test_diagram_and_batch_agree_on_a_scripted_motion(name):
         mine["observations"].append(batch.observe()[0])
         mine["reward"].append(outcome.reward)
     for port in ports:
-        np.testing.assert_allclose(mine[port][1:], shown[port][1:], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(mine[port], shown[port], rtol=0, atol=1e-9)
     assert np.ptp(np.array(mine["state"])[:, quadruped.JOINT_POSITION], axis=0).max() > 0.2
 
 

@@ -19,7 +19,6 @@ from glassgait.systems.commands import SPEED_SLIDER
 
 A1 = load_robot()
 
-
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
 
