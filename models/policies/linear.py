@@ -1,7 +1,6 @@
-"""Policies of few numbers: linear ones, and open-loop tables."""
+"""Linear policies: one weight vector a joint, or one a joint and RM state."""
 
 from collections.abc import Mapping
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -18,7 +17,7 @@ from glassgait.models.policies.policy import (
     contributions_of_action,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, symbols_of
+from glassgait.models.task.observation import symbols_of
 
 
 class LinearPolicy(Policy):
@@ -97,25 +96,3 @@ class StatewiseLinearPolicy(LinearPolicy):
 
     def state_shares(self, observations: Array) -> Array:
         return observations[:, self._one_hot].mean(axis=0)
-
-
-class OpenLoopPolicy(Policy):
-    """Each action is looked up by RM state and the time in it; no other sensor counts.
-
-    Attributes:
-        table: Actions (n_states, n_iterations, 12); later iterations take the last entry.
-    """
-
-    kind = "open_loop"
-    array_specs: ClassVar[Mapping[str, ArraySpec]] = {"table": Reals("states iterations joints")}
-    table: Array
-
-    @cached_property
-    def _iterations(self) -> int:
-        (entry,) = indices_of("iterations", self.observation_names)
-        return entry
-
-    def __call__(self, observation: Array) -> Array:
-        iterations = np.rint(observation[..., self._iterations] / ITERATIONS_SCALE).astype(int)
-        last = self.table.shape[1] - 1
-        return self.table[self.machine_state(observation), np.clip(iterations, 0, last)]

@@ -13,7 +13,7 @@ from glassgait.models.formulas.expression import BINARY, UNARY, Expression, cons
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
@@ -115,12 +115,6 @@ def statewise_symbolic() -> StatewiseSymbolicPolicy:
     texts = [[f"{s} + x{j} * x{j + s}" for j in range(12)] for s in (1, 2)]
     formulas = [[parse_expression(text, names) for text in own] for own in texts]
     return StatewiseSymbolicPolicy("trot", NAMES, formulas)
-
-
-@pytest.fixture
-def open_loop() -> OpenLoopPolicy:
-    table = np.random.default_rng(4).normal(size=(2, 6, quadruped.N_JOINTS))
-    return OpenLoopPolicy("trot", NAMES, table)
 
 
 @pytest.fixture

@@ -36,6 +36,7 @@ from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.joint_law import JointLaw
@@ -328,12 +329,21 @@ def test_names_that_are_not_valid_in_c_are_refused(name, trot, make_policy, smal
         write_controller(trot, controller, **(WRITTEN | {"name": name}))
 
 
-def test_policies_that_do_not_fit_are_refused(trot, make_policy, small_expert, open_loop):
+class Still(Policy):
+    """Asks for the default stance."""
+
+    kind = "still"
+
+    def __call__(self, observation):
+        return np.zeros((*observation.shape[:-1], 12))
+
+
+def test_policies_that_do_not_fit_are_refused(trot, make_policy, small_expert):
     pace = load_gait("pace")
     for policy, expert, said in [
         (make_policy(pace), small_expert(trot), "pace"),
         (make_policy(trot), small_expert(pace), "pace"),
-        (open_loop, small_expert(trot), "there is no C for policies of kind 'open_loop'"),
+        (Still("trot", NAMES), small_expert(trot), "there is no C for policies of kind 'still'"),
     ]:
         with pytest.raises(InputError, match=said):
             write_controller(trot, alone(policy, expert), **WRITTEN)

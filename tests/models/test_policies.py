@@ -25,7 +25,7 @@ from glassgait.models.policies.library import (
     load_policy,
     save_policy,
 )
-from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy, elu
 from glassgait.models.policies.policy import first_not_finite, narrowest
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
@@ -40,7 +40,7 @@ NAMES = ObservationLayout(2).names
 N = len(NAMES)
 KINDS = (
     *("neural", "linear", "statewise", "symbolic", "statewise_symbolic"),
-    *("open_loop", "trees", "rounded_trees", "additive"),
+    *("trees", "rounded_trees", "additive"),
 )
 SUMS = ("linear", "statewise", "symbolic", "statewise_symbolic", "additive")
 
@@ -199,7 +199,7 @@ def test_a_policy_that_acts_otherwise_once_loaded_is_refused(tmp_path, samples):
 @pytest.mark.parametrize("real", [np.float16, np.float32])
 @pytest.mark.parametrize("whole", [np.uint8, np.uint16, np.int64])
 def test_narrow_types_of_numbers_are_taken(real, whole, policy_of, samples, tmp_path):
-    for kind in ("linear", "open_loop", "trees", "additive", "neural"):
+    for kind in ("linear", "trees", "additive", "neural"):
         policy, path = policy_of(kind), tmp_path / "policy.safetensors"
         policy.save(path)
         arrays, header = load_arrays(path)
@@ -282,13 +282,6 @@ def test_statewise_policies_act_by_their_state(statewise, statewise_symbolic, sa
         np.testing.assert_allclose(statewise(rows)[state], expected)
         product = values[state, joint] * values[state, joint + 1 + state]
         np.testing.assert_allclose(targets[state], 1 + state + product)
-
-
-def test_open_loop_actions_are_looked_up_and_held_at_the_end(open_loop, samples):
-    rows = samples(3, seed=4)[0]
-    rows[:, open_loop._one_hot] = [[1, 0], [0, 1], [0, 1]]
-    rows[:, NAMES.index("RM Iters")] = [0.3, 0.0, 2.5]
-    np.testing.assert_array_equal(open_loop(rows), open_loop.table[[0, 1, 1], [3, 0, 5]])
 
 
 def test_a_network_is_a_perceptron_with_elu(neural, samples):
@@ -417,7 +410,7 @@ def test_an_expert_must_be_neural_and_of_the_gait(linear, neural, tmp_path):
 
 
 def test_arrays_that_no_policy_can_have_are_refused(neural, symbolic, small_trees, small_additive):
-    zeros, nan = np.zeros, np.full((2, 5, 12), np.nan)
+    zeros = np.zeros
     eye = {"features": zeros((12, 2, 4), dtype=int), "thresholds": zeros((12, 2, 4))}
     for make, said in (
         (lambda: LinearPolicy("trot", NAMES, zeros((2, N)), zeros(2)), "'weights' is of shape"),
@@ -430,8 +423,6 @@ def test_arrays_that_no_policy_can_have_are_refused(neural, symbolic, small_tree
             lambda: StatewiseLinearPolicy("trot", NAMES, zeros((3, 12, N)), zeros((3, 12))),
             "2 state",
         ),
-        (lambda: OpenLoopPolicy("trot", NAMES, zeros((2, 0, 12))), "'table' is of shape"),
-        (lambda: OpenLoopPolicy("trot", NAMES, nan), "holds nan"),
         (lambda: small_trees(features=np.full((12, 2, 3), 300)), "holds 300; .* from 0 to 48"),
         (lambda: small_trees(leaves=zeros((12, 2, 3))), "'leaves' is of shape"),
         (lambda: small_trees(thresholds=np.full((12, 2, 3), np.nan)), "holds nan"),

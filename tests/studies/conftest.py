@@ -11,7 +11,7 @@ from joblib import parallel_config
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -84,15 +84,11 @@ def other_expert(expert) -> NeuralPolicy:
 
 @pytest.fixture(scope="session")
 def few_students(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a linear student, which leans a little, and one that is no sum of terms.
-
-    A third observes what the walk's do.
-    """
+    """A folder with a linear student, which leans a little, and one that observes as the walk's."""
     folder = tmp_path_factory.mktemp("students")
     names, walk = (load_expert(gait).observation_names for gait in ("trot", "walk"))
     weights = 0.02 * np.random.default_rng(3).normal(size=(12, len(names)))
     LinearPolicy("trot", names, weights, np.full(12, 0.1)).save(folder / "linear.safetensors")
-    OpenLoopPolicy("trot", names, np.zeros((2, 5, 12))).save(folder / "open_loop.safetensors")
     still = LinearPolicy("trot", walk, np.zeros((12, len(walk))), np.zeros(12))
     still.save(folder / "ebm.safetensors")
     return folder

@@ -16,7 +16,7 @@ from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
-from glassgait.models.policies.linear import LinearPolicy, OpenLoopPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import (
@@ -83,7 +83,6 @@ def sound_policies(random_network: Callable[..., Network]) -> dict[str, Policy]:
 
     makers: dict[str, Callable[[np.random.Generator], Policy]] = {
         "neural": neural,
-        "open_loop": lambda g: OpenLoopPolicy("trot", NAMES, g.normal(size=(2, 5, 12))),
         "linear": lambda g: LinearPolicy("trot", NAMES, g.normal(size=(12, N)), g.normal(size=12)),
         "statewise_linear": lambda g: StatewiseLinearPolicy(
             "trot", NAMES, g.normal(size=(2, 12, N)), g.normal(size=(2, 12))
@@ -122,7 +121,7 @@ def load_and_use(samples: Callable[..., tuple[Array, Array]]) -> Callable[[Path]
         assert action.dtype == np.float64
         assert policy(rows[0]).shape == (12,)
         assert isinstance(policy, FormulaPolicy) or np.isfinite(action).all()
-        explains = policy.kind not in ("neural", "open_loop", "boosted_trees")
+        explains = policy.kind not in ("neural", "boosted_trees")
         for joint in (0, "FL_calf") if explains else ():
             parts = policy.explain(rows, joint)
             assert parts.values.shape == (5, len(parts.terms))

@@ -184,7 +184,6 @@ ARRAY_KINDS = (
     "neural",
     "linear",
     "statewise_linear",
-    "open_loop",
     "boosted_trees",
     "additive",
 )
