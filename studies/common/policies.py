@@ -106,11 +106,7 @@ class Policies:
 
     @cached_property
     def students(self) -> dict[str, Policy]:
-        """Every student, by kind.
-
-        Raises:
-            InputError: if a file is damaged, or a student does not fit the expert.
-        """
+        """Every student, by kind."""
         return {kind: load_student_of(self.expert, path) for kind, path in self.files.items()}
 
     def file(self, name: str) -> Path:
@@ -141,10 +137,7 @@ class Policies:
         return self.files[name]
 
     def policy(self, name: str) -> Policy:
-        """Loads a policy.
-
-        Args:
-            name: `expert`, a kind of student, or the path of a policy file.
+        """Loads a policy by its name (see `file`).
 
         Raises:
             InputError: if there is no such policy, or it does not fit gait and expert.
@@ -162,11 +155,7 @@ class Policies:
         return policy
 
     def formulas(self, name: str) -> FormulaPolicy:
-        """Loads a policy that is made of formulas.
-
-        Raises:
-            InputError: if there is no such policy, it is of another kind, or does not fit.
-        """
+        """Loads a policy that is made of formulas, and refuses others."""
         policy = self.policy(name)
         if not isinstance(policy, FormulaPolicy):
             raise InputError(
@@ -176,22 +165,14 @@ class Policies:
         return policy
 
     def controller(self, name: str) -> Controller:
-        """Loads a policy that acts without the expert, with the estimator that it observes by.
-
-        A neural policy observes by its own estimator, and any other by its expert's, if there is
-        one.
-        """
+        """Loads a policy that acts without the expert, with the estimator that it observes by."""
         policy = self.policy(name)
         return alone(policy, None if isinstance(policy, NeuralPolicy) else self.expert_of(name))
 
     def expert_of(self, name: str) -> NeuralPolicy | None:
         """Returns the expert by whose estimator a policy observes that has none.
 
-        It is the one that stands beside the policy's file, if there is one. None if there is no
-        expert.
-
-        Raises:
-            InputError: if there is no such policy.
+        It is the one beside the policy's file, or else the gait's; None if there is none.
         """
         kept = policy_path(self.file(name).parent, EXPERT)
         if name == EXPERT or str(kept) == self.expert_place or not kept.exists():
@@ -199,14 +180,7 @@ class Policies:
         return load_expert(self.gait, kept, self.robot)
 
     def controllers(self, names: Iterable[str]) -> dict[str, Controller]:
-        """Loads policies that act without the expert, by their names in folders and tables.
-
-        Args:
-            names: Names as `controller` takes them; `all` stands for the expert and every student.
-
-        Raises:
-            InputError: if there is no such policy, or it does not fit.
-        """
+        """Loads policies that act without the expert, by their names in folders and tables."""
         found: dict[str, Controller] = {}
         for name in self.named(names):
             stem = Path(name).stem if is_file(name) else name
