@@ -10,8 +10,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 from glassgait.diagrams.station import MUJOCO_CONTACT_TIME, StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import ImuErrors
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings, checked
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import FLATTEST, Kind, Terrain

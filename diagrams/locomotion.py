@@ -16,8 +16,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.estimation.sensors import N_IMU, stuck_sensors
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout

@@ -14,9 +14,8 @@ from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedComma
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.settings import Count, checked
 from glassgait.models.task.randomization import NOMINAL, Disturbances, Latency, Randomization
 from glassgait.models.task.reward import RewardWeights

@@ -38,8 +38,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.joint_law import OWN_LAW, Damping, JointLaw, Stiffness
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import OWN_LAW, Damping, JointLaw, Robot, Stiffness
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground

@@ -10,9 +10,8 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, expert_of, refuse_other_machine
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait

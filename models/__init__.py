@@ -5,3 +5,6 @@ CONTROL_PERIOD = 0.02
 
 BASE_VELOCITY_SCALE = 2.0
 """Factor on the trunk's velocity as policies observe it."""
+
+GRAVITY = 9.81
+"""Acceleration by gravity (m/s²)."""

@@ -25,8 +25,7 @@ from glassgait.models.estimation.sensors import (
     believed_contacts,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.observation import N_ESTIMATED, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine

@@ -13,8 +13,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry, OdometryState
 from glassgait.models.estimation.sensors import N_IMU, ContactTrust, ImuReading, believed_contacts
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import TargetLimits
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import Robot, TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout, proprioception

@@ -4,8 +4,7 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward

@@ -10,9 +10,8 @@ from annotated_types import MaxLen, MinLen
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.settings import DISTINCT, FEW, Positive, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout

@@ -19,8 +19,8 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import symbols_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation, symbols_of
+from glassgait.models.task.symmetry import mirrored_states
 
 GAPS = {"operating": 0.008, "physical": 0.05}
 """Share of a joint's range that a bound over each box may be away from its witness.

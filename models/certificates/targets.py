@@ -28,8 +28,12 @@ from glassgait.models.formulas.interval import OPERATORS, Interval
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import indices_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
+from glassgait.models.task.observation import (
+    REFLECT_JOINTS,
+    Reflection,
+    indices_of,
+    reflect_observation,
+)
 
 UNIT, LIBRARY = 2.0**-53, 16
 """Error of one operation, as a share of its result, and that of a function, in such units.

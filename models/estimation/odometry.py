@@ -17,9 +17,8 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
-from glassgait.models import BASE_VELOCITY_SCALE, CONTROL_PERIOD
+from glassgait.models import BASE_VELOCITY_SCALE, CONTROL_PERIOD, GRAVITY
 from glassgait.models.arrays import Array, cross
-from glassgait.models.estimation.sensors import GRAVITY, ImuReading
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings, checked
@@ -92,7 +91,7 @@ class Odometry(Settings):
             imu: The IMU's reading (..., 9).
             touching: Which feet seem to press on the ground (..., 4).
         """
-        turned_by, change, gravity = ImuReading.of(imu)
+        turned_by, change, gravity = imu[..., 0:3], imu[..., 3:6], imu[..., 6:9]
         feet, swept, rolling = kinematics.foot_motion(robot, joint_position, joint_velocity)
         # What turning does to all of them at once: a call takes longer than its numbers.
         vectors = [feet, before.footholds, before.velocity[..., None, :]]

@@ -21,9 +21,6 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.settings import NotNegative, Settings, checked
 
-GRAVITY = 9.81
-"""Acceleration by gravity (m/s²)."""
-
 N_IMU = 9
 """Length of a reading."""
 

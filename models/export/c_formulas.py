@@ -19,8 +19,12 @@ from glassgait.models.formulas.grammar import Notation, written_lines
 from glassgait.models.formulas.quantities import Definition, Readings, Vocabulary
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import entries_of, symbols_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import (
+    REFLECT_JOINTS,
+    entries_of,
+    reflect_observation,
+    symbols_of,
+)
 
 RESERVED = frozenset(
     {"state", "observation", "action", "target", "joints", "feet", "act", "square", "cube"}

@@ -14,7 +14,7 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy, lower_neighbo
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.symmetry import Reflection
+from glassgait.models.task.observation import Reflection
 
 ABREAST = 10
 """Greatest number of trees that are walked down side by side, so that a processor need not wait."""

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 import glassgait.models.export.c_formulas  # noqa: F401 (registers the C of formulas)
+from glassgait.models import GRAVITY
 from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import SLIP, Odometry
-from glassgait.models.estimation.sensors import GRAVITY, LOW, UNCHANGED_STEPS
+from glassgait.models.estimation.sensors import LOW, UNCHANGED_STEPS
 from glassgait.models.export.c_language import (
     LINE_LENGTH,
     Real,
@@ -25,8 +26,7 @@ from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.neural import MirroredNetwork, Network
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw, TargetLimits
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import JointLaw, Robot, TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, Transition
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout

@@ -19,9 +19,8 @@ from glassgait.models.export.c_source import Interface, reads_imu
 from glassgait.models.files import digest, read_yaml
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import robot_of
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationEntry

@@ -56,8 +56,7 @@ from glassgait.models.formulas.grammar import written_lines, written_number
 from glassgait.models.formulas.mirror import FormulaMirror, Place, completed, without_images
 from glassgait.models.formulas.quantities import Definition, Readings, Vocabulary
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.robot import DEFAULT_ROBOT, OWN_LAW, JointLaw
 from glassgait.models.task.gait import Gait, gait_lines
 from glassgait.models.task.observation import OVERDUE, ObservationLayout, entries_of
 

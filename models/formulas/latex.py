@@ -3,15 +3,16 @@
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
+from glassgait.models import GRAVITY
 from glassgait.models.estimation.odometry import SLIP, Odometry
-from glassgait.models.estimation.sensors import GRAVITY, LOW, UNCHANGED_STEPS
+from glassgait.models.estimation.sensors import LOW, UNCHANGED_STEPS
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.file import FormulaFile, header_lines
 from glassgait.models.formulas.grammar import SIGNS, Notation, formula_tokens, written_number
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import TargetLimits
+from glassgait.models.robots.robot import TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import entries_of
 
@@ -66,7 +67,7 @@ def odometry_program(odometry: Odometry) -> list[str]:
 
 
 def limits_program(limits: TargetLimits) -> list[str]:
-    """Writes how targets are limited; see `glassgait.models.robots.joint_law`."""
+    """Writes how targets are limited; see `glassgait.models.robots.robot`."""
     stiffness, margin = written_number(limits.stiffness), written_number(limits.margin)
     return [
         "# asked: what a formula asks for; before: target of the step before; q: angle of the",

@@ -7,7 +7,7 @@ from typing import Self
 
 from glassgait.models.formulas.expression import Expression, canonical, negative, variable
 from glassgait.models.formulas.quantities import Definition, Vocabulary
-from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
 
 Place = tuple[int, ...]
 """Where a formula stands: state and joint, or the joint alone."""

@@ -18,8 +18,7 @@ from glassgait.models.formulas.grammar import TextError, parse_formula, refuse_u
 from glassgait.models.formulas.mirror import FormulaMirror, Place, completed
 from glassgait.models.formulas.quantities import Definition, Range, Readings, Vocabulary
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import Gains, JointLaw, TargetLimits
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Gains, JointLaw, TargetLimits
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import MOST_STATES
 from glassgait.models.task.gait import gait_names, parse_gait, shipped_gait

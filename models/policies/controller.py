@@ -11,8 +11,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.joint_law import JointLaw
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
 

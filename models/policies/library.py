@@ -11,9 +11,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, read_yaml
 from glassgait.models.policies.policy import Policy, read_policy_file
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot, robot_folder, robot_of
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT, JointLaw, Robot
 from glassgait.models.task.observation import ObservationLayout
 
 if TYPE_CHECKING:

@@ -13,8 +13,12 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.policy import ArraySpec, Policy, Reals, take_arrays
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import N_ESTIMATED
-from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
+from glassgait.models.task.observation import (
+    N_ESTIMATED,
+    REFLECT_JOINTS,
+    Reflection,
+    reflect_observation,
+)
 
 MAX_LAYERS = 8
 

@@ -18,9 +18,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT, OWN_LAW, JointLaw, Robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 
 if TYPE_CHECKING:

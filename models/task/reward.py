@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array, cross, stacked
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.joint_law import OWN_LAW, JointLaw
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.settings import NotNegative, Positive, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 

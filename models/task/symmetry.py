@@ -6,44 +6,15 @@ RL and RR.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import STANCES, Gait, Transition, stance_code
-from glassgait.models.task.observation import ObservationEntry, entries_of
+from glassgait.models.task.observation import MIRRORED_LEG_ORDER
 
-MIRRORED_LEGS = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
-
-_LEG_ORDER = np.array([quadruped.LEGS.index(MIRRORED_LEGS[leg]) for leg in quadruped.LEGS])
-_MIRRORED_STANCES = stance_code(STANCES[:, _LEG_ORDER])
+_MIRRORED_STANCES = stance_code(STANCES[:, MIRRORED_LEG_ORDER])
 """Code of each stance's mirror image (16)."""
-
-
-@dataclass(frozen=True)
-class Reflection:
-    """The mirror image of a vector: its entries in another order (n), with signs (n).
-
-    Attributes:
-        index: Index of the entry that each entry of the image is taken from.
-        sign: Factor on it, 1 or -1.
-    """
-
-    index: NDArray[np.int64]
-    sign: Array
-
-    def __call__(self, values: Array) -> Array:
-        """Maps vectors (..., n) to their mirror images (..., n)."""
-        return values[..., self.index] * self.sign
-
-    def split(self, count: int) -> tuple["Reflection", "Reflection"]:
-        """Returns the reflections of the first `count` entries and of the others."""
-        first = Reflection(self.index[:count], self.sign[:count])
-        return first, Reflection(self.index[count:] - count, self.sign[count:])
 
 
 def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
@@ -114,30 +85,3 @@ def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> di
 def _signature(edge: Transition, *, mirrored: bool = False) -> tuple:
     table = np.array(edge.when.table)
     return tuple(table[_MIRRORED_STANCES] if mirrored else table), edge.dwell, edge.grace
-
-
-def reflect_observation(names: Sequence[str], states: Sequence[int]) -> Reflection:
-    """Returns the reflection of observations, by their names and the gait's `mirrored_states`."""
-    entries = entries_of(names)
-    places = {entry.name: i for i, entry in enumerate(entries)}
-    index = [places[_image_name(entry, states)] for entry in entries]
-    return Reflection(np.array(index), np.array([entry.mirror_sign for entry in entries]))
-
-
-def _image_name(entry: ObservationEntry, states: Sequence[int]) -> str:
-    if entry.group == "machine state":
-        number = int(entry.name.removeprefix(f"{entry.merged_name} "))
-        return f"{entry.merged_name} {states[number]}"
-    if entry.leg is None:
-        return entry.name
-    return entry.name.replace(entry.leg, MIRRORED_LEGS[entry.leg])
-
-
-def _reflect_joints() -> Reflection:
-    joints = np.arange(quadruped.N_JOINTS).reshape(quadruped.N_LEGS, -1)[_LEG_ORDER].ravel()
-    sign = [-1.0 if joint == "hip" else 1.0 for joint in quadruped.LEG_JOINTS]
-    return Reflection(joints, np.tile(sign, quadruped.N_LEGS))
-
-
-REFLECT_JOINTS = _reflect_joints()
-"""The reflection of joint positions, velocities and actions (12): hips turn the other way."""

@@ -17,9 +17,9 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
+from glassgait.models import GRAVITY
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.sensors import GRAVITY
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import NotNegative, Seed, Settings, checked
 

@@ -22,8 +22,7 @@ from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import indices_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, indices_of, reflect_observation
 
 UNIT_EFFECT = 0.1
 """Average effect of a unit of change on a target (rad): PPO's usual rates suit it."""

@@ -30,8 +30,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import indices_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, indices_of, reflect_observation
 from glassgait.studies.distillation.dataset import TrainingSet
 
 DIGITS = 3

@@ -25,8 +25,8 @@ from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.settings import Count, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait

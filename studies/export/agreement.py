@@ -9,10 +9,10 @@ import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.task_state import TaskState
+from glassgait.models import GRAVITY
 from glassgait.models.arrays import Array
 from glassgait.models.control import ControlStep, Sensors
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.sensors import GRAVITY
 from glassgait.models.export.binding import LoadedController, Memory
 from glassgait.models.policies.controller import (
     Controller,

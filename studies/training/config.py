@@ -9,9 +9,8 @@ from annotated_types import Le, MaxLen, MinLen
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.robot import DEFAULT_ROBOT, JointLaw
 from glassgait.models.settings import (
     IN_ORDER,
     Count,

@@ -14,8 +14,7 @@ from torch import nn
 
 from glassgait.models.policies.neural import Network
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import N_ESTIMATED
-from glassgait.models.task.symmetry import Reflection
+from glassgait.models.task.observation import N_ESTIMATED, Reflection
 from glassgait.studies.training.config import EstimatorConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import OBSERVATION_GROUPS
 

@@ -23,9 +23,9 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.observation import REFLECT_JOINTS, ObservationLayout, reflect_observation
 from glassgait.models.task.reward import REWARD_TERMS
-from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.console import console, progress_bar
 from glassgait.studies.common.run import CHECKPOINT_NAME, to_plain
 from glassgait.studies.training.config import TrainingConfig

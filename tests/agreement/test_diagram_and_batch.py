@@ -18,8 +18,8 @@ from glassgait.models.estimation.sensors import IMU_NOISE, ImuErrors
 from glassgait.models.policies.controller import estimator_in_loop
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait

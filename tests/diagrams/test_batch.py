@@ -14,8 +14,8 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command
 from glassgait.models.task.observation import indices_of

@@ -21,8 +21,8 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.systems import commands, reward, sensors

@@ -10,7 +10,7 @@ from glassgait.models.policies.controller import (
     estimator_in_loop,
 )
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.alternation import expert_acts, ratio_title
 
 PAGES = ("trot", "bound", "walk")

@@ -23,8 +23,8 @@ from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, ObservationLayout, reflect_observation
+from glassgait.models.task.symmetry import mirrored_states
 
 A1 = load_robot()
 

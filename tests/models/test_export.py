@@ -39,8 +39,8 @@ from glassgait.models.policies.linear import StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.export.agreement import Agreement, compare_controllers, random_sequences

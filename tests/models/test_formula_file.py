@@ -31,8 +31,8 @@ from glassgait.models.policies.symbolic import (
     SymbolicPolicy,
 )
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw, TargetLimits
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw, TargetLimits
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 

@@ -12,8 +12,12 @@ from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import (
+    MIRRORED_LEGS,
+    REFLECT_JOINTS,
+    ObservationLayout,
+    reflect_observation,
+)
 
 A1 = load_robot()
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from glassgait.models.estimation.sensors import GRAVITY, ImuReading, measure_imu
+from glassgait.models import GRAVITY
+from glassgait.models.estimation.sensors import ImuReading, measure_imu
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 

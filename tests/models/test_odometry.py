@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from glassgait.models import GRAVITY
 from glassgait.models.arrays import cross
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.estimation.sensors import GRAVITY, measure_imu
+from glassgait.models.estimation.sensors import measure_imu
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, ObservationLayout, reflect_observation
 
 A1 = load_robot()
 DOWN = np.array([0.0, 0.0, -GRAVITY])

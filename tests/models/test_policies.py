@@ -30,8 +30,8 @@ from glassgait.models.policies.neural import Network, NeuralPolicy, elu
 from glassgait.models.policies.policy import first_not_finite, narrowest
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.gait import GAIT_DIRECTORY, parse_gait
 from glassgait.models.task.observation import ObservationLayout
 

@@ -19,8 +19,7 @@ from glassgait.models.formulas.quantities import (
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot, robot_names
 from glassgait.models.task.ground import body_state
-from glassgait.models.task.observation import ObservationLayout, proprioception
-from glassgait.models.task.symmetry import reflect_observation
+from glassgait.models.task.observation import ObservationLayout, proprioception, reflect_observation
 
 A1 = load_robot()
 

@@ -22,8 +22,12 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.observation import ObservationLayout, entries_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import (
+    REFLECT_JOINTS,
+    ObservationLayout,
+    entries_of,
+    reflect_observation,
+)
 from glassgait.studies.distillation.formula_network import FormulaNetwork
 
 A1 = load_robot()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 
 A1 = load_robot()

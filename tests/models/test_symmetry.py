@@ -14,14 +14,15 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait, parse_formula
 from glassgait.models.task.ground import body_state
-from glassgait.models.task.observation import ObservationLayout, proprioception
-from glassgait.models.task.reward_machine import RewardMachine
-from glassgait.models.task.symmetry import (
+from glassgait.models.task.observation import (
     MIRRORED_LEGS,
     REFLECT_JOINTS,
-    mirrored_states,
+    ObservationLayout,
+    proprioception,
     reflect_observation,
 )
+from glassgait.models.task.reward_machine import RewardMachine
+from glassgait.models.task.symmetry import mirrored_states
 
 A1 = load_robot()
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert, load_student, shipped_students
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 
 ROBOTS = {name: load_robot(name) for name in ("a1", "go2")}
 LEVEL = np.array([0.0, 0.0, -1.0])

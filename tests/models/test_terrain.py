@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from glassgait.models import GRAVITY
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.sensors import GRAVITY
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.ground import Ground

@@ -9,7 +9,8 @@ from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.training.record import read_config, trainings

@@ -25,7 +25,7 @@ from glassgait.models.policies.library import load_expert, load_policy, load_stu
 from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation import refinement as refinement_module

@@ -20,8 +20,12 @@ from glassgait.models.formulas.grammar import parse_formula, write_formula
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.observation import ObservationLayout, machine_state_entries
-from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import (
+    REFLECT_JOINTS,
+    ObservationLayout,
+    machine_state_entries,
+    reflect_observation,
+)
 from glassgait.studies.distillation.dataset import Dataset, TrainingSet, r2_scores
 from glassgait.studies.distillation.formulas import (
     FormulaSamples,

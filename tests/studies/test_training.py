@@ -12,10 +12,10 @@ from glassgait.diagrams.domain_randomization import GroupRanges, TerrainRanges
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
-from glassgait.models.robots.joint_law import JointLaw
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, ObservationLayout, reflect_observation
+from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.run import CHECKPOINT_NAME
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig
 from glassgait.studies.training.learner import Mirrored

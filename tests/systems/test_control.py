@@ -10,8 +10,8 @@ from pydrake.systems.framework import InputPortIndex
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import JointLaw
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.observation import ObservationLayout, proprioception
 from glassgait.systems.control import (
     ActionHold,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from glassgait.models import GRAVITY
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.estimation.sensors import GRAVITY
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.systems.control import OdometrySystem, StateEstimator

@@ -17,8 +17,8 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.joint_law import TargetLimits
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import TargetLimits
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.randomization import Randomization

@@ -11,8 +11,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.systems.sensors import Accelerometer, Gyroscope
 
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
+from glassgait.models import GRAVITY
 from glassgait.models.estimation.sensors import (
-    GRAVITY,
     IMU_NOISE,
     ImuErrors,
     ImuReading,
