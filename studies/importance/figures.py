@@ -2,13 +2,9 @@
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from interpret.glassbox import ExplainableBoostingRegressor
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.inspection import PartialDependenceDisplay
 
@@ -25,90 +21,10 @@ from glassgait.studies.distillation.students import policy_title
 HISTOGRAM_BINS = 20
 
 
-def interpret_model(
-    policy: AdditivePolicy, joint: int, observations: Array
-) -> ExplainableBoostingRegressor:
-    """Rebuilds the fitted model of a joint: its target, by quantities in the robot's units.
-
-    Its `explain_global` and `explain_local` return interpret's explanation objects, which
-    `interpret.show` takes. Quantities have the names of formula files.
-
-    Args:
-        policy: The additive policy.
-        observations: Observations (m, n); their density stands below each function and weighs the
-            terms' importances.
-    """
-    robot, symbols = policy.robot, list(symbols_of(policy.observation_names))
-    model: Any = ExplainableBoostingRegressor(feature_names=symbols)
-    units, n = RobotUnits.of(robot, policy.observation_names), len(symbols)
-    quantities = units.quantities(observations)
-    # A padded cut is infinite, and stays so.
-    cuts, pair_cuts = (
-        _trimmed(units.quantities(edges.T).T) for edges in (policy.cuts, policy.pair_cuts)
-    )
-    singles = [(feature,) for feature in range(n)]
-    mine = np.flatnonzero(policy.pair_joints == joint)
-    pairs = [tuple(policy.pairs[index].tolist()) for index in mine]
-
-    # The functions: bins, scores and their spread, of single observations and of pairs.
-    model.bins_ = [[fine, coarse] for fine, coarse in zip(cuts, pair_cuts, strict=True)]
-    model.term_features_ = singles + pairs
-    model.term_names_ = list(policy.term_names(joint))
-    for attribute, single, paired in (
-        ("term_scores_", policy.tables[joint], policy.pair_tables[mine]),
-        ("standard_deviations_", policy.deviations[joint], policy.pair_deviations[mine]),
-    ):
-        values = [single[feature, : len(cuts[feature]) + 1] for feature in range(n)]
-        values += [
-            table[: len(pair_cuts[first]) + 1, : len(pair_cuts[second]) + 1]
-            for (first, second), table in zip(pairs, paired, strict=True)
-        ]
-        setattr(model, attribute, [_with_ends(robot.action_scale * value) for value in values])
-
-    # The density of the samples, below each function and as a weight of its importance.
-    model.bin_weights_ = [
-        _counts(quantities[:, term], [(cuts, pair_cuts)[len(term) - 1][f] for f in term])
-        for term in model.term_features_
-    ]
-    histograms = [np.histogram(column, HISTOGRAM_BINS) for column in quantities.T]
-    model.histogram_weights_ = [_with_ends(counts) for counts, _ in histograms]
-    model.histogram_edges_ = [edges for _, edges in histograms]
-    model.feature_bounds_ = np.stack([quantities.min(axis=0), quantities.max(axis=0)], axis=1)
-
-    # The attributes that interpret checks before it explains.
-    model.feature_names_in_ = symbols
-    model.feature_types_in_ = ["continuous"] * n
-    model.n_features_in_ = n
-    intercept = robot.default_stance[joint] + robot.action_scale * policy.intercepts[joint]
-    model.intercept_ = float(intercept)
-    model.link_, model.link_param_ = "identity", np.nan
-    model.has_fitted_ = True
-    return model
-
-
 def _with_unit(policy: Policy, index: int) -> str:
     """Returns an axis label: an observation's symbol, its unit below."""
     entry = entry_of(policy.observation_names[index])
     return f"{entry.symbol}\n({entry.unit})" if entry.unit else entry.symbol
-
-
-def _trimmed(padded: Array) -> list[Array]:
-    return [row[np.isfinite(row)] for row in padded]
-
-
-def _with_ends(values: NDArray[Any]) -> Array:
-    """Adds interpret's bins for missing and for unseen values, which are never used here."""
-    return np.pad(values.astype(float), 1)
-
-
-def _counts(columns: Array, cuts: list[Array]) -> Array:
-    bins = [
-        np.searchsorted(edges, column, side="right")
-        for edges, column in zip(cuts, columns.T, strict=True)
-    ]
-    counts = np.zeros([len(edges) + 1 for edges in cuts])
-    np.add.at(counts, tuple(bins), 1.0)
-    return _with_ends(counts)
 
 
 @styled
@@ -283,33 +199,52 @@ LABEL_WIDTH = 42
 
 
 @styled
-def term_figure(model: ExplainableBoostingRegressor, title: str, n_terms: int = 15) -> Figure:
-    """Ranks the terms by their mean size (paper, Figure 10)."""
-    importances = np.asarray(model.term_importances())
-    order = np.argsort(-importances, kind="stable")[:n_terms]
-    names = [model.term_names_[index] for index in order]
+def term_figure(parts: Contributions, title: str, n_terms: int = 15) -> Figure:
+    """Ranks the terms of samples' targets by their mean size (paper, Figure 10)."""
+    importances, names = np.abs(parts.values).mean(axis=0), parts.terms
+    # The intercept comes first, and is left out.
+    order = 1 + np.argsort(-importances[1:], kind="stable")[:n_terms]
     figure, axes = subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * len(order)))
     axes.barh(range(len(order)), importances[order], color="#0072B2")
-    axes.set_yticks(range(len(order)), names, fontsize=6)
+    axes.set_yticks(range(len(order)), [names[index] for index in order], fontsize=6)
     axes.invert_yaxis()
     axes.set(xlabel="mean |contribution| to the target (rad)", title=title)
     return figure
 
 
+def _edges(cuts: Array, quantities: Array) -> Array:
+    """Returns the bounds of an observation's bins, those of the samples outermost."""
+    cuts = cuts[np.isfinite(cuts)]
+    ends = np.append(cuts, quantities)
+    return np.array([ends.min(), *cuts, ends.max()])
+
+
 @styled
 def shape_figure(
-    policy: Policy, model: ExplainableBoostingRegressor, terms: tuple[int, ...], title: str
+    policy: AdditivePolicy, joint: int, observations: Array, columns: tuple[int, ...], title: str
 ) -> Figure:
     """Draws functions of one observation with bands of two standard deviations between the bagged
-    models, above where the observations lie (paper, Figure 8, top)."""
-    explanation: Any = model.explain_global()
-    size = (2 * COLUMN_WIDTH, 2.3)
+    models, above where the observations (m, n) lie (paper, Figure 8, top)."""
+    units = RobotUnits.of(policy.robot, policy.observation_names)
+    cuts, quantities = units.quantities(policy.cuts.T).T, units.quantities(observations)
+    scale, size = policy.robot.action_scale, (2 * COLUMN_WIDTH, 2.3)
     figure, panels = subplots(
-        2, len(terms), figsize=size, squeeze=False, height_ratios=(4, 1), sharex="col"
+        2, len(columns), figsize=size, squeeze=False, height_ratios=(4, 1), sharex="col"
     )
-    for (above, below), term in zip(panels.T, terms, strict=True):
-        _draw_shape(above, below, explanation.data(term))
-        below.set_xlabel(_with_unit(policy, term))
+    for (above, below), column in zip(panels.T, columns, strict=True):
+        # Bins beyond the last cut are padding.
+        edges = _edges(cuts[column], quantities[:, column])
+        bins = slice(len(edges) - 1)
+        scores = scale * policy.tables[joint, column, bins]
+        band = 2.0 * scale * policy.deviations[joint, column, bins]
+        above.stairs(
+            scores + band, edges, baseline=scores - band, fill=True, color="#9ecae1", linewidth=0
+        )
+        above.stairs(scores, edges, baseline=None, color="#0072B2", linewidth=1.0)
+        above.axhline(0.0, color="0.5", linewidth=0.5)
+        counts, places = np.histogram(quantities[:, column], HISTOGRAM_BINS)
+        below.stairs(counts, places, fill=True, color="0.6")
+        below.set_xlabel(_with_unit(policy, column))
         below.set_yticks([])
     panels[0, 0].set_ylabel("adds to the target (rad)")
     panels[1, 0].set_ylabel("samples")
@@ -318,26 +253,21 @@ def shape_figure(
 
 
 @styled
-def pair_figure(
-    policy: Policy, model: ExplainableBoostingRegressor, term: int, title: str
-) -> Figure:
+def pair_figure(policy: AdditivePolicy, pair: int, observations: Array, title: str) -> Figure:
     """Draws a function of two observations as a map (paper, Figure 8, bottom)."""
-    explanation: Any = model.explain_global()
-    data = explanation.data(term)
-    first, second = model.term_features_[term]
-    left, right = np.asarray(data["left_names"], float), np.asarray(data["right_names"], float)
-    scores = np.asarray(data["scores"])
+    units, columns = RobotUnits.of(policy.robot, policy.observation_names), policy.pairs[pair]
+    cuts, quantities = units.quantities(policy.pair_cuts.T).T, units.quantities(observations)
+    first, second = (_edges(cuts[column], quantities[:, column]) for column in columns)
+    table = policy.pair_tables[pair, : len(first) - 1, : len(second) - 1]
+    scores = policy.robot.action_scale * table
     reach = max(float(np.abs(scores).max()), 1e-9)
     figure, axes = subplots(figsize=(COLUMN_WIDTH, 2.6))
     image = axes.pcolormesh(
-        left, right, scores.T, cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True
+        first, second, scores.T, cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True
     )
     axes.grid(visible=False)
-    axes.set(
-        xlabel=_with_unit(policy, first),
-        ylabel=_with_unit(policy, second),
-        title=title,
-    )
+    xlabel, ylabel = (_with_unit(policy, column) for column in columns)
+    axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
     figure.colorbar(image, ax=axes).set_label("adds to the target (rad)")
     return figure
 
@@ -369,19 +299,6 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     axes.invert_yaxis()
     axes.set(xlabel="adds to the target (rad)", title=title)
     return figure
-
-
-def _draw_shape(above: Axes, below: Axes, data: dict[str, Any]) -> None:
-    edges, scores = np.asarray(data["names"], float), np.asarray(data["scores"])
-    # interpret's bounds are one standard deviation away.
-    band = 2.0 * (np.asarray(data["upper_bounds"]) - scores)
-    above.stairs(
-        scores + band, edges, baseline=scores - band, fill=True, color="#9ecae1", linewidth=0
-    )
-    above.stairs(scores, edges, baseline=None, color="#0072B2", linewidth=1.0)
-    above.axhline(0.0, color="0.5", linewidth=0.5)
-    density = data["density"]
-    below.stairs(density["scores"], density["names"], fill=True, color="0.6")
 
 
 N_SHAPES = 3
@@ -418,13 +335,14 @@ def student_figures(
                 student, joint, observations, columns, generator
             )
         case AdditivePolicy():
-            model = interpret_model(student, joint, observations)
-            ranked = np.argsort(-np.asarray(model.term_importances()), kind="stable").tolist()
-            n = len(student.observation_names)
+            # Terms are the intercept, all functions of one observation, and the joint's pairs.
+            parts, n = student.explain(observations, joint), len(student.observation_names)
+            ranked = np.argsort(-np.abs(parts.values[:, 1:]).mean(axis=0), kind="stable").tolist()
             singles = tuple(term for term in ranked if term < n)[:N_SHAPES]
-            pairs = [term for term in ranked if term >= n][:N_PAIRS]
-            figures["terms"] = term_figure(model, title)
-            figures["shapes"] = shape_figure(student, model, singles, title)
-            for place, term in enumerate(pairs, start=1):
-                figures[f"pair_{place}"] = pair_figure(student, model, term, title)
+            pairs = np.flatnonzero(student.pair_joints == joint)
+            figures["terms"] = term_figure(parts, title)
+            figures["shapes"] = shape_figure(student, joint, observations, singles, title)
+            for place, term in enumerate([term for term in ranked if term >= n][:N_PAIRS], start=1):
+                drawn = pair_figure(student, int(pairs[term - n]), observations, title)
+                figures[f"pair_{place}"] = drawn
     return {f"{kind}_{name}_{what}": figure for what, figure in figures.items()}

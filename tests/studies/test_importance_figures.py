@@ -1,25 +1,20 @@
-"""Students drawn from within: interpret's own model of the additive ones, and trees."""
+"""Figures of additive students and trees."""
 
-import re
-from urllib.request import urlopen
-
-import interpret
 import numpy as np
 import pytest
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
-from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.robots.library import load_robot
-from glassgait.models.task.observation import ObservationLayout, entries_of
+from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.importance.figures import (
     dependence_figure,
-    interpret_model,
     shape_figure,
     student_figures,
+    term_figure,
     tree_figure,
 )
 
@@ -51,45 +46,19 @@ def additive():
     return policy, models, observations
 
 
-@pytest.mark.slow
-def test_interprets_dashboard_shows_the_model(additive, capsys):
-    for package in ("dash", "dash_cytoscape", "gevent", "IPython", "plotly"):
-        pytest.importorskip(package, reason="needs the extra 'show'")
-    policy, _, observations = additive
-    interpret.show(interpret_model(policy, 0, observations).explain_global())
-    found = re.search(r"http://127\.0\.0\.1:\d+/\d+/", capsys.readouterr().out)
-    assert found is not None
-    with urlopen(f"{found.group()}_dash-layout", timeout=60) as answer:
-        assert "q.FL_thigh" in answer.read().decode()
-
-
-def test_interprets_own_model_comes_back(additive):
+def test_terms_are_ranked_by_what_interpret_calls_importance(additive):
     policy, models, observations = additive
-    rebuilt, units = interpret_model(policy, 1, observations), RobotUnits.of(A1, NAMES)
-    quantities, scale = units.quantities(observations), A1.action_scale
-    targets = A1.default_stance[1] + scale * models[1].predict(observations)
-    np.testing.assert_allclose(rebuilt.predict(quantities), targets)
-    np.testing.assert_allclose(rebuilt.term_importances(), scale * models[1].term_importances())
-    ours, theirs = rebuilt.explain_global(), models[1].explain_global()
-    assert ours.data()["names"][:N] == [entry.symbol for entry in entries_of(NAMES)]
-    for term in (3, N):
-        mine, other = ours.data(term), theirs.data(term)
-        np.testing.assert_allclose(mine["scores"], scale * other["scores"])
-        if term < N:
-            assert max(mine["upper_bounds"] - mine["scores"]) > 0
-            np.testing.assert_allclose(mine["upper_bounds"], scale * other["upper_bounds"])
-    local = rebuilt.explain_local(quantities[:1]).data(0)
-    parts = policy.explain(observations[0], 1)
-    target = sum(local["scores"]) + rebuilt.intercept_
-    assert target == pytest.approx(targets[0], abs=1e-9)
-    assert parts.values.sum() == pytest.approx(target, abs=1e-9)
+    (axes,) = term_figure(policy.explain(observations, 1), "title").axes
+    drawn = [bar.get_width() for bar in axes.patches]
+    expected = np.sort(A1.action_scale * np.asarray(models[1].term_importances()))[::-1]
+    np.testing.assert_allclose(drawn, expected[: len(drawn)])
 
 
 def test_functions_are_drawn_in_the_robots_units(additive):
     """A velocity is observed twentyfold smaller than it is; the page's axis is in rad/s."""
     policy, _, observations = additive
     velocity = NAMES.index("DoF Vel FL Hip")
-    drawn = shape_figure(policy, interpret_model(policy, 0, observations), (velocity,), "title")
+    drawn = shape_figure(policy, 0, observations, (velocity,), "title")
     above, below = drawn.axes
     assert below.get_xlabel() == "dq.FL_hip\n(rad/s)"
     assert above.get_ylabel() == "adds to the target (rad)"
