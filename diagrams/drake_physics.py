@@ -9,7 +9,7 @@ from pydrake.common import Parallelism
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from glassgait.diagrams.physics import Engine, Held, IntArray
+from glassgait.diagrams.engine import Engine, Held, IntArray
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints, set_friction
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped

@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from pydrake.common import Parallelism
 
-from glassgait.diagrams.physics import Engine, Held, IntArray
+from glassgait.diagrams.engine import Engine, Held, IntArray
 from glassgait.diagrams.station import PATCH, PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError

@@ -1,0 +1,60 @@
+"""What an engine of physics does, and the joint targets that it is given."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.arrays import Array
+from glassgait.models.estimation.sensors import BoolArray
+from glassgait.models.task import CONTROL_PERIOD
+
+IntArray = NDArray[np.int64]
+
+
+class Held(NamedTuple):
+    """Joint targets of robots over a control period.
+
+    Attributes:
+        targets: Joint position targets (n, 12; rad).
+        late: Targets that hold until those come (n, 12; rad).
+        latency: Time until they come (n,; s).
+    """
+
+    targets: Array
+    late: Array
+    latency: Array
+
+    def of(self, part: slice | IntArray) -> "Held":
+        """Returns the targets of some of the robots."""
+        return Held(*(values[part] for values in self))
+
+    def waits(self, n_steps: int) -> IntArray:
+        """Returns the latencies (n,) in steps of a plant that takes `n_steps` in a period."""
+        steps = np.rint(self.latency / CONTROL_PERIOD * n_steps).astype(np.int64)
+        return np.clip(steps, 0, n_steps)
+
+
+class Engine(ABC):
+    """Advances groups of robots, each by its station."""
+
+    def __init__(self, stations: Sequence[StationConfig]) -> None:
+        self.stations = stations
+
+    @abstractmethod
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
+
+    @abstractmethod
+    def advance(
+        self, states: Array, held: Held, members: list[IntArray]
+    ) -> tuple[Array, BoolArray | None]:
+        """Advances the members of each group by a control period.
+
+        Returns:
+            Plant states x (n, 37), NaN of others, and whether each foot presses on the ground (n,
+            4); None where that follows from the pose.
+        """
