@@ -128,6 +128,7 @@ def compare_controllers(
     Raises:
         InputError: if the controller has no estimator, or was made for another machine.
     """
+    # The control step in Python, with all that the C file holds but the policy.
     refuse_other_machine(controller, gait)
     control = ControlStep(
         controller.robot,
@@ -136,6 +137,8 @@ def compare_controllers(
         estimator_in_loop(controller),
         controller.policy.layout.imu,
     )
+
+    # Both take the same steps, each with its memory.
     greatest, apart, changes = 0.0, 0, 0
     for sequence in sequences:
         ours, theirs, state = None, compiled.initial(), None
@@ -266,6 +269,7 @@ def closed_loop_table(
     in_c = _CompiledController(*parts, compiled)
     rows = []
     for engine, name in ENGINES.items():
+        # The same robots, commands and noise, by Python and then by C.
         scenario, scores = load_scenario(name), []
         for acting, events in ((controller, []), (in_c, [Event(None, None, in_c.sense)])):
             log = Log(acting, scenario)

@@ -44,7 +44,6 @@ class Export(OneGait):
             recorded and half of random sensors.
         n_robots: Robots that Python and C let walk for 20 s, in Drake and in MuJoCo.
         seed: Seed of all randomness.
-        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/export/<gait>/<policy> by default.
     """
 
@@ -57,11 +56,11 @@ class Export(OneGait):
     n_steps: Count = 10_000
     n_robots: Natural = 0
     seed: Seed = REPORTED_SEEDS[0]
-    resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Writes the files, and tables of their comparison with Python."""
+        # The policy, and the name of its files.
         found = self.policies()
         asked = self.policy or default_student(found)
         controller, policy_name = found.controller(asked), Path(asked).stem
@@ -74,8 +73,9 @@ class Export(OneGait):
             "expert": controller.expert.digest(),
             "policy": controller.policy.digest(),
         }
-        run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
-        with open_run(folder, **run):
+
+        # The files, their contract, and the tables of the comparison with Python.
+        with open_run(folder, study=self.title, settings=self, inputs=inputs):
             write = self._write_c if self.format == "c" else self._write_onnx
             files, tables = write(found.gait, controller, name, policy_name, folder)
             contract = contract_of(found.gait, controller, files[0], policy_name, self.precision)
@@ -104,6 +104,7 @@ class Export(OneGait):
             version=version("glassgait"),
             real=self.precision,
         )
+        # Compare with Python first, so that a file that differs is not written.
         tables: dict[str, pd.DataFrame] = {}
         if not has_compiler():
             say("there is no C compiler here, cc: the file was not compared with Python")
