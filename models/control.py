@@ -55,9 +55,6 @@ class Memory(NamedTuple):
     """What a controller remembers between two control steps.
 
     Attributes:
-        trust: Which contact sensors are believed.
-        machine: The reward machine's state.
-        odometry: The state of odometry.
         estimate: The estimated body state (..., 7; m/s, m); zeros without an estimator.
         action: The action that the joints follow (..., 12).
     """
@@ -74,9 +71,6 @@ class ControlStep:
     """The control step of a robot in a gait, without the policy.
 
     Attributes:
-        robot: The robot.
-        machine: The gait's reward machine.
-        law: How joints follow targets.
         estimator: Odometry, or what maps proprioception to the body state (..., 7); None where the
             true body state is observed.
         observes_imu: Whether gravity's direction and the angular velocity are observed.
@@ -128,17 +122,21 @@ class ControlStep:
         Args:
             before: What is remembered of the step before; None at the first step of an episode.
             sensors: Readings of this instant.
-            command: The command.
+            command: Velocities and dwells of this instant.
             true_height: True heights of the feet (..., 4; m), which the machine reads where there
                 is no estimator.
             difficulty: Factor on what the machine's transitions ask for; see `RewardMachine`.
         """
         last = self.initial(sensors.joint_position) if before is None else before
+
+        # Contacts, of which a stuck sensor may say nothing true.
         contacts = believed_contacts(
             last.trust,
             sensors.touching,
             lambda: self._expected_height(last, sensors) if true_height is None else true_height,
         )
+
+        # The reward machine. It follows the believed contacts.
         height = last.estimate[..., -quadruped.N_LEGS :] if true_height is None else true_height
         machine = self.machine.step(
             last.machine,
@@ -147,6 +145,8 @@ class ControlStep:
             commanded_dwell=command.dwell,
             difficulty=difficulty,
         )
+
+        # The estimate. A network's observes the machine's state, so it comes last.
         odometry = last.odometry
         if isinstance(self.estimator, Odometry) and before is not None:
             odometry = self.estimator.advance(
@@ -203,11 +203,7 @@ class ControlStep:
     ) -> Array:
         """Observes everything (..., 47 + n_states; with an IMU 6 more).
 
-        Args:
-            memory: What `sense` returned.
-            sensors: Readings of this instant.
-            command: The command.
-            body: The true body state (..., 7), where there is no estimator.
+        The body state (..., 7) is the estimate, or what is given as true.
         """
         body = memory.estimate if body is None else body
         return np.concatenate([self.proprioception(memory, sensors, command), body], axis=-1)

@@ -16,7 +16,11 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
+
+STATE = quadruped.N_POSITIONS + quadruped.N_VELOCITIES
+"""Length of the plant's state."""
 
 Outputs = Mapping[str, ArrayLike]
 """Vectors by the names of their ports."""
@@ -28,11 +32,9 @@ class FunctionSystem(LeafSystem):
     def __init__(
         self, inputs: Mapping[str, int], outputs: Mapping[str, int], optional: Collection[str] = ()
     ) -> None:
-        """
-        Args:
-            inputs: Sizes of the input ports by name.
-            outputs: Sizes of the output ports by name.
-            optional: Inputs that may stay unconnected; the function is then called without them.
+        """Declares ports of the given sizes.
+
+        Inputs that are optional may stay unconnected; `evaluate` is then called without them.
         """
         super().__init__()
         self._declare(inputs, outputs, optional, {self.all_input_ports_ticket()})
@@ -59,11 +61,10 @@ class FunctionSystem(LeafSystem):
         self._ports = {
             name: self.DeclareVectorInputPort(name, size) for name, size in inputs.items()
         }
+        # Without the entry, Drake would call the function anew for every output.
         self._entry = self.DeclareCacheEntry(
             description="outputs",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc
-            ),
+            value_producer=ValueProducer(lambda: AbstractValue.Make(object()), self._calc),
             prerequisites_of_calc=tickets,
         )
         for name, size in outputs.items():
@@ -99,13 +100,7 @@ class MealySystem(FunctionSystem):
         memory: ArrayLike,
         optional: Collection[str] = (),
     ) -> None:
-        """
-        Args:
-            inputs: Sizes of the input ports by name.
-            outputs: Sizes of the output ports by name.
-            memory: What it remembers at first.
-            optional: Inputs that may stay unconnected; the function is then called without them.
-        """
+        """Declares ports as `FunctionSystem` does, and what is remembered at first."""
         LeafSystem.__init__(self)
         self._memory = self.DeclareDiscreteState(memory)
         self._declare(inputs, outputs, optional, {self.all_input_ports_ticket(), self.xd_ticket()})

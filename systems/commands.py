@@ -26,11 +26,8 @@ class RandomCommand(LeafSystem):
     .. pydrake_system::
 
         name: RandomCommand
-        input_ports:
-        - seed
-        output_ports:
-        - command
-        - commanded_dwell
+        input_ports: [seed]
+        output_ports: [command, commanded_dwell]
 
     Inputs: seed (1), any number.
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1,
@@ -40,7 +37,7 @@ class RandomCommand(LeafSystem):
     def __init__(self, gait: Gait, speed_range: tuple[float, float] | None = None) -> None:
         """
         Args:
-            gait: The gait, for its ranges.
+            gait: The gait that commands are drawn for.
             speed_range: Least and greatest forward speed (m/s); the gait's by default.
         """
         super().__init__()
@@ -71,9 +68,7 @@ class MeshcatCommand(LeafSystem):
     .. pydrake_system::
 
         name: MeshcatCommand
-        output_ports:
-        - command
-        - commanded_dwell
+        output_ports: [command, commanded_dwell]
 
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1,
     control steps).
@@ -84,13 +79,10 @@ class MeshcatCommand(LeafSystem):
     """
 
     def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
-        """
-        Args:
-            gait: The gait, for its ranges.
-            meshcat: The Meshcat that shows the sliders.
-        """
         super().__init__()
         self._meshcat, self._gait = meshcat, gait
+
+        # Until the first update, the command is where the sliders begin.
         velocity, dwell = [0.5 * gait.max_speed, 0.0], float(sum(gait.dwell) // 2)
         self._command = self.DeclareDiscreteState(velocity)
         self._dwell = self.DeclareDiscreteState([dwell])
@@ -99,6 +91,8 @@ class MeshcatCommand(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
+
+        # Keys move the sliders too.
         speed, turn = gait.max_speed, gait.max_yaw_rate
         meshcat.AddSlider(SPEED_SLIDER, -speed, speed, 0.05, velocity[0], "KeyS", "KeyW")
         meshcat.AddSlider(YAW_RATE_SLIDER, -turn, turn, 0.05, velocity[1], "KeyD", "KeyA")
@@ -122,14 +116,8 @@ class GivenCommand(LeafSystem):
     .. pydrake_system::
 
         name: GivenCommand
-        input_ports:
-        - command
-        - commanded_dwell
-        - drawn_command
-        - drawn_dwell
-        output_ports:
-        - command
-        - commanded_dwell
+        input_ports: [command, commanded_dwell, drawn_command, drawn_dwell]
+        output_ports: [command, commanded_dwell]
 
     Inputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame; commanded_dwell (1,
     control steps); each may stay unconnected. drawn_command (2), drawn_dwell (1), which pass
@@ -141,10 +129,6 @@ class GivenCommand(LeafSystem):
     """
 
     def __init__(self, gait: Gait) -> None:
-        """
-        Args:
-            gait: The gait, for its ranges.
-        """
         super().__init__()
         self._gait = gait
         given = [self.DeclareVectorInputPort(name, size) for name, size in OUTPUTS.items()]

@@ -35,12 +35,8 @@ class ContactTrustSystem(MealySystem):
     .. pydrake_system::
 
         name: ContactTrustSystem
-        input_ports:
-        - touching
-        - foot_height
-        output_ports:
-        - believed_contact
-        - believed_touching
+        input_ports: [touching, foot_height]
+        output_ports: [believed_contact, believed_touching]
 
     Inputs: touching (4, {0, 1}), FL FR RL RR, what the sensors read at this instant. foot_height
     (4, m), estimated before it is known which feet touch.
@@ -58,6 +54,7 @@ class ContactTrustSystem(MealySystem):
         )
 
     def step(self, memory: Array, touching: Array, foot_height: Array) -> tuple[Outputs, Array]:
+        # Contexts hold floats, contacts are counted in integers.
         reading, unchanged = np.split(memory.astype(np.int64), 2)
         before = ContactTrust(reading.astype(np.int8), unchanged)
         believed = believed_contacts(before, touching > 0.5, lambda: foot_height)
@@ -74,11 +71,8 @@ class StateEstimator(MealySystem):
     .. pydrake_system::
 
         name: StateEstimator
-        input_ports:
-        - proprioception
-        output_ports:
-        - body_state
-        - previous_foot_height
+        input_ports: [proprioception]
+        output_ports: [body_state, previous_foot_height]
 
     Inputs: proprioception (40 + n_states), in the order of `ObservationLayout`.
     Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
@@ -88,11 +82,7 @@ class StateEstimator(MealySystem):
     """
 
     def __init__(self, estimator: Callable[[Array], Array], n_proprioceptive: int) -> None:
-        """
-        Args:
-            estimator: Maps proprioception (40 + n_states) to the body state (7).
-            n_proprioceptive: Length of the proprioception.
-        """
+        """Takes what maps proprioception (40 + n_states) to the body state (7)."""
         super().__init__(
             inputs={"proprioception": n_proprioceptive},
             outputs={"body_state": N_ESTIMATED},
@@ -112,14 +102,8 @@ class OdometrySystem(MealySystem):
     .. pydrake_system::
 
         name: OdometrySystem
-        input_ports:
-        - joints
-        - imu
-        - touching
-        output_ports:
-        - body_state
-        - previous_foot_height
-        - expected_foot_height
+        input_ports: [joints, imu, touching]
+        output_ports: [body_state, previous_foot_height, expected_foot_height]
 
     Inputs: joints (24; rad, rad/s), measured positions, then velocities. imu (9), the reading.
     touching (4, {0, 1}), FL FR RL RR, which feet seem to press on the ground at this instant.
@@ -151,6 +135,7 @@ class OdometrySystem(MealySystem):
     def step(
         self, memory: Array, joints: Array, imu: Array, touching: Array
     ) -> tuple[Outputs, Array]:
+        # At first there is nothing to integrate from: the robot is taken to be at rest.
         position, velocity = np.split(joints, 2)
         before = _unpacked(memory)
         if before is None:
@@ -164,6 +149,8 @@ class OdometrySystem(MealySystem):
                 imu=imu,
                 touching=touching > 0.5,
             )
+
+        # Remember it for the next step, flat, as a context holds numbers.
         body_state = self._odometry.body_state(self._robot, now, position)
         after = [[1.0], now.velocity, now.footholds.ravel(), now.touching, now.turning]
         return {"body_state": body_state}, np.concatenate([*after, body_state[FOOT_HEIGHT]])
@@ -205,15 +192,8 @@ class RewardMachineSystem(MealySystem):
     .. pydrake_system::
 
         name: RewardMachineSystem
-        input_ports:
-        - foot_contact
-        - foot_height
-        - commanded_dwell
-        output_ports:
-        - rm_state
-        - rm_iterations
-        - reward_multiplier
-        - served_dwell
+        input_ports: [foot_contact, foot_height, commanded_dwell]
+        output_ports: [rm_state, rm_iterations, reward_multiplier, served_dwell]
 
     Inputs: foot_contact (4, {0, 1}), FL FR RL RR. foot_height (4, m), above the ground.
     commanded_dwell (1, control steps).
@@ -265,16 +245,9 @@ class Proprioception(FunctionSystem):
     .. pydrake_system::
 
         name: Proprioception
-        input_ports:
-        - joints
-        - command
-        - commanded_dwell
-        - previous_action
-        - rm_state
-        - rm_iterations
-        - imu
-        output_ports:
-        - proprioception
+        input_ports: [joints, command, commanded_dwell, previous_action, rm_state, rm_iterations,
+          imu]
+        output_ports: [proprioception]
 
     Inputs: joints (24; rad, rad/s), measured positions, then velocities. command (2; m/s, rad/s),
     forward speed and yaw rate, trunk frame. commanded_dwell (1, control steps). previous_action
@@ -285,13 +258,7 @@ class Proprioception(FunctionSystem):
     """
 
     def __init__(self, robot: Robot, layout: ObservationLayout, *, limited: bool = False) -> None:
-        """
-        Args:
-            robot: The robot.
-            layout: The layout of the observation.
-            limited: Whether joints only follow targets within their ranges, which are then observed
-                as the previous action.
-        """
+        """Observes the previous action within the joints' ranges if targets are `limited`."""
         super().__init__(
             inputs={
                 "joints": 2 * N,
@@ -331,10 +298,8 @@ class PolicySystem(FunctionSystem):
     .. pydrake_system::
 
         name: PolicySystem
-        input_ports:
-        - observation
-        output_ports:
-        - action
+        input_ports: [observation]
+        output_ports: [action]
 
     Inputs: observation (n), in the order of the policy's `observation_names`.
     Outputs: action (12), FL FR RL RR, hip thigh calf.
@@ -369,8 +334,7 @@ class AlternationSchedule(LeafSystem):
     .. pydrake_system::
 
         name: AlternationSchedule
-        output_ports:
-        - port_selector
+        output_ports: [port_selector]
 
     Outputs: port_selector (abstract, InputPortIndex), the expert's port or the student's; a
     function of time.
@@ -407,13 +371,8 @@ class TargetLimitsSystem(FunctionSystem):
     .. pydrake_system::
 
         name: TargetLimitsSystem
-        input_ports:
-        - action
-        - previous_action
-        - joints
-        - imu
-        output_ports:
-        - limited_action
+        input_ports: [action, previous_action, joints, imu]
+        output_ports: [limited_action]
 
     Inputs: action (12), as the policy asks for it. previous_action (12), within the limits. joints
     (24; rad, rad/s), measured positions, then velocities. imu (9), the IMU's reading.
@@ -453,12 +412,8 @@ class ActionHold(LeafSystem):
     .. pydrake_system::
 
         name: ActionHold
-        input_ports:
-        - action
-        output_ports:
-        - held_action
-        - previous_action
-        - delayed_action
+        input_ports: [action]
+        output_ports: [held_action, previous_action, delayed_action]
 
     Inputs: action (12).
     Outputs: held_action (12), the latest; previous_action (12), the one before it; delayed_action
@@ -476,6 +431,8 @@ class ActionHold(LeafSystem):
                 continuous plant.
         """
         super().__init__()
+
+        # The latest two actions.
         self._action_port = self.DeclareVectorInputPort("action", N)
         self._actions = self.DeclareDiscreteState(2 * N)
         for name, part in (("held_action", slice(0, N)), ("previous_action", slice(N, 2 * N))):
@@ -483,6 +440,8 @@ class ActionHold(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
+
+        # The action that the joints follow.
         if latency == 0.0:
             self._declare_part("delayed_action", slice(0, N))
             return
@@ -538,10 +497,8 @@ class JointTargets(FunctionSystem):
     .. pydrake_system::
 
         name: JointTargets
-        input_ports:
-        - action
-        output_ports:
-        - desired_state
+        input_ports: [action]
+        output_ports: [desired_state]
 
     Inputs: action (12), in the order of `quadruped.JOINTS`.
     Outputs: desired_state (24; rad, rad/s), target positions, then zero velocities, in the order of
@@ -549,12 +506,7 @@ class JointTargets(FunctionSystem):
     """
 
     def __init__(self, robot: Robot, actuated_joints: list[str], *, limited: bool = False) -> None:
-        """
-        Args:
-            robot: The robot.
-            actuated_joints: Names of the joints in the order of the plant's actuators.
-            limited: Whether targets are kept within the joints' ranges.
-        """
+        """Takes the joints' names in the order of the plant's actuators."""
         super().__init__(inputs={"action": N}, outputs={"desired_state": 2 * N})
         self._robot, self._limited = robot, limited
         self._order = [quadruped.JOINTS.index(name) for name in actuated_joints]

@@ -9,6 +9,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.drawing import state_colors
 from glassgait.models.task.gait import Gait
+from glassgait.systems.base import STATE
 
 DISPLAY_PERIOD = 1.0 / 32.0
 """Time between two pictures (s)."""
@@ -28,10 +29,7 @@ class GaitDisplay(LeafSystem):
     .. pydrake_system::
 
         name: GaitDisplay
-        input_ports:
-        - state
-        - rm_state
-        - foot_contact
+        input_ports: [state, rm_state, foot_contact]
 
     Inputs: state (37), the plant's. rm_state (n_states, one-hot). foot_contact (4, {0, 1}).
     Publishes to Meshcat every 1/32 s and when forced, the whole scene moved so that the robot stays
@@ -40,12 +38,8 @@ class GaitDisplay(LeafSystem):
 
     def __init__(self, robot: Robot, gait: Gait, meshcat: Meshcat) -> None:
         super().__init__()
-        self._robot = robot
-        self._gait = gait
-        self._meshcat = meshcat
-        self._state_port = self.DeclareVectorInputPort(
-            name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
-        )
+        self._robot, self._gait, self._meshcat = robot, gait, meshcat
+        self._state_port = self.DeclareVectorInputPort("state", STATE)
         self._rm_state_port = self.DeclareVectorInputPort("rm_state", gait.n_states)
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
         # By number, since a state's name may hold a slash.
@@ -66,14 +60,19 @@ class GaitDisplay(LeafSystem):
         contact = self._foot_contact_port.Eval(context)
         origin = state[quadruped.POSITION]
         rotation = kinematics.rotation_matrix(state[quadruped.QUATERNION])
+
         # The world passes under the robot, which a recording's camera cannot follow.
         self._meshcat.SetTransform(WORLD_PATH, RigidTransform([-origin[0], -origin[1], 0.0]), time)
         tiles = TILE * np.round(origin[:2] / TILE)
         self._meshcat.SetTransform(PAVEMENT_PATH, RigidTransform([*tiles, 0.0]), time)
+
+        # A beacon above the trunk in the colour of the machine's state.
         above = RigidTransform(origin + np.array([0.0, 0.0, 0.16]))
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
         for i in range(self._gait.n_states):
             self._show(f"{PATH}/state/{i}", bool(rm_state[i] > 0.5), time)
+
+        # A mark at each foot that touches.
         angles = state[quadruped.JOINT_POSITION]
         feet = origin + kinematics.foot_positions(self._robot, angles) @ rotation.T
         for leg, foot, touches in zip(quadruped.LEGS, feet, contact, strict=True):

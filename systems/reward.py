@@ -9,11 +9,9 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
-from glassgait.systems.base import FunctionSystem, MealySystem, Outputs
+from glassgait.systems.base import STATE, FunctionSystem, MealySystem, Outputs
 
 N = quadruped.N_JOINTS
-STATE = quadruped.N_POSITIONS + quadruped.N_VELOCITIES
-"""Length of the plant's state."""
 
 
 class RewardSystem(MealySystem):
@@ -22,18 +20,9 @@ class RewardSystem(MealySystem):
     .. pydrake_system::
 
         name: RewardSystem
-        input_ports:
-        - state
-        - command
-        - action
-        - previous_action
-        - foot_contact
-        - foot_height
-        - reward_multiplier
-        output_ports:
-        - reward
-        - plain_reward
-        - reward_terms
+        input_ports: [state, command, action, previous_action, foot_contact, foot_height,
+          reward_multiplier]
+        output_ports: [reward, plain_reward, reward_terms]
 
     Inputs: state (37), the plant's. command (2; m/s, rad/s). action (12), held during the step.
     previous_action (12). foot_contact (4, {0, 1}). foot_height (4, m), above the ground.
@@ -48,12 +37,6 @@ class RewardSystem(MealySystem):
     def __init__(
         self, robot: Robot, weights: RewardWeights | None = None, joint_law: JointLaw = OWN_LAW
     ) -> None:
-        """
-        Args:
-            robot: The robot.
-            weights: Weights of the terms.
-            joint_law: How the joints follow targets.
-        """
         n = quadruped.N_LEGS
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         air_time = np.full(n, -CONTROL_PERIOD)
@@ -97,6 +80,7 @@ class RewardSystem(MealySystem):
             "plain_reward": [float(reward.plain)],
             "reward_terms": reward.terms,
         }
+        # Remembered to differentiate the joints' velocity at the next step.
         velocity = state[quadruped.JOINT_VELOCITY]
         return outputs, np.concatenate([velocity, reward.air_time, reward.tracked])
 
@@ -107,20 +91,12 @@ class FallMonitor(FunctionSystem):
     .. pydrake_system::
 
         name: FallMonitor
-        input_ports:
-        - state
-        - action
-        - previous_action
-        output_ports:
-        - failures
+        input_ports: [state, action, previous_action]
+        output_ports: [failures]
 
     Inputs: state (37), the plant's. action (12), held during the last control step.
     previous_action (12).
     Outputs: failures (7, {0, 1}), in the order of `FAILURES`.
-
-    Attributes:
-        robot: The robot.
-        ground: The ground that it stands on.
     """
 
     def __init__(
@@ -133,6 +109,7 @@ class FallMonitor(FunctionSystem):
             inputs={"state": STATE, "action": N, "previous_action": N},
             outputs={"failures": len(FAILURES)},
         )
+        # Public: rollouts read here which robot a diagram holds, and where it stands.
         self.robot, self.ground = robot, ground
         self._limits = limits or TerminationLimits()
 

@@ -17,10 +17,7 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.ground import LEVEL_GROUND, Ground, body_state, sense_feet
 from glassgait.models.task.observation import JOINT_NOISE, N_ESTIMATED
 from glassgait.models.task.randomization import Randomization, seed_of
-from glassgait.systems.base import FunctionSystem, MealySystem, Outputs
-
-STATE = quadruped.N_POSITIONS + quadruped.N_VELOCITIES
-"""Length of the plant's state."""
+from glassgait.systems.base import STATE, FunctionSystem, MealySystem, Outputs
 
 SOUND_SENSORS = stuck_sensors((), ())
 """Contact sensors of which none is stuck (4)."""
@@ -32,12 +29,8 @@ class JointSensor(FunctionSystem):
     .. pydrake_system::
 
         name: JointSensor
-        input_ports:
-        - state
-        - uniform_noise
-        - encoder_bias
-        output_ports:
-        - joints
+        input_ports: [state, uniform_noise, encoder_bias]
+        output_ports: [joints]
 
     Inputs: state (37), the plant's. uniform_noise (24, in [0, 1]), on positions, then velocities,
     and encoder_bias (12, rad), added to positions; either may stay unconnected.
@@ -59,6 +52,7 @@ class JointSensor(FunctionSystem):
         encoder_bias: Array | float = 0.0,
     ) -> Outputs:
         noise = self._half_width * (2.0 * uniform_noise - 1.0)
+        # Only positions have a bias: an encoder that is off by an angle still sees all its changes.
         bias = np.zeros(quadruped.N_JOINTS) + encoder_bias
         error = noise + np.concatenate([bias, np.zeros(quadruped.N_JOINTS)])
         joints = [state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]]
@@ -71,12 +65,8 @@ class FootSensor(MealySystem):
     .. pydrake_system::
 
         name: FootSensor
-        input_ports:
-        - state
-        output_ports:
-        - foot_contact
-        - foot_height
-        - touching
+        input_ports: [state]
+        output_ports: [foot_contact, foot_height, touching]
 
     Inputs: state (37), the plant's.
     Outputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step.
@@ -96,13 +86,9 @@ class FootSensor(MealySystem):
 
     def step(self, memory: Array, state: Array) -> tuple[Outputs, Array]:
         sense = sense_feet(self._robot, state, memory > 0.5, ground=self._ground)
-        touching = sense.touching.astype(float)
-        contact = sense.contact.astype(float)
-        return {
-            "foot_contact": contact,
-            "foot_height": sense.height,
-            "touching": touching,
-        }, touching
+        contact, touching = sense.contact.astype(float), sense.touching.astype(float)
+        outputs = {"foot_contact": contact, "foot_height": sense.height, "touching": touching}
+        return outputs, touching
 
 
 class ContactSensor(FunctionSystem):
@@ -111,24 +97,16 @@ class ContactSensor(FunctionSystem):
     .. pydrake_system::
 
         name: ContactSensor
-        input_ports:
-        - touching
-        - uniform_noise
-        output_ports:
-        - sensed_contact
+        input_ports: [touching, uniform_noise]
+        output_ports: [sensed_contact]
 
     Inputs: touching (4, {0, 1}), FL FR RL RR. uniform_noise (4, in [0, 1]); may stay unconnected,
     and then no reading is flipped.
-    Outputs: sensed_contact (4, {0, 1}), the opposite where the noise is below the share of wrong
-    readings.
+    Outputs: sensed_contact (4, {0, 1}), the opposite where the noise is below `flip_share`, and the
+    same at all times where `stuck` (4; see `stuck_sensors`) says so.
     """
 
     def __init__(self, flip_share: float, stuck: NDArray[np.int8] = SOUND_SENSORS) -> None:
-        """
-        Args:
-            flip_share: Share of the readings that are wrong.
-            stuck: Which sensors are stuck (4), as `stuck_sensors` returns it.
-        """
         n = quadruped.N_LEGS
         super().__init__(
             inputs={"touching": n, "uniform_noise": n},
@@ -154,12 +132,8 @@ class ImuSensor(MealySystem):
     .. pydrake_system::
 
         name: ImuSensor
-        input_ports:
-        - state
-        - uniform_noise
-        - imu_bias
-        output_ports:
-        - imu
+        input_ports: [state, uniform_noise, imu_bias]
+        output_ports: [imu]
 
     Inputs: state (37), the plant's. uniform_noise (9, in [0, 1]) and imu_bias (9), added to a
     reading; either may stay unconnected.
@@ -175,7 +149,6 @@ class ImuSensor(MealySystem):
         Args:
             gravity: Acceleration by gravity (3; m/s², world frame).
             delay: Control steps by which readings are late.
-            noise_factor: Factor on the noise.
         """
         super().__init__(
             inputs={"state": STATE, "uniform_noise": N_IMU, "imu_bias": N_IMU},
@@ -214,11 +187,8 @@ class SensorBias(FunctionSystem):
     .. pydrake_system::
 
         name: SensorBias
-        input_ports:
-        - seed
-        output_ports:
-        - encoder_bias
-        - imu_bias
+        input_ports: [seed]
+        output_ports: [encoder_bias, imu_bias]
 
     Inputs: seed (1), any number.
     Outputs: encoder_bias (12, rad), of measured joint positions. imu_bias (9), of the IMU's
@@ -244,10 +214,8 @@ class BodyStateSensor(FunctionSystem):
     .. pydrake_system::
 
         name: BodyStateSensor
-        input_ports:
-        - state
-        output_ports:
-        - body_state
+        input_ports: [state]
+        output_ports: [body_state]
 
     Inputs: state (37), the plant's.
     Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
@@ -268,10 +236,8 @@ class WorldState(LeafSystem):
     .. pydrake_system::
 
         name: WorldState
-        input_ports:
-        - plant_state
-        output_ports:
-        - state
+        input_ports: [plant_state]
+        output_ports: [state]
 
     Inputs: plant_state (37), with the trunk on the tile that is laid.
     Outputs: state (37), the same with the trunk where it has gone to.
