@@ -16,7 +16,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.control import BoolArray, ControlStep
 from glassgait.models.estimation.sensors import N_IMU, measure_imu, read_contacts
 from glassgait.models.policies.controller import Estimator
-from glassgait.models.robots import quadruped
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.ground import FootSense, body_state, sense_feet
@@ -104,7 +104,7 @@ class BatchSimulator:
         self.push_share = 1.0
         """Factor on the speed of pushes."""
         self.machine = RewardMachine(task.gait)
-        self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
+        self.layout = ObservationLayout(task.gait.n_states, imu=task.observes_imu)
         if (limits := task.joint_law.limits) is not None:
             limits.check(task.robot)
         self.control = ControlStep(
@@ -364,7 +364,7 @@ class BatchSimulator:
         """Returns robots at an episode's start."""
         count, task, randomization = len(plant), self.task, self.task.randomization
         no_legs = np.zeros((count, quadruped.N_LEGS))
-        no_action = np.zeros((count, quadruped.N_JOINTS))
+        no_action, no_speeds = np.zeros((count, quadruped.N_JOINTS)), np.zeros((count, 2))
         ground = self._ground.of_robots(index)
         feet = sense_feet(task.robot, plant, no_legs > 0.0, ground=ground)
 
@@ -393,7 +393,7 @@ class BatchSimulator:
             memory=memory,
             touching=feet.touching,
             air_time=no_legs,
-            tracked=tracked_speeds(plant, np.zeros((count, 2)), task.weights),
+            tracked=tracked_speeds(*kinematics.base_velocity(plant), no_speeds, task.weights),
             action_before=no_action,
             joint_noise=joint_noise,
             bias=bias,

@@ -11,9 +11,7 @@ from glassgait.models.errors import InputError
 def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArray[np.bool_]:
     """Returns whether the expert acts at a control step (...), counted from the episode's start.
 
-    Args:
-        step: Control steps since the episode's start (...).
-        period: 1 is the expert alone, n is the alternation ratio 1/n, 0 is the student alone.
+    A period of 1 is only the expert, n is the alternation ratio 1/n, and 0 is only the student.
     """
     if period == 0:
         return np.zeros(np.shape(step), dtype=bool)
@@ -26,11 +24,7 @@ def ratio_title(period: int) -> str:
 
 
 def parse_ratio(text: str) -> int:
-    """Turns an alternation ratio such as 1, 1/4 or 0 into the expert's period.
-
-    Raises:
-        InputError: if the text is not such a ratio.
-    """
+    """Turns an alternation ratio such as 1, 1/4 or 0 into the expert's period."""
     try:
         ratio = Fraction(text)
     except (ValueError, ZeroDivisionError):

@@ -13,17 +13,14 @@ from glassgait.models.task.gait import Gait
 DEAD_BAND = 0.2
 """Commanded speeds below this (m/s) become 0."""
 
-
 DEAD_ZONE = 0.1
 """Share of a gamepad stick's way from its middle that commands nothing."""
 
 
 class Command(NamedTuple):
-    """What a robot is asked to do.
+    """Forward speed and yaw rate (..., 2; m/s, rad/s), and the rhythm.
 
-    Attributes:
-        velocity: Forward speed and yaw rate (..., 2; m/s, rad/s).
-        dwell: Iterations to stay in a state of the reward machine (...; control steps).
+    `dwell` is the number of control steps to stay in a state of the reward machine (...).
     """
 
     velocity: Array
@@ -38,23 +35,16 @@ def sample_commands(
     *,
     straight: float = 0.0,
 ) -> Command:
-    """Draws commands, velocities (count, 2) and dwells (count,).
+    """Draws commands: velocities (count, 2) and dwells (count,).
 
     Args:
-        gait: The gait, for its ranges.
-        count: Number of commands.
-        generator: Source of randomness.
         speed_range: Least and greatest forward speed (m/s); the gait's whole range by default.
         straight: Share of the commands that ask for no turn.
     """
     slowest, fastest = speed_range or (-gait.max_speed, gait.max_speed)
-    velocity = np.stack(
-        [
-            generator.uniform(slowest, fastest, size=count),
-            generator.uniform(-gait.max_yaw_rate, gait.max_yaw_rate, size=count),
-        ],
-        axis=1,
-    )
+    speed = generator.uniform(slowest, fastest, size=count)
+    yaw_rate = generator.uniform(-gait.max_yaw_rate, gait.max_yaw_rate, size=count)
+    velocity = np.stack([speed, yaw_rate], axis=1)
     velocity[np.abs(velocity[:, 0]) < DEAD_BAND, 0] = 0.0
     if straight > 0.0:
         velocity[generator.random(count) < straight, 1] = 0.0
@@ -71,14 +61,7 @@ def limit_command(gait: Gait, command: Command) -> Command:
 
 
 def check_command(gait: Gait, **given: float) -> None:
-    """Checks that numbers of a command are within the gait's ranges.
-
-    Args:
-        given: `speed` (m/s), `yaw_rate` (rad/s), `dwell` (control steps), or some of them.
-
-    Raises:
-        InputError: if one is beyond its range.
-    """
+    """Refuses a `speed` (m/s), `yaw_rate` (rad/s) or `dwell` (control steps) beyond its range."""
     ranges = {
         "speed": (-gait.max_speed, gait.max_speed),
         "yaw_rate": (-gait.max_yaw_rate, gait.max_yaw_rate),
@@ -100,9 +83,8 @@ def on_the_spot(gait: Gait) -> Command:
 
 def sound_command(gait: Gait, command: Command) -> Command:
     """Returns the nearest command that a gait is made for; on the spot if one is not finite."""
-    if not np.isfinite([*command.velocity, command.dwell]).all():
-        return on_the_spot(gait)
-    return limit_command(gait, command)
+    finite = np.isfinite([*command.velocity, command.dwell]).all()
+    return limit_command(gait, command) if finite else on_the_spot(gait)
 
 
 def gamepad_velocity(gait: Gait, axes: Sequence[float]) -> Array:
@@ -112,7 +94,6 @@ def gamepad_velocity(gait: Gait, axes: Sequence[float]) -> Array:
     the greatest of the range.
 
     Args:
-        gait: The gait, for its ranges.
         axes: The sticks, -1 to 1, in the order of the W3C's standard layout: left stick to the
             right and back, right stick to the right and back. Axes that are missing or not finite
             are at their middle.

@@ -48,12 +48,10 @@ def _coded(name: str) -> str:
 
 
 def _conditions(gait: Gait, edge: Transition) -> list[str]:
-    parts = []
-    if edge.dwell > 0:
-        share = "" if edge.dwell == 1 else f"{edge.dwell:g} × "
-        parts.append(f"after {share}dwell")
-    if any(edge.when.swing_feet):
-        parts.append(f"swing feet ≥ {gait.clearance:g} m")
-    if edge.grace > 0:
-        parts.append(f"from step {edge.grace}")
-    return parts
+    share = "" if edge.dwell == 1 else f"{edge.dwell:g} × "
+    parts = {
+        f"after {share}dwell": edge.dwell > 0,
+        f"swing feet ≥ {gait.clearance:g} m": any(edge.when.swing_feet),
+        f"from step {edge.grace}": edge.grace > 0,
+    }
+    return [text for text, applies in parts.items() if applies]

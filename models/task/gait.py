@@ -12,7 +12,6 @@ import ast
 import hashlib
 import os
 import re
-from collections import deque
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from itertools import combinations
@@ -34,18 +33,15 @@ from glassgait.models.task import MOST_STATES
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
 
-LONGEST_NAME = 80
-"""Greatest number of bytes of a gait's name, which stands in the names of its files."""
-
 TAKEN_NAMES = ("checkpoint", "config")
 """Names of files that a training run keeps beside the gait's expert."""
 
+# Greatest lengths, in bytes of the name, in characters of the others. Every formula over four feet
+# can be written in fewer.
+LONGEST_NAME = 80
 LONGEST_STATE = 40
-"""Greatest number of characters of a state's name."""
-
 LONGEST_DESCRIPTION = 500
-"""Greatest number of characters of a description."""
-
+LONGEST_FORMULA = 1000
 
 N_STANCES: Final = 2**N_LEGS
 
@@ -54,20 +50,12 @@ STANCES: Final[NDArray[np.bool_]] = (np.arange(N_STANCES)[:, None] >> np.arange(
 )
 """The feet that touch (16, 4), by stance code; foot i contributes 2**i to the code."""
 
-LONGEST_FORMULA = 1000
-"""Greatest number of characters of a formula; every formula over four feet can be shorter."""
-
 _FOREIGN = re.compile(r"[^A-Za-z_&|~()\s]")
 
 
 @dataclass(frozen=True)
 class Formula:
-    """A boolean formula over the feet's contacts.
-
-    Attributes:
-        text: The formula as written.
-        table: Whether it holds, by stance code (16).
-    """
+    """A boolean formula over the feet's contacts, as written and by stance code (16)."""
 
     text: str
     table: tuple[bool, ...]
@@ -85,11 +73,7 @@ def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def parse_formula(text: str) -> Formula:
-    """Reads a formula.
-
-    Raises:
-        InputError: if the text is not a formula over FL, FR, RL and RR, or can never hold.
-    """
+    """Reads a formula over FL, FR, RL and RR, and refuses one that can never hold."""
     # Line breaks would end the formula early, and break the drawings that hold it.
     text = " ".join(text.split())
     if len(text) > LONGEST_FORMULA:
@@ -196,9 +180,7 @@ class Gait(Settings):
         name: Name of the gait and of its file.
         description: One sentence on the footfall.
         states: Names of the machine's states; the one-hot observation follows this order.
-        initial: State at the start of an episode.
         faults: States that earn nothing; neither entering nor leaving one is paid.
-        transitions: The machine's edges.
         clearance: Height that swing feet must reach before a transition fires (m).
         dwell: Least and greatest commanded number of iterations in a state (control steps).
         max_speed: Greatest commanded forward speed (m/s).
@@ -229,7 +211,7 @@ class Gait(Settings):
         return len(self.states)
 
     def digest(self) -> str:
-        """Returns a digest of everything in the gait, its name included."""
+        """Returns a digest of the whole gait, its name included."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:16]
 
     def first_difference(self, other: "Gait") -> str | None:
@@ -290,12 +272,7 @@ def shipped_gait(name: str) -> Gait:
 
 
 def parse_gait(text: str, *, name: str) -> Gait:
-    """Reads a gait from YAML text and checks its reward machine.
-
-    Raises:
-        InputError: if a key is missing, unknown or out of range, a state is unknown or cannot be
-            reached, or two transitions can fire together.
-    """
+    """Reads a gait from YAML text and checks its reward machine."""
     data = parse_yaml(text)
     if not isinstance(data, dict):
         raise InputError("is not a mapping; start from one of the shipped gait files")
@@ -334,9 +311,8 @@ def _yaml(value: Any) -> str:
 
 def _check_states(gait: Gait) -> None:
     named = [("initial", gait.initial), *(("faults", state) for state in gait.faults)]
-    for i, transition in enumerate(gait.transitions):
-        named.append((f"transitions[{i}].from", transition.source))
-        named.append((f"transitions[{i}].to", transition.target))
+    for i, edge in enumerate(gait.transitions):
+        named += [(f"transitions[{i}].from", edge.source), (f"transitions[{i}].to", edge.target)]
     for where, state in named:
         if state not in gait.states:
             raise InputError(
@@ -346,13 +322,10 @@ def _check_states(gait: Gait) -> None:
 
 
 def _check_reachability(gait: Gait) -> None:
-    reached, frontier = {gait.initial}, deque([gait.initial])
-    while frontier:
-        state = frontier.popleft()
-        for transition in gait.transitions:
-            if transition.source == state and transition.target not in reached:
-                reached.add(transition.target)
-                frontier.append(transition.target)
+    reached = {gait.initial}
+    # A path to a state is shorter than the number of states.
+    for _ in gait.states:
+        reached |= {edge.target for edge in gait.transitions if edge.source in reached}
     for state in gait.states:
         if state not in reached:
             raise InputError(
@@ -363,9 +336,8 @@ def _check_reachability(gait: Gait) -> None:
 
 def _check_determinism(gait: Gait) -> None:
     for (i, first), (j, second) in combinations(enumerate(gait.transitions), 2):
-        if first.source != second.source:
-            continue
-        if (np.array(first.when.table) & np.array(second.when.table)).any():
+        together = np.array(first.when.table) & np.array(second.when.table)
+        if first.source == second.source and together.any():
             raise InputError(
                 f"transitions[{i}] and transitions[{j}] leave {shown(first.source)} and can fire "
                 f"together; make {shown(first.when.text)} and {shown(second.when.text)} exclude "

@@ -1,7 +1,7 @@
 """The observation: its entries, named as in the paper's tables, and how it is assembled."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Literal
 
@@ -19,14 +19,10 @@ JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1
 ANGULAR_VELOCITY_SCALE = 0.25
 
+# Half-widths of the uniform noise on joint positions (rad) and velocities (rad/s), and on all (24).
 JOINT_POSITION_NOISE = 0.01
-"""Half-width of the uniform noise on observed joint positions (rad)."""
-
 JOINT_VELOCITY_NOISE = 1.5
-"""Half-width of the uniform noise on observed joint velocities (rad/s)."""
-
 JOINT_NOISE: Array = np.repeat([JOINT_POSITION_NOISE, JOINT_VELOCITY_NOISE], quadruped.N_JOINTS)
-"""Half-widths of the noise on joint positions, then velocities (24)."""
 JOINT_NOISE.flags.writeable = False
 
 OVERDUE = 2
@@ -51,7 +47,6 @@ Group = Literal[
     "base velocity",
     "foot height",
 ]
-"""Entries of one group are one quantity, of several legs, joints, axes or states."""
 
 _FACTORS: dict[Group, float] = {
     "joint velocity": JOINT_VELOCITY_SCALE,
@@ -70,11 +65,8 @@ class ObservationEntry:
     Attributes:
         name: Its name in policy files and tables, such as "DoF Vel FL Hip".
         group: The quantity. Joint positions and previous actions count from the default stance.
-        unit: Unit of the quantity; empty for the one-hot state of the machine.
-        symbol: Short symbol, such as "dq.FL_hip".
-        latex: The same for LaTeX.
+        symbol: Short symbol, such as "dq.FL_hip"; `latex` is the same for LaTeX.
         merged_name: The name without its leg and without the number of the machine's state.
-        leg: The leg that it belongs to, or None.
         mirror_sign: -1 if the quantity changes its sign when left and right are exchanged, else 1.
     """
 
@@ -97,7 +89,7 @@ class ObservationEntry:
         return 1.0 / robot.action_scale if self.group == "previous action" else self.factor
 
     def scaled_unit(self, robot: Robot) -> str:
-        """Returns the unit as pages print it, with the factor that the entry is scaled by."""
+        """Returns the unit with the factor that the entry is scaled by."""
         if self.group == "previous action":
             return f"{robot.action_scale} rad of joint target"
         plain = {"joint position": "rad from the default stance", "machine state": "0 or 1"}
@@ -105,6 +97,7 @@ class ObservationEntry:
         return plain.get(self.group, scaled)
 
 
+@dataclass(frozen=True)
 class ObservationLayout:
     """Entries of the observation, in order, for a machine of `n_machine_states` states.
 
@@ -113,17 +106,12 @@ class ObservationLayout:
     measures are among the first; the paper's observation is without.
     """
 
-    def __init__(self, n_machine_states: int, *, imu: bool = False) -> None:
-        self.n_machine_states = n_machine_states
-        self.imu = imu
+    n_machine_states: int
+    imu: bool = field(default=False, kw_only=True)
 
     @classmethod
     def of(cls, names: Sequence[str]) -> "ObservationLayout":
-        """Returns the layout with as many machine states, and an IMU, as an observation has.
-
-        Raises:
-            InputError: if a name is unknown.
-        """
+        """Returns the layout with as many machine states, and an IMU, as an observation has."""
         entries = entries_of(names)
         states = sum(entry.group == "machine state" for entry in entries)
         return cls(states, imu=any(entry.group == "gravity" for entry in entries))
@@ -177,16 +165,12 @@ def _of_axes(
     title: str, group: Group, unit: str, symbol: str, latex: str, *, turned: str
 ) -> list[ObservationEntry]:
     """Returns a quantity along each axis; `turned` are those with another sign in the mirror."""
+    signs = {axis: -1.0 if axis in turned else 1.0 for axis in "xyz"}
     return [
         _entry(
-            f"{title} {axis.upper()}",
-            group,
-            unit,
-            f"{symbol}.{axis}",
-            f"{latex}_{{{axis}}}",
-            -1.0 if axis in turned else 1.0,
+            f"{title} {axis.upper()}", group, unit, f"{symbol}.{axis}", f"{latex}_{{{axis}}}", sign
         )
-        for axis in "xyz"
+        for axis, sign in signs.items()
     ]
 
 
@@ -221,7 +205,7 @@ def _foot_height(leg: str) -> ObservationEntry:
 
 
 def entry_of(name: str) -> ObservationEntry:
-    """Returns the entry of a name that a policy stores; raises an InputError if there is none."""
+    """Returns the entry of a name that a policy stores, and refuses unknown names."""
     entry = _entries_by_name().get(name)
     if entry is None:
         raise InputError(f"no observation is called {shown(name)}; make the policy anew")
@@ -275,23 +259,20 @@ def proprioception(
     Robots are along the leading axes of all arrays; units are rad, rad/s, m/s and control steps.
 
     Args:
-        robot: The robot.
         command: Forward speed and yaw rate.
-        joint_position: Joint positions.
-        joint_velocity: Joint velocities.
-        previous_action: Action of the previous control step.
         rm_state: One-hot state of the reward machine.
         rm_iterations: Control steps in that state, observed up to `OVERDUE` past the commanded.
-        commanded_dwell: Commanded iterations.
         joint_noise: Errors of positions, then velocities (..., 24).
         imu: The IMU's reading (..., 9), if the policy observes it; it adds six entries.
         limited: Whether joints only follow targets within their ranges. Then these are observed:
             a policy that multiplies its last targets could otherwise make them grow step by step.
     """
+    # What sensors measure, and how long the machine has been in its state.
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
     held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
     counts = stacked(held, commanded_dwell)
     measured_by_imu = () if imu is None else (imu[..., 6:9], ANGULAR_VELOCITY_SCALE * imu[..., 0:3])
+    # All entries, in the order of `ObservationLayout.entries`.
     return np.concatenate(
         [
             command,
@@ -323,12 +304,7 @@ MIRRORED_LEG_ORDER = np.array([quadruped.LEGS.index(MIRRORED_LEGS[leg]) for leg 
 
 @dataclass(frozen=True)
 class Reflection:
-    """The mirror image of a vector: its entries in another order (n), with signs (n).
-
-    Attributes:
-        index: Index of the entry that each entry of the image is taken from.
-        sign: Factor on it, 1 or -1.
-    """
+    """The mirror image of a vector: its entries in the order of `index` (n), times `sign` (n)."""
 
     index: NDArray[np.int64]
     sign: Array
@@ -346,8 +322,7 @@ class Reflection:
 def reflect_observation(names: Sequence[str], states: Sequence[int]) -> Reflection:
     """Returns the reflection of observations, by their names and the gait's `mirrored_states`."""
     entries = entries_of(names)
-    places = {entry.name: i for i, entry in enumerate(entries)}
-    index = [places[_image_name(entry, states)] for entry in entries]
+    index = [names.index(_image_name(entry, states)) for entry in entries]
     return Reflection(np.array(index), np.array([entry.mirror_sign for entry in entries]))
 
 
@@ -360,11 +335,8 @@ def _image_name(entry: ObservationEntry, states: Sequence[int]) -> str:
     return entry.name.replace(entry.leg, MIRRORED_LEGS[entry.leg])
 
 
-def _reflect_joints() -> Reflection:
-    joints = np.arange(quadruped.N_JOINTS).reshape(quadruped.N_LEGS, -1)[MIRRORED_LEG_ORDER].ravel()
-    sign = [-1.0 if joint == "hip" else 1.0 for joint in quadruped.LEG_JOINTS]
-    return Reflection(joints, np.tile(sign, quadruped.N_LEGS))
-
-
-REFLECT_JOINTS = _reflect_joints()
+REFLECT_JOINTS = Reflection(
+    np.arange(quadruped.N_JOINTS).reshape(quadruped.N_LEGS, -1)[MIRRORED_LEG_ORDER].ravel(),
+    np.tile([-1.0, 1.0, 1.0], quadruped.N_LEGS),
+)
 """The reflection of joint positions, velocities and actions (12): hips turn the other way."""

@@ -95,6 +95,7 @@ class Randomization(Disturbances):
         ground: Ground = LEVEL_GROUND,
     ) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot."""
+        # Joints near the stance, the heading, and velocities.
         scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
         joints = np.clip(robot.default_stance * scale, robot.lower_limits, robot.upper_limits)
         state = kinematics.standing_state(robot, joints)
@@ -104,6 +105,7 @@ class Randomization(Disturbances):
         velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
         state[:, quadruped.ANGULAR_VELOCITY] = velocity[:, :3]
         state[:, quadruped.LINEAR_VELOCITY] = velocity[:, 3:]
+        # Places on the ground; on a plane all are alike.
         if ground.is_level:
             return state
         state[:, quadruped.POSITION][:, :2] = ground.draw_places(count, generator)
@@ -163,10 +165,7 @@ class Randomization(Disturbances):
 
 
 NOMINAL = Randomization(
-    joint_scale=(0.9, 1.1),
-    base_velocity=0.1,
-    friction=(1.0, 1.0),
-    push_speed=0.0,
+    joint_scale=(0.9, 1.1), base_velocity=0.1, friction=(1.0, 1.0), push_speed=0.0
 )
 """The default of evaluations: near the stance, with noise, without pushes."""
 

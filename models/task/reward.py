@@ -80,12 +80,12 @@ REWARD_TERMS = tuple(
 
 
 class Reward(NamedTuple):
-    """The reward of one control step.
+    """The reward of one control step, and what the next step needs.
 
     Attributes:
         terms: Weighted terms (..., 12), in the order of `REWARD_TERMS`.
         plain: Their sum times 0.02 s, never below 0 (...).
-        air_time: Time each foot has now been in the air (..., 4; s).
+        air_time: Time that each foot has been in the air (..., 4; s).
         tracked: Forward speed and yaw rate that were compared (..., 2; m/s, rad/s).
     """
 
@@ -95,12 +95,19 @@ class Reward(NamedTuple):
     tracked: Array
 
 
-def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array:
+def tracked_speeds(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
     """Averages forward speed and yaw rate (..., 2; m/s, rad/s) by a low-pass of the first order.
 
-    `before` is the result of the control step before; `weights` hold the time of the average.
+    Args:
+        linear, angular: The trunk's velocities (..., 3; m/s, rad/s, trunk frame).
+        before: The result of the control step before.
+        weights: They hold the time of the average.
     """
-    return _tracked(*kinematics.base_velocity(state), before, weights)
+    now = stacked(linear[..., 0], angular[..., 2])
+    if weights.tracking_time == 0.0:
+        return now
+    kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)
+    return kept * before + (1.0 - kept) * now
 
 
 def step_reward(
@@ -123,21 +130,16 @@ def step_reward(
     Robots are along the leading axes of all arrays; units are m, rad, s and their quotients.
 
     Args:
-        robot: The robot.
         state: The plant's state x after the step (..., 37).
-        previous_joint_velocity: Joint velocities before the step.
-        action: Action held during the step.
-        previous_action: Action of the step before.
+        action: Action held during the step; `previous_action` is that of the step before.
         command: Forward speed and yaw rate.
         foot_contact: Whether each foot touches, now or at the previous step.
         foot_height: Heights of the feet above the ground.
         air_time, tracked: The same of `Reward`, of the step before.
-        weights: Weights of the terms.
-        joint_law: How the joints follow targets.
     """
     # How well the command is followed.
     linear, angular = kinematics.base_velocity(state)
-    tracked = _tracked(linear, angular, tracked, weights)
+    tracked = tracked_speeds(linear, angular, tracked, weights)
     exactness = np.exp(-np.square(command - tracked) / weights.tracking_width)
 
     # Feet that land after a long swing.
@@ -145,6 +147,12 @@ def step_reward(
     landed = foot_contact & (air_time > CONTROL_PERIOD)
     moving = np.abs(command[..., 0]) > AIR_TIME_MIN_SPEED
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
+
+    # Joints: torques, accelerations, and angles near the ends of the ranges.
+    position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
+    torque = joint_law.torque(robot, action=action, position=position, velocity=velocity)
+    acceleration = (velocity - previous_joint_velocity) / CONTROL_PERIOD
+    excursion = np.abs(position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
 
     # Terms that cost time to compute, where they are weighed.
     slip = tilt = np.zeros_like(flight)
@@ -161,14 +169,10 @@ def step_reward(
         exactness[..., 1],
         np.square(linear[..., 2]),
         _total(np.square(angular[..., :2])),
-        *_joint_terms(
-            robot,
-            state,
-            previous_joint_velocity=previous_joint_velocity,
-            action=action,
-            change=action - previous_action,
-            joint_law=joint_law,
-        ),
+        _total(np.square(torque)),
+        _total(np.square(acceleration)),
+        _total(np.square(action - previous_action)),
+        _total(np.maximum(excursion, 0.0)),
         flight,
         _total(np.maximum(foot_height - HIGH_SWING, 0.0)),
         tilt,
@@ -178,36 +182,6 @@ def step_reward(
     plain = np.maximum(_total(terms) * CONTROL_PERIOD, 0.0)
     air_time = np.where(foot_contact, 0.0, air_time)
     return Reward(terms=terms, plain=plain, air_time=air_time, tracked=tracked)
-
-
-def _tracked(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
-    now = stacked(linear[..., 0], angular[..., 2])
-    if weights.tracking_time == 0.0:
-        return now
-    kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)
-    return kept * before + (1.0 - kept) * now
-
-
-def _joint_terms(
-    robot: Robot,
-    state: Array,
-    *,
-    previous_joint_velocity: Array,
-    action: Array,
-    change: Array,
-    joint_law: JointLaw,
-) -> tuple[Array, Array, Array, Array]:
-    """Returns squared torques, accelerations and changes of the action, and excess angles."""
-    position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
-    torque = joint_law.torque(robot, action=action, position=position, velocity=velocity)
-    acceleration = (velocity - previous_joint_velocity) / CONTROL_PERIOD
-    excursion = np.abs(position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
-    return (
-        _total(np.square(torque)),
-        _total(np.square(acceleration)),
-        _total(np.square(change)),
-        _total(np.maximum(excursion, 0.0)),
-    )
 
 
 def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) -> Array:

@@ -24,8 +24,7 @@ class MachineState(NamedTuple):
     """The state of each robot's machine.
 
     Attributes:
-        state: Index of the machine's state (...).
-        iterations: Control steps spent in it (...), 0 at the step that entered it.
+        iterations: Control steps spent in the state (...), 0 at the step that entered it.
         age: Control steps since the episode's start (...).
     """
 
@@ -39,7 +38,6 @@ class MachineStep(NamedTuple):
 
     Attributes:
         machine: State after this step's propositions.
-        fired: Whether a transition fired (...).
         served_dwell: Commanded iterations that the fired transition stands for (...; control
             steps), 0 where none fired. Their sum over an episode, divided by its length, is the
             share of the commanded rhythm that the robot kept.
@@ -62,6 +60,7 @@ class RewardMachine:
         self._is_fault = np.array([state in gait.faults for state in gait.states])
         left = {transition.source for transition in gait.transitions}
         self._is_sink = self._is_fault & [state not in left for state in gait.states]
+
         # The transition that a state takes in a stance; the last row of each array is for none.
         none = len(gait.transitions)
         self._edge = np.full((gait.n_states, N_STANCES), none)
@@ -77,11 +76,6 @@ class RewardMachine:
             self._dwell[i] = transition.dwell
             self._grace[i] = transition.grace
             self._swing[i] = transition.when.swing_feet
-
-    @property
-    def n_states(self) -> int:
-        """Number of states, the length of the one-hot observation."""
-        return self.gait.n_states
 
     def initial(self, shape: tuple[int, ...] = ()) -> MachineState:
         """Returns the state at an episode's start, before its first propositions."""
@@ -105,7 +99,6 @@ class RewardMachine:
         for the transition's share of the commanded iterations.
 
         Args:
-            machine: State after the previous step.
             foot_contact: Whether each foot touches, now or at the previous step (..., 4).
             foot_height: Height of each foot above the ground (..., 4; m).
             commanded_dwell: Commanded iterations in a state (...; control steps).
@@ -120,6 +113,7 @@ class RewardMachine:
         dwell = self._dwell[edge] * commanded_dwell
         in_time = (spent >= difficulty * dwell) & (difficulty * machine.age >= self._grace[edge])
         fired = self._fires[edge] & lifted & in_time
+
         # The next state, and what it pays.
         state = np.where(fired, self._target[edge], machine.state)
         after = MachineState(state=state, iterations=np.where(fired, 0, spent), age=machine.age + 1)

@@ -18,14 +18,11 @@ _MIRRORED_STANCES = stance_code(STANCES[:, MIRRORED_LEG_ORDER])
 
 
 def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
-    """Finds the mirror image of each state of a gait's reward machine.
+    """Returns the index of each RM state's mirror image, or None if the machine favours a side.
 
     The machine is symmetric if its states can be renamed so that every transition has a mirror
     image among the transitions: left and right feet exchanged in its formula, and the same dwell
     and grace.
-
-    Returns:
-        Indices of the images (n_states), or None if the machine favours a side.
     """
     outgoing = {
         state: [edge for edge in gait.transitions if edge.source == state] for state in gait.states
@@ -38,11 +35,7 @@ def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
 
 
 def refuse_other_mirror(states: Sequence[int] | None, gait: Gait) -> None:
-    """Refuses mirrored states, as a file states them, that are not those of the gait's machine.
-
-    Raises:
-        InputError: if the machine favours a side, or has other states in the mirror.
-    """
+    """Refuses mirrored states, as a file states them, that are not those of the gait's machine."""
     if states is None or len(states) != gait.n_states:
         return
     images, said = mirrored_states(gait), [*states]

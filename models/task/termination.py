@@ -82,20 +82,21 @@ def failures(
     A state that is not finite only shows `not_finite`.
 
     Args:
-        robot: The robot.
         state: The plant's state x after the step (..., 37).
         action: Action held during the step (..., 12).
         previous_action: Action of the step before (..., 12).
-        limits: The bounds.
-        ground: The ground.
     """
     finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
     state = np.where(finite[..., None], state, 0.0)
+
+    # Joints beyond their ranges, and a jump of the action.
     joint_position = state[..., quadruped.JOINT_POSITION]
     overrun = np.maximum(
         joint_position - robot.upper_limits, robot.lower_limits - joint_position
     ).max(axis=-1)
     change = np.where(finite[..., None], action - previous_action, 0.0)
+
+    # The lowest point of the trunk, the thighs and the calves.
     clearances = ground.clearances(robot, state, limits.shank_share)
     body, calves = np.split(clearances.body, [1 + quadruped.N_LEGS], axis=-1)
     lowest = body.min(axis=-1)
@@ -104,6 +105,8 @@ def failures(
         # with it. On a ground that does not give way it would be higher by as much.
         calves = calves - np.minimum(clearances.feet, 0.0)
         lowest = np.minimum(lowest, calves.min(axis=-1))
+
+    # All failures, in the order of `FAILURES`.
     shown = stacked(
         lowest < 0.0,
         clearances.trunk < limits.trunk_height,
