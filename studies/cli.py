@@ -13,11 +13,11 @@ COMMANDS = {
     "demo": ("reproduction.demo:Demo", "Replay a trot, distil it quickly, and compare."),
     "train": ("training.command:Train", "Train a neural expert by PPO."),
     "distill": (
-        "distillation.study:Distill",
+        "distillation.command:Distill",
         "Distil an expert into readable students by DAgger with alternation.",
     ),
     "refine": (
-        "distillation.refinement:Refine",
+        "distillation.command:Refine",
         "Continue to train the numbers of a policy of formulas in closed loop, by PPO.",
     ),
     "gait": ("training.gait_command:ShowGait", "Check a gait file, and draw its reward machine."),

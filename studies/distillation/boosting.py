@@ -5,9 +5,7 @@ from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Self
 
 from annotated_types import Ge, Le
-from interpret.glassbox import ExplainableBoostingRegressor
 from joblib import delayed
-from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -62,8 +60,9 @@ class GbmSettings(EnsembleSettings):
     subsample: Share = 0.25
     feature_share: Share = 0.3
 
-    def regressor(self, n_observations: int, seed: int) -> GradientBoostingRegressor:
-        """Makes scikit-learn's model, not yet fitted."""
+    def regressor(self, n_observations: int, seed: int) -> Any:
+        from sklearn.ensemble import GradientBoostingRegressor
+
         return GradientBoostingRegressor(
             n_estimators=self.n_trees,
             max_depth=self.depth,
@@ -99,8 +98,9 @@ class HistogramGbmSettings(EnsembleSettings):
         """Returns the settings of the students that collect samples: fewer trees."""
         return replace(self, n_trees=min(self.round_trees, self.n_trees))
 
-    def regressor(self, n_observations: int, seed: int) -> HistGradientBoostingRegressor:
-        """Makes scikit-learn's model, not yet fitted."""
+    def regressor(self, n_observations: int, seed: int) -> Any:
+        from sklearn.ensemble import HistGradientBoostingRegressor
+
         return HistGradientBoostingRegressor(
             max_iter=self.n_trees,
             max_depth=self.depth,
@@ -164,8 +164,9 @@ class EbmSettings(EnsembleSettings):
         """Returns the settings of the fit that is scored by the paper's split, of fewer bags."""
         return replace(self, outer_bags=min(self.round_bags, self.outer_bags))
 
-    def regressor(self, n_observations: int, seed: int) -> ExplainableBoostingRegressor:
-        """Makes interpret's model, not yet fitted."""
+    def regressor(self, n_observations: int, seed: int) -> Any:
+        from interpret.glassbox import ExplainableBoostingRegressor
+
         return ExplainableBoostingRegressor(
             # One-hot observations are numbers to every student alike.
             feature_types=["continuous"] * n_observations,

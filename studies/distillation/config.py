@@ -1,4 +1,4 @@
-"""The settings of a distillation, and the rounds that follow from them."""
+"""Settings of distillations and refinements, and the rounds of a distillation."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -7,9 +7,17 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 from annotated_types import Ge, MinLen
 
-from glassgait.diagrams.domain_randomization import DomainRandomization
+from glassgait.diagrams.domain_randomization import (
+    HARSH,
+    DomainRandomization,
+    GroupRanges,
+    TerrainRanges,
+)
 from glassgait.models.errors import InputError
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, checked
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.jobs import Jobs
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
@@ -17,6 +25,7 @@ from glassgait.studies.distillation.dataset import HELD_OUT_EVERY
 from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings
 from glassgait.studies.distillation.students import ITSELF, STUDENTS, StudentKind, StudentSettings
 from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
+from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
 Steps = Annotated[Count, Ge(2)]
 """Control steps of an episode: R² needs two samples of one that is held out."""
@@ -187,3 +196,63 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
     for first in range(config.episodes + 1, config.episodes + config.alone_rounds * size, size):
         planned.append(Round(len(planned) + 1, 0, range(first, first + size), steps))
     return planned
+
+
+REFINING = PpoConfig(critic_updates=10, entropy=0.0, final_entropy=0.0, initial_std=0.1)
+"""PPO of a policy that walks already: it explores close to its actions."""
+
+MILD = DomainRandomization(
+    groups=GroupRanges(
+        payload=(0.0, 2.5),
+        motor_strength=(0.9, 1.1),
+        gains=(0.9, 1.1),
+        terrains=TerrainRanges(slope=12.5, amplitude=0.035, height=0.035),
+    ),
+    randomization=replace(HARSH, push_speed=1.2, latency=(0.0, 0.015)),
+)
+"""About half of what experts meet: in the harshest scenarios few terms forget level ground."""
+
+FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0, initial_hardship=1.0)
+"""No curriculum: the whole dwell, clearance, pushes and ground from the first update on."""
+
+
+@checked
+class RefinementConfig(Settings):
+    """Settings of a refinement.
+
+    Attributes:
+        seed: Seed of all randomness.
+        updates: Number of PPO updates.
+        candidate_updates: Updates from one candidate, and one checkpoint, to the next. At the end
+            of the run the candidates walk without the expert; the best of them is the result.
+        candidate_steps: Control steps that each of a candidate's robots walks.
+        n_robots: Robots that walk at once.
+        worlds: The randomised scenarios that they walk in.
+        ppo: Settings of PPO.
+    """
+
+    title: ClassVar[str] = "refinement"
+
+    seed: Seed = 0
+    updates: Count = 150
+    candidate_updates: Count = 20
+    candidate_steps: Count = EPISODE_STEPS
+    n_robots: Count = 256
+    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
+    ppo: PpoConfig = REFINING
+
+    def training(self, gait: str, robot: str, law: JointLaw) -> TrainingConfig:
+        """Returns the settings of the run that learns."""
+        station = self.worlds.station.with_gains(load_robot(robot), law)
+        return TrainingConfig(
+            robot=robot,
+            worlds=replace(self.worlds, station=station),
+            limit_targets=law.limited,
+            curriculum=FULL_DEMANDS,
+            gait=gait,
+            seed=self.seed,
+            updates=self.updates,
+            checkpoint_updates=self.candidate_updates,
+            n_robots=self.n_robots,
+            ppo=self.ppo,
+        )

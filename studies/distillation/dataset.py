@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.metrics import r2_score
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -165,5 +164,7 @@ def load_rounds(folder: Path) -> Dataset:
 
 def r2_scores(policy: Policy, dataset: Dataset) -> Array:
     """Returns the coefficient of determination of each joint (12,)."""
+    from sklearn.metrics import r2_score
+
     predicted = policy(dataset.observations)
     return np.asarray(r2_score(dataset.actions, predicted, multioutput="raw_values"))

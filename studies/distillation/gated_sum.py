@@ -11,7 +11,6 @@ from functools import cached_property, reduce
 from itertools import takewhile
 
 import numpy as np
-from sklearn.linear_model import orthogonal_mp_gram
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.evaluate import Tape
@@ -145,6 +144,8 @@ def weight_paths(terms: PossibleTerms, targets: Array, max_terms: int) -> list[A
 
 def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
     """Returns the weights before the first term and after each (terms + 1, candidates)."""
+    from sklearn.linear_model import orthogonal_mp_gram
+
     none = np.zeros((1, len(gram)))
     count = min(len(gram), max_terms)
     if count == 0:

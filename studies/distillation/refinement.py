@@ -1,44 +1,28 @@
-"""`glassgait refine`: a policy of formulas learns on in closed loop; only its numbers change."""
+"""A refinement in its folder: PPO changes the numbers of formulas while robots walk by them."""
 
 from collections.abc import Callable
-from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, ClassVar
 
 import numpy as np
 import torch
-import tyro
 from tensordict import TensorDict
 from torch import nn
 
-from glassgait.diagrams.domain_randomization import (
-    HARSH,
-    DomainRandomization,
-    GroupRanges,
-    TerrainRanges,
-)
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_policy, policy_path
+from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import JointLaw
-from glassgait.models.settings import Count, Seed, Settings, checked
-from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.console import console, say
-from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.run import CHECKPOINT_NAME, open_run
+from glassgait.studies.common.console import say
 from glassgait.studies.common.tables import write_table
+from glassgait.studies.distillation.config import RefinementConfig
 from glassgait.studies.distillation.formula_network import FormulaNetwork
 from glassgait.studies.distillation.formulas import short_numbers
 from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
-from glassgait.studies.distillation.students import OnePolicy
-from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import Environment, observed_by_actor
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.run import LearningRun
@@ -48,111 +32,6 @@ SEEN_STEPS = 50
 
 N_BALANCED = 512
 """Observations of these steps from which the numbers' units are set."""
-
-REFINING = PpoConfig(critic_updates=10, entropy=0.0, final_entropy=0.0, initial_std=0.1)
-"""PPO of a policy that walks already: it explores close to its actions."""
-
-MILD = DomainRandomization(
-    groups=GroupRanges(
-        payload=(0.0, 2.5),
-        motor_strength=(0.9, 1.1),
-        gains=(0.9, 1.1),
-        terrains=TerrainRanges(slope=12.5, amplitude=0.035, height=0.035),
-    ),
-    randomization=replace(HARSH, push_speed=1.2, latency=(0.0, 0.015)),
-)
-"""About half of what experts meet: in the harshest scenarios few terms forget level ground."""
-
-FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0, initial_hardship=1.0)
-"""No curriculum: the whole dwell, clearance, pushes and ground from the first update on."""
-
-
-@checked
-class RefinementConfig(Settings):
-    """Settings of a refinement.
-
-    Attributes:
-        seed: Seed of all randomness.
-        updates: Number of PPO updates.
-        candidate_updates: Updates from one candidate to the next, and from one checkpoint to the
-            next. Candidates are formulas that walk without the expert at the end of the run; the
-            best of them are the result.
-        candidate_steps: Control steps that each of a candidate's robots walks.
-        n_robots: Robots that walk at once.
-        worlds: The randomised scenarios that they walk in.
-        ppo: Settings of PPO.
-    """
-
-    title: ClassVar[str] = "refinement"
-
-    seed: Seed = 0
-    updates: Count = 150
-    candidate_updates: Count = 20
-    candidate_steps: Count = EPISODE_STEPS
-    n_robots: Count = 256
-    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
-    ppo: PpoConfig = REFINING
-
-    def training(self, gait: str, robot: str, law: JointLaw) -> TrainingConfig:
-        """Returns the settings of the run that learns.
-
-        Raises:
-            InputError: if there are too few robots for an update, or for the worlds' groups.
-        """
-        station = self.worlds.station.with_gains(load_robot(robot), law)
-        return TrainingConfig(
-            robot=robot,
-            worlds=replace(self.worlds, station=station),
-            limit_targets=law.limited,
-            curriculum=FULL_DEMANDS,
-            gait=gait,
-            seed=self.seed,
-            updates=self.updates,
-            checkpoint_updates=self.candidate_updates,
-            n_robots=self.n_robots,
-            ppo=self.ppo,
-        )
-
-
-@checked
-class Refine(OnePolicy):
-    """Let a policy of formulas learn on in closed loop, by PPO; only its numbers change.
-
-    Attributes:
-        config: Settings of the run.
-        output: Folder of the run; runs/refine/<gait>/<policy> by default.
-        resume: Continue the run that the folder holds.
-    """
-
-    title: ClassVar[str] = "refine"
-
-    config: Annotated[RefinementConfig, tyro.conf.arg(name="")] = field(
-        default_factory=RefinementConfig
-    )
-    output: Path | None = None
-    resume: bool = False
-
-    def run(self) -> None:
-        """Runs the study."""
-        found, named = self.find()
-        # Where there is no expert, the second says so.
-        policy, expert = found.formulas(named), found.expert_of(named) or found.expert
-        gait, name = found.gait, Path(named).stem
-        folder = self.output or found.output(self.title) / name
-        with open_run(
-            folder,
-            study=self.title,
-            settings=self.config,
-            inputs={"gait": gait.digest(), "policy": policy.digest(), "expert": expert.digest()},
-            resume=self.resume,
-            free=("updates",),
-        ):
-            begun = (folder / CHECKPOINT_NAME).exists()
-            run = RefinementRun(self.config, gait, expert, policy, folder, name=name, resume=begun)
-            # The formulas observe by its estimator, wherever the folder is moved.
-            expert.save(policy_path(folder, EXPERT))
-            run.run()
-        console.print(f"formulas written to {folder / name}{policy.suffix}")
 
 
 class RefinementRun(LearningRun):
@@ -169,19 +48,16 @@ class RefinementRun(LearningRun):
         name: str,
         resume: bool = False,
     ) -> None:
-        """
+        """Begins a run, or continues the one that the folder holds.
+
         Args:
-            config: Settings; a resumed run must have the same, except for more updates.
             expert: The expert; its estimator, which no longer learns, observes for the policy.
-            policy: The policy to begin with.
-            folder: Where policy, checkpoint, curve and TensorBoard events go.
             name: Name of the policy's file.
-            resume: Whether to continue from the folder's checkpoint.
 
         Raises:
-            InputError: if there is nothing to resume, or it is damaged; or the policy was made for
-                another machine than the gait's, holds numbers that are not weights of terms, or is
-                not finite where robots walk.
+            InputError: if the checkpoint is damaged; or the policy was made for another machine
+                than the gait's, holds numbers that are not weights of terms, or is not finite
+                where robots walk.
         """
         policy.refuse_other_machine(gait)
         self._refinement = config
@@ -193,18 +69,13 @@ class RefinementRun(LearningRun):
         super().__init__(training, gait, folder, resume=resume)
 
     def update(self) -> dict[str, float]:
-        """Collects one batch of steps, learns from it, and returns the row of the curve."""
         row = super().update()
         if self._is_candidate(self.n_updates):
             self.policy().save(self._candidate(self.n_updates))
         return row
 
     def policy(self) -> FormulaPolicy:
-        """Returns the policy as it is now, with the digits that its file shows.
-
-        Raises:
-            InputError: if formulas may not hold a number, such as one that is too great.
-        """
+        """Returns the policy as it is now, with the digits that its file shows."""
         try:
             policy = short_numbers(self._network.to_policy())
         except InputError as error:

@@ -1,15 +1,13 @@
-"""`glassgait distill`: Algorithm 1 of the paper for each student, one round at a time."""
+"""Algorithm 1 of the paper for each student, one round at a time."""
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
-import tyro
 from joblib import delayed
 from sklearn.model_selection import train_test_split
 from threadpoolctl import threadpool_limits
@@ -25,23 +23,15 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.settings import Settings, checked
 from glassgait.models.task.alternation import ratio_title
-from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.common.console import console, say
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.console import say
 from glassgait.studies.common.jobs import (
-    Gaits,
-    Job,
-    SweepConfig,
-    gaits_named,
-    jobs_of,
-    parallel_backend,
     run_parallel,
-    run_sweep,
 )
-from glassgait.studies.common.policies import EXPERT, find_expert
-from glassgait.studies.common.run import default_folder, open_run
-from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.common.policies import EXPERT
+from glassgait.studies.common.run import open_run
+from glassgait.studies.common.tables import write_metrics, write_table
 from glassgait.studies.distillation.boosting import fit_ensemble
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
@@ -289,74 +279,3 @@ class _Distillation:
         assert config.overdue_weight is not None  # `for_gait` has set it.
         counted = samples.with_overdue(config.overdue_weight)
         return FITS[kind](counted, settings, seed=config.seed, n_jobs=config.n_workers)
-
-
-@checked
-class Distill(Settings):
-    """Distil an expert into glass-box students by DAgger with alternation.
-
-    Attributes:
-        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
-        config: Settings of the run.
-        sweep: How many seeds, and where their jobs run; of one gait and seed, where its students
-            are made.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
-        source: Folder of a run of train, whose expert is taken; by default the one that ships, or
-            what was trained here.
-        output: Folder of the run; runs/distill/<gait> by default. Of several gaits each has
-            its folder <gait> in it, of several seeds seed_<seed> in that.
-        resume: Continue the run that the folder holds.
-    """
-
-    title: ClassVar[str] = "distill"
-
-    gait: Gaits = ("trot",)
-    config: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
-        default_factory=DistillationConfig
-    )
-    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
-    robot: str | None = None
-    source: Path | None = None
-    output: Path | None = None
-    resume: bool = False
-
-    def run(self) -> None:
-        """Runs the study."""
-        # Refused before any job is begun.
-        gaits = [load_gait(name) for name in gaits_named(self.gait)]
-        for gait in gaits:
-            self.config.for_gait(gait)
-        experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
-        jobs = jobs_of(
-            self.gait,
-            self.config.seed,
-            self.sweep,
-            root=default_folder(self.title, experts[0].robot.name),
-            output=self.output,
-        )
-        if len(jobs) > 1:
-            job = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
-            run_sweep(jobs, job, self.sweep)
-            return
-        (job,) = jobs
-        config = replace(self.config, n_workers=self.sweep.n_workers)
-        with parallel_backend(self.sweep.backend):
-            table = _distill_job(config, self.source, self.robot, job, resume=self.resume)
-        print_table("R² on held-out data", table)
-        console.print(f"students written to {job.folder}")
-
-
-def _distill_job(
-    config: DistillationConfig,
-    source: Path | None,
-    robot: str | None,
-    job: Job,
-    *,
-    resume: bool,
-) -> pd.DataFrame:
-    """Distils one expert, and returns its R² table."""
-    gait = load_gait(job.gait)
-    config = replace(config, gait=job.gait, seed=job.seed)
-    expert = find_expert(gait, source, robot)
-    r2 = distill(config, gait, expert, job.folder, resume=resume)
-    return write_r2_table(r2, gait.name, job.folder)

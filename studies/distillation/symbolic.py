@@ -10,7 +10,6 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from annotated_types import Ge, MinLen
 from joblib import delayed
-from pyoperon.sklearn import SymbolicRegressor
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, brief
@@ -216,6 +215,8 @@ def fit_formulas(
 def _evolve(
     observations: Array, target: Array, max_length: int, seed: int, settings: SymbolicSettings
 ) -> Expression:
+    from pyoperon.sklearn import SymbolicRegressor
+
     # Take every n-th sample, and variables of equal spread.
     stride = max(1, -(-len(target) // settings.max_samples))
     scale = np.std(observations, axis=0)
@@ -293,7 +294,7 @@ def _fit_pysr(
 ) -> Expression:
     try:
         # Importing PySR starts Julia, and fetches it first where it is missing.
-        from pysr import PySRRegressor  # noqa: PLC0415
+        from pysr import PySRRegressor
     except Exception as error:
         raise InputError(
             "the engine 'pysr' needs Julia, which could not be started here; install Julia, "

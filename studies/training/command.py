@@ -17,7 +17,6 @@ from glassgait.studies.common.jobs import Gaits, Job, SweepConfig, jobs_of, run_
 from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.record import read_config
-from glassgait.studies.training.run import TrainingRun
 
 
 @checked
@@ -70,6 +69,8 @@ class Train(Settings):
 
 def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
     """Trains one expert, from its checkpoint on if there is one."""
+    from glassgait.studies.training.run import TrainingRun
+
     config = replace(config, gait=job.gait, seed=job.seed)
     gait = load_gait(config.gait)
     inputs = {"gait": gait.digest()}

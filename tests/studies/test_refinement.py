@@ -30,9 +30,10 @@ from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation import refinement as refinement_module
 from glassgait.studies.distillation.collection import collect
+from glassgait.studies.distillation.config import RefinementConfig
 from glassgait.studies.distillation.formula_network import UNIT_EFFECT, FormulaNetwork
 from glassgait.studies.distillation.formulas import short_numbers
-from glassgait.studies.distillation.refinement import RefinementConfig, RefinementRun
+from glassgait.studies.distillation.refinement import RefinementRun
 from glassgait.studies.training.config import PpoConfig
 
 A1 = load_robot()

@@ -1,0 +1,147 @@
+"""`glassgait distill` and `glassgait refine`: make students, and train their numbers on."""
+
+from dataclasses import field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import tyro
+
+from glassgait.models.policies.library import policy_path
+from glassgait.models.settings import Settings, checked
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.console import console
+from glassgait.studies.common.jobs import (
+    Gaits,
+    Job,
+    SweepConfig,
+    gaits_named,
+    jobs_of,
+    parallel_backend,
+    run_sweep,
+)
+from glassgait.studies.common.policies import EXPERT, find_expert
+from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
+from glassgait.studies.distillation.config import DistillationConfig, RefinementConfig
+from glassgait.studies.distillation.students import OnePolicy
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@checked
+class Distill(Settings):
+    """Distil an expert into glass-box students by DAgger with alternation.
+
+    Attributes:
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
+        config: Settings of the run.
+        sweep: How many seeds, and where their jobs run; of one gait and seed, where its students
+            are made.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
+        source: Folder of a run of train, whose expert is taken; by default the one that ships, or
+            what was trained here.
+        output: Folder of the run; runs/distill/<gait> by default. Of several gaits each has
+            its folder <gait> in it, of several seeds seed_<seed> in that.
+        resume: Continue the run that the folder holds.
+    """
+
+    title: ClassVar[str] = "distill"
+
+    gait: Gaits = ("trot",)
+    config: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
+        default_factory=DistillationConfig
+    )
+    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
+    robot: str | None = None
+    source: Path | None = None
+    output: Path | None = None
+    resume: bool = False
+
+    def run(self) -> None:
+        """Runs the study."""
+        from glassgait.studies.common.tables import print_table
+
+        # Refused before any job is begun.
+        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        for gait in gaits:
+            self.config.for_gait(gait)
+        experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
+        jobs = jobs_of(
+            self.gait,
+            self.config.seed,
+            self.sweep,
+            root=default_folder(self.title, experts[0].robot.name),
+            output=self.output,
+        )
+        if len(jobs) > 1:
+            job = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
+            run_sweep(jobs, job, self.sweep)
+            return
+        (job,) = jobs
+        config = replace(self.config, n_workers=self.sweep.n_workers)
+        with parallel_backend(self.sweep.backend):
+            table = _distill_job(config, self.source, self.robot, job, resume=self.resume)
+        print_table("R² on held-out data", table)
+        console.print(f"students written to {job.folder}")
+
+
+def _distill_job(
+    config: DistillationConfig,
+    source: Path | None,
+    robot: str | None,
+    job: Job,
+    *,
+    resume: bool,
+) -> "pd.DataFrame":
+    """Distils one expert, and returns its R² table."""
+    from glassgait.studies.distillation.study import distill, write_r2_table
+
+    gait = load_gait(job.gait)
+    config = replace(config, gait=job.gait, seed=job.seed)
+    expert = find_expert(gait, source, robot)
+    r2 = distill(config, gait, expert, job.folder, resume=resume)
+    return write_r2_table(r2, gait.name, job.folder)
+
+
+@checked
+class Refine(OnePolicy):
+    """Let a policy of formulas learn on in closed loop, by PPO; only its numbers change.
+
+    Attributes:
+        config: Settings of the run.
+        output: Folder of the run; runs/refine/<gait>/<policy> by default.
+        resume: Continue the run that the folder holds.
+    """
+
+    title: ClassVar[str] = "refine"
+
+    config: Annotated[RefinementConfig, tyro.conf.arg(name="")] = field(
+        default_factory=RefinementConfig
+    )
+    output: Path | None = None
+    resume: bool = False
+
+    def run(self) -> None:
+        """Runs the study."""
+        from glassgait.studies.distillation.refinement import RefinementRun
+
+        found, named = self.find()
+        # Where there is no expert, the second says so.
+        policy, expert = found.formulas(named), found.expert_of(named) or found.expert
+        gait, name = found.gait, Path(named).stem
+        folder = self.output or found.output(self.title) / name
+        with open_run(
+            folder,
+            study=self.title,
+            settings=self.config,
+            inputs={"gait": gait.digest(), "policy": policy.digest(), "expert": expert.digest()},
+            resume=self.resume,
+            free=("updates",),
+        ):
+            begun = (folder / CHECKPOINT_NAME).exists()
+            run = RefinementRun(self.config, gait, expert, policy, folder, name=name, resume=begun)
+            # The formulas observe by its estimator, wherever the folder is moved.
+            expert.save(policy_path(folder, EXPERT))
+            run.run()
+        console.print(f"formulas written to {folder / name}{policy.suffix}")
