@@ -1,4 +1,4 @@
-"""What records episodes: whole logs, observations and states."""
+"""Observers of episodes: logs of all that is scored, and observations."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,7 @@ from glassgait.studies.common.episode import ControlStep, Observer
 
 @dataclass(frozen=True)
 class RolloutLog:
-    """What rollouts of n robots over T control steps did.
+    """Log of n robots over T control steps.
 
     Attributes:
         velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
@@ -40,7 +40,7 @@ class RolloutLog:
     failures: NDArray[np.bool_]
 
     def padded(self, n_steps: int) -> "RolloutLog":
-        """Returns the log with its last step repeated, which leaves scores of the fallen alone."""
+        """Returns the log with its last step repeated, which changes no score of fallen robots."""
         missing = n_steps - len(self.reward)
         return RolloutLog(
             **{
@@ -51,10 +51,7 @@ class RolloutLog:
 
 
 class Log(Observer):
-    """Records all that is scored, until every robot has fallen.
-
-    It works out the joints' power in a scenario, by its gains.
-    """
+    """Records everything that is scored, until every robot has fallen."""
 
     def __init__(self, controller: Controller, scenario: Scenario) -> None:
         self._controller, self._scenario = controller, scenario
@@ -82,7 +79,7 @@ class Log(Observer):
 
 
 class Observations(Observer):
-    """Records what is observed before each control step."""
+    """Records the observations before each control step."""
 
     def __init__(self) -> None:
         self._rows: list[Array] = []

@@ -15,7 +15,7 @@ from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.observers import RolloutLog
 
 WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
-"""Tracking is judged by averages over 1 s, since a gait sways within its cycle."""
+"""Control steps of a window (1 s) over which tracking is averaged: a gait sways in its cycle."""
 
 SCORES = (
     "return",
@@ -34,7 +34,7 @@ PLACES = {"gait", "scenario"}
 """Columns in which a policy and its reference agree."""
 
 SPEED_ERROR_TITLE = "speed error, commanded to go (m/s)"
-"""What tables call `going_speed_error`: commands to stand are left out."""
+"""Title of `going_speed_error`, which leaves out commands to stand."""
 
 GRAVITY = 9.81
 """Acceleration by which energy is made comparable (m/s²)."""
@@ -187,7 +187,7 @@ def paired_share(values: pd.Series, reference: pd.Series) -> tuple[float, float]
 
 
 def not_finite_lines(scores: pd.DataFrame) -> list[str]:
-    """Says where a policy gave no action: among the falls, it would look like any other."""
+    """Words where a policy gave no finite action, which counts as a fall like any other."""
     lines = []
     lost = scores[scores["not_finite"] != ""]
     labels = list(scores.columns[: scores.columns.get_loc("robot")])

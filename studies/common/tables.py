@@ -74,5 +74,5 @@ def format_cell(value: Any) -> str:
 
 
 def escape_markdown(text: str) -> str:
-    """Escapes what would end a cell, or be read as code or HTML, in a table in Markdown."""
+    """Escapes characters that end a cell or begin code or HTML in a Markdown table."""
     return re.sub(r"[\\|`<]", r"\\\g<0>", " ".join(text.splitlines()))
