@@ -3,11 +3,9 @@
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression
@@ -29,20 +27,16 @@ BLOCK = 2_048
 """Observations whose nodes are in memory at once; of long formulas each takes 10,000 numbers."""
 
 
-@dataclass(frozen=True)
 class _Function:
     """A function of one operand or of two, of all nodes of a height."""
 
-    function: Callable[..., Array]
-    operands: NDArray[np.intp]
+    def __init__(self, operator: str, operands: Sequence[Any]) -> None:
+        self._function = _FUNCTIONS[operator]
+        self._operands = np.array(operands, dtype=np.intp).T
 
-    def row(self, values: Array) -> Array:
-        """Evaluates the nodes (k) for one robot, from the values before (size)."""
-        return self.function(*values[self.operands])
-
-    def rows(self, values: Array) -> Array:
-        """Evaluates the nodes (k, m) for several robots, from the values before (size, m)."""
-        return self.function(*(values[operand] for operand in self.operands))
+    def __call__(self, values: Array) -> Array:
+        """Evaluates the nodes (k, ...) from the values before (size, ...)."""
+        return self._function(*values[self._operands])
 
 
 class _Products:
@@ -67,10 +61,14 @@ class _Products:
             for place in range(lengths[0])
         ]
 
-    def row(self, values: Array) -> Array:
+    def __call__(self, values: Array) -> Array:
+        """Evaluates the nodes (k, ...) from the values before (size, ...)."""
+        return self._of_row(values) if values.ndim == 1 else self._of_rows(values)
+
+    def _of_row(self, values: Array) -> Array:
         return np.multiply.reduceat(values[self._flat], self._starts)
 
-    def rows(self, values: Array) -> Array:
+    def _of_rows(self, values: Array) -> Array:
         first, *others = self._places
         product = values[first]
         for operands in others:
@@ -79,14 +77,9 @@ class _Products:
 
 
 class _Sums(_Products):
-    """Sums of any number of operands with signs, likewise."""
+    """Sums of any number of operands with signs 1 or -1, likewise."""
 
     def __init__(self, operands: Sequence[Sequence[int]], signs: Sequence[Sequence[float]]) -> None:
-        """
-        Args:
-            operands: Slots of each node's operands, the longest chain first.
-            signs: Their signs, 1 or -1.
-        """
         super().__init__(operands)
         self._signs = np.concatenate(signs)
         self._signs_of_places = [
@@ -94,14 +87,14 @@ class _Sums(_Products):
             for place in range(len(signs[0]))
         ]
 
-    def row(self, values: Array) -> Array:
+    def _of_row(self, values: Array) -> Array:
         # `np.add.reduceat` would add up in pairs, in another order. What changes no number that is
         # added to it, not even the sign of a zero, is -0.
         total = np.full(len(self._starts), -0.0)
         np.add.at(total, self._nodes, self._signs * values[self._flat])
         return total
 
-    def rows(self, values: Array) -> Array:
+    def _of_rows(self, values: Array) -> Array:
         places = zip(self._places, self._signs_of_places, strict=True)
         first, sign = next(places)
         total = sign * values[first]
@@ -192,8 +185,7 @@ class Tape:
     of the variables, then those of the constants, then those of each instruction's nodes.
 
     Attributes:
-        n_variables: Number of variables.
-        instructions: What is evaluated, in order, and the slots of the values.
+        instructions: Slots and functions of the nodes, in the order in which they are evaluated.
     """
 
     def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
@@ -233,32 +225,23 @@ class Tape:
     def __call__(self, observation: Array) -> Array:
         """Evaluates all formulas (..., k) on observations (..., n)."""
         if observation.ndim == 1:
-            return self._of_row(observation)
+            return self._evaluate(observation)
         rows = observation.reshape(math.prod(observation.shape[:-1]), self.n_variables)
         found = np.empty((len(rows), len(self._outputs)))
         for start in range(0, len(rows), BLOCK):
-            found[start : start + BLOCK] = self._of_rows(rows[start : start + BLOCK])
+            found[start : start + BLOCK] = self._evaluate(rows[start : start + BLOCK].T).T
         return found.reshape(*observation.shape[:-1], len(self._outputs))
 
-    def _of_rows(self, rows: Array) -> Array:
+    def _evaluate(self, variables: Array) -> Array:
+        """Evaluates all formulas (k, ...) from the variables (n, ...)."""
         # Nodes along the first axis, so that an instruction writes one block of memory.
-        values = np.empty((self._size, len(rows)))
-        values[: self.n_variables] = rows.T
-        first = self.n_variables
-        values[first : first + len(self._constants)] = self._constants[:, None]
+        values = np.empty((self._size, *variables.shape[1:]))
+        values[: self.n_variables] = variables
+        constants = slice(self.n_variables, self.n_variables + len(self._constants))
+        values[constants].T[...] = self._constants
         with np.errstate(all="ignore"):
             for places, instruction in self.instructions:
-                values[places] = instruction.rows(values)
-        return values[self._outputs].T
-
-    def _of_row(self, observation: Array) -> Array:
-        values = np.empty(self._size)
-        values[: self.n_variables] = observation
-        first = self.n_variables
-        values[first : first + len(self._constants)] = self._constants
-        with np.errstate(all="ignore"):
-            for places, instruction in self.instructions:
-                values[places] = instruction.row(values)
+                values[places] = instruction(values)
         return values[self._outputs]
 
 
@@ -271,4 +254,4 @@ def _instruction(
         case "product":
             return _Products(operands)
         case _:
-            return _Function(_FUNCTIONS[operator], np.array(operands, dtype=np.intp).T)
+            return _Function(operator, operands)

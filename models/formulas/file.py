@@ -73,13 +73,9 @@ class FormulaFile:
     """The content of a formula file.
 
     Attributes:
-        gait: Name of the gait.
-        vocabulary: Variables of the formulas.
         formulas: Formula of each state and joint, or of each joint where it serves all states;
             mirror images included.
         mirror: State that each state is in the mirror; None if no formula has a mirror image.
-        joint_law: How joints follow targets.
-        robot: Name of the robot.
         odometry: Estimator of the body state; None if the expert's network estimates it.
         readings: Ranges in which formulas read quantities; None for unlimited ones.
         machine: The gait, where the file holds it.
@@ -99,8 +95,7 @@ class FormulaFile:
         """Returns the file with other formulas, and the definitions that they use."""
         places = sorted(formulas)
         vocabulary, kept = self.vocabulary.using(formulas[place] for place in places)
-        whole = dict(zip(places, kept, strict=True))
-        return replace(self, vocabulary=vocabulary, formulas=whole)
+        return replace(self, vocabulary=vocabulary, formulas=dict(zip(places, kept, strict=True)))
 
     def with_written(
         self, definitions: Sequence[Definition], formulas: Mapping[Place, Expression]
@@ -109,11 +104,10 @@ class FormulaFile:
 
         Formulas and definitions that the file leaves out become mirror images of the new ones.
         """
-        names, whole = self.vocabulary.names, definitions
+        names = self.vocabulary.names
+        vocabulary = Vocabulary(names, tuple(definitions))
         if self.mirror is not None:
-            whole = completed(names, self.mirror, definitions)
-        vocabulary = Vocabulary(names, tuple(whole))
-        if self.mirror is not None:
+            vocabulary = Vocabulary(names, completed(names, self.mirror, definitions))
             formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
         ordered = {place: formulas[place] for place in self.formulas}
         return replace(self, vocabulary=vocabulary, formulas=ordered)
@@ -124,14 +118,18 @@ class FormulaFile:
         places = list(self.formulas)
         return None if len(places[0]) == 1 else 1 + max(place[0] for place in places)
 
+    def variables(self) -> frozenset[int]:
+        """Returns the indices of all variables that formulas and definitions use."""
+        defined = (definition.formula for definition in self.vocabulary.definitions)
+        formulas = (*defined, *self.formulas.values())
+        return frozenset().union(*(formula.variables for formula in formulas))
+
     def written_definitions(self) -> tuple[Definition, ...]:
         """Returns the definitions that the file holds, mirror images left out."""
-        given = self.vocabulary.definitions
-        return (
-            given
-            if self.mirror is None
-            else without_images(self.vocabulary.names, self.mirror, given)
-        )
+        definitions = self.vocabulary.definitions
+        if self.mirror is None:
+            return definitions
+        return without_images(self.vocabulary.names, self.mirror, definitions)
 
     def written(self) -> dict[Place, Expression]:
         """Returns the formulas that the file holds, mirror images left out.
@@ -140,7 +138,6 @@ class FormulaFile:
         """
         if self.mirror is None:
             return dict(self.formulas)
-        # A formula is left out if it is the image of another that stands before it.
         mirror = FormulaMirror.of(self.vocabulary, self.mirror)
         pairs = {place: mirror.place(place) for place in self.formulas}
         images = {
@@ -155,11 +152,7 @@ class FormulaFile:
 
 
 def write_formulas(file: FormulaFile) -> str:
-    """Writes a formula file.
-
-    Raises:
-        InputError: if the observations are not exactly those of the task.
-    """
+    """Writes a formula file."""
     return "\n".join([*header_lines(file), *_formulas(file)]) + "\n"
 
 
@@ -211,10 +204,9 @@ def header_lines(file: FormulaFile) -> Iterator[str]:
 
 def _formulas(file: FormulaFile) -> Iterator[str]:
     # Explain only the quantities that are used.
-    written = file.written()
-    yield ""
-    held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
-    yield from _legend(held, file.vocabulary.names)
+    entries, used = entries_of(file.vocabulary.names), file.variables()
+    groups = dict.fromkeys(entry.group for i, entry in enumerate(entries) if i in used)
+    yield from ("", *_TARGETS, *(f"# {_QUANTITIES[group]}" for group in groups))
     if file.mirror is not None:
         yield from _IN_THE_MIRROR
     # Definitions, then the formulas of each state.
@@ -226,24 +218,12 @@ def _formulas(file: FormulaFile) -> Iterator[str]:
         note = f"    # {definition.note}" if definition.note else ""
         yield from (*lines[:-1], lines[-1] + note)
     section = None
-    for place in sorted(written):
+    for place in sorted(file.written()):
         title = EVERY_STATE if len(place) == 1 else f"state {place[0]}"
         if title != section:
             yield from ("", title)
             section = title
         yield from formula_lines(file, place)
-
-
-def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[str]:
-    """Explains the quantities that formulas and definitions hold, with their units."""
-    used = frozenset().union(*(formula.variables for formula in formulas))
-    entries = entries_of(names)
-    legend = dict.fromkeys(
-        _QUANTITIES[entries[index].group] for index in sorted(used) if index < len(entries)
-    )
-    yield "# Each formula is the target of a joint, in rad. Greater angles turn a hip to the left,"
-    yield "# swing a thigh back, and stretch a knee."
-    yield from (f"# {line}" for line in legend)
 
 
 def _text(key: str, value: str) -> str:
@@ -268,6 +248,10 @@ _MIRROR = "state 0, 1, ... in a mirror; what is left out is the image of what is
 _GAINS = "N m/rad, N m s/rad; torque of a joint = first*(target - q) - second*dq"
 _LIMITS = "N m/rad, rad, degrees: they come last"
 _ODOMETRY = "above 0, up to 1; 'glassgait explain formulas' shows both programs"
+_TARGETS = (
+    "# Each formula is the target of a joint, in rad. Greater angles turn a hip to the left,",
+    "# swing a thigh back, and stretch a knee.",
+)
 _IN_THE_MIRROR = (
     "# In the mirror left and right feet change places, and hips (q, dq, a), cmd.yaw, v.y,",
     "# g.y, w.x and w.z their sign.",

@@ -1,7 +1,7 @@
 """Whole controllers for people: a formula file as LaTeX, and the programs that its header names."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from glassgait.models import GRAVITY
 from glassgait.models.estimation.odometry import SLIP, Odometry
@@ -31,7 +31,7 @@ def programs_of(file: FormulaFile) -> dict[str, list[str]]:
 
 
 def contacts_program() -> list[str]:
-    """Writes which contact sensors are believed; see `glassgait.models.estimation.sensors`."""
+    """Writes which contact sensors are trusted; see `glassgait.models.estimation.sensors`."""
     seconds = written_number(UNCHANGED_STEPS * CONTROL_PERIOD)
     return [
         "# Of each foot: sensed, whether its sensor feels the ground; expected, its height (m)",
@@ -81,17 +81,12 @@ def limits_program(limits: TargetLimits) -> list[str]:
     ]
 
 
-def formula_latex(formula: Expression, vocabulary: Vocabulary) -> str:
-    """Writes a formula as LaTeX, in one piece."""
-    return "".join(_pieces(formula, symbols_of(vocabulary)))
-
-
 def symbols_of(vocabulary: Vocabulary) -> tuple[str, ...]:
     """Returns the LaTeX symbols of the variables of formulas."""
     observed = (entry.latex for entry in entries_of(vocabulary.names))
-    defined = (_defined(own.symbol) for own in vocabulary.definitions)
+    defined = (_defined(definition.symbol) for definition in vocabulary.definitions)
     # A symbol with an exponent stands in braces, so that it can be squared.
-    return tuple(f"{{{own}}}" if "^" in own else own for own in (*observed, *defined))
+    return tuple(f"{{{symbol}}}" if "^" in symbol else symbol for symbol in (*observed, *defined))
 
 
 def to_latex(file: FormulaFile) -> str:
@@ -103,24 +98,17 @@ def to_latex(file: FormulaFile) -> str:
         r"\usepackage{amsmath}",
         r"\allowdisplaybreaks",
         r"\begin{document}",
-        *_verbatim("header", header_lines(file)),
     ]
-    for title, program in programs_of(file).items():
-        lines += _verbatim(title, program)
+    for title, text in {"header": header_lines(file), **programs_of(file)}.items():
+        lines += [_section(title), r"{\small\begin{verbatim}", *text, r"\end{verbatim}}"]
     lines += [*_symbols(file), *_definitions(file), *_targets(file), r"\end{document}"]
     return "\n".join(lines) + "\n"
-
-
-def _verbatim(title: str, text: Iterable[str]) -> list[str]:
-    begin, end = r"{\small\begin{verbatim}", r"\end{verbatim}}"
-    return [_section(title), begin, *text, end]
 
 
 def _symbols(file: FormulaFile) -> Iterator[str]:
     """Lists the symbols of the quantities that formulas use, one of each kind."""
     symbols, kinds = symbols_of(file.vocabulary), dict[str, str]()
-    formulas = [*(own.formula for own in file.vocabulary.definitions), *file.formulas.values()]
-    used = frozenset().union(*(formula.variables for formula in formulas))
+    used = file.variables()
     # Joints and feet share a kind, such as dq.
     for index, entry in enumerate(entries_of(file.vocabulary.names)):
         kind = entry.symbol if entry.leg is None else entry.symbol.split(".")[0]
@@ -189,11 +177,7 @@ def _number(value: float) -> str:
     return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
 
-def _function(name: str) -> str:
-    return rf"\operatorname{{{name}}}"
-
-
-_NOTATION = Notation(number=_number, function=_function)
+_NOTATION = Notation(number=_number, function=r"\operatorname{{{}}}".format)
 
 
 def _defined(symbol: str) -> str:

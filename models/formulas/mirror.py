@@ -17,12 +17,11 @@ Place = tuple[int, ...]
 class FormulaMirror:
     """Maps formulas to their mirror images.
 
-    What a formula calls by a name is called in the mirror by that of its image, where that is
-    defined, and else stands there in full.
+    The image of a defined quantity is another one, the negative of one, or else a formula in full.
 
     Attributes:
-        states: State of the machine that each state is in the mirror (n_states).
-        variables: What each variable is in the mirror (n).
+        states: State of the machine that each state is in the mirror (n_states), its own inverse.
+        variables: Image of each variable (n).
     """
 
     states: tuple[int, ...]
@@ -30,27 +29,17 @@ class FormulaMirror:
 
     @classmethod
     def of(cls, vocabulary: Vocabulary, states: Sequence[int]) -> Self:
-        """Returns the mirror of formulas.
-
-        Args:
-            vocabulary: What their variables are.
-            states: State that each state of the machine is in the mirror, its own inverse.
-        """
-        # The image of a definition is another definition, the negative of one, or stands in full.
-        observed = _observed(vocabulary.names, states)
-        images = dict(enumerate(observed))
+        """Returns the mirror of formulas of this vocabulary."""
+        observed, n = _observed(vocabulary.names, states), len(vocabulary.names)
         formulas = [definition.formula for definition in vocabulary.definitions]
         defined = []
-        for definition in vocabulary.definitions:
-            image = canonical(definition.formula.replaced(images))
-            opposite = negative(image)
+        for formula in formulas:
+            image = canonical(formula.replaced(dict(enumerate(observed))))
             if image in formulas:
-                defined.append(variable(len(vocabulary.names) + formulas.index(image)))
-            elif opposite in formulas:
-                place = len(vocabulary.names) + formulas.index(opposite)
-                defined.append(_signed(variable(place), -1.0))
-            else:
-                defined.append(image)
+                image = variable(n + formulas.index(image))
+            elif (opposite := negative(image)) in formulas:
+                image = Expression("neg", (variable(n + formulas.index(opposite)),))
+            defined.append(image)
         return cls(tuple(states), (*observed, *defined))
 
     def place(self, place: Place) -> Place:
@@ -78,21 +67,16 @@ def completed(
     """Adds the images of definitions of a leg whose images are not given.
 
     They stand behind those of the same leg: what is given of FL, of FR, of RL, of RR.
-
-    Args:
-        names: Names of the observations (n).
-        states: State that each state of the machine is in the mirror.
-        given: The definitions.
     """
     images = dict(enumerate(_observed(names, states)))
     known = {definition.symbol for definition in given}
     whole: list[Definition] = []
     # Definitions of a leg stand together, and their images follow them.
-    for _, group in groupby(given, _leg):
-        own = list(group)
-        whole += own
-        for definition in own:
-            symbol = _image_symbol(definition)
+    for leg, group in groupby(given, _leg):
+        of_leg = list(group)
+        whole += of_leg
+        for definition in of_leg if leg else ():
+            symbol = definition.symbol.replace(f".{leg}", f".{MIRRORED_LEGS[leg]}")
             if symbol not in known:
                 formula = canonical(definition.formula.replaced(images))
                 whole.append(replace(definition, symbol=symbol, formula=formula))
@@ -103,33 +87,22 @@ def without_images(
     names: Sequence[str], states: Sequence[int], definitions: Sequence[Definition]
 ) -> tuple[Definition, ...]:
     """Leaves out definitions of right legs, where `completed` adds the same again."""
-    kept = tuple(own for own in definitions if _leg(own) not in _RIGHT)
-    return kept if completed(names, states, kept) == tuple(definitions) else tuple(definitions)
-
-
-_RIGHT = ("FR", "RR")
+    kept = [definition for definition in definitions if not _leg(definition).endswith("R")]
+    whole = tuple(definitions)
+    return tuple(kept) if completed(names, states, kept) == whole else whole
 
 
 def _observed(names: Sequence[str], states: Sequence[int]) -> tuple[Expression, ...]:
-    """Returns what each observed quantity is in the mirror."""
+    """Returns the image of each observed quantity."""
     reflection = reflect_observation(names, states)
-    images = zip(reflection.index.tolist(), reflection.sign, strict=True)
-    return tuple(_signed(variable(index), sign) for index, sign in images)
+    images = map(variable, reflection.index.tolist())
+    return tuple(
+        image if sign > 0.0 else Expression("neg", (image,))
+        for image, sign in zip(images, reflection.sign, strict=True)
+    )
 
 
 def _leg(definition: Definition) -> str:
     """Returns the leg that a definition's name ends with, such as lifted.FL or sent.FL_hip."""
     leg = definition.symbol.partition(".")[2].partition("_")[0]
     return leg if leg in MIRRORED_LEGS else ""
-
-
-def _image_symbol(definition: Definition) -> str:
-    """Returns what the image of a definition is called: sent.FR_hip is that of sent.FL_hip."""
-    leg = _leg(definition)
-    return (
-        definition.symbol.replace(f".{leg}", f".{MIRRORED_LEGS[leg]}") if leg else definition.symbol
-    )
-
-
-def _signed(formula: Expression, sign: float) -> Expression:
-    return formula if sign > 0.0 else Expression("neg", (formula,))

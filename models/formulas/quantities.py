@@ -8,7 +8,7 @@ Definitions are formulas of quantities, such as the error of the speed or the pl
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Self
@@ -17,7 +17,8 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.expression import Expression, canonical, constant, variable
+from glassgait.models.formulas.expression import Expression, variable
+from glassgait.models.formulas.grammar import parse_formula
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import (
@@ -47,12 +48,6 @@ SENSED: tuple[Group, ...] = (*LIMITED, "gravity", "base velocity")
 DIGITS = 2
 """Digits of a range's end behind the first digit of the range's width."""
 
-LATE = 4.0
-"""Control steps in a state of the machine that are neither early nor late."""
-
-LIFTED = 0.02
-"""Height of a foot that is neither on the ground nor in the air (m)."""
-
 SENT = 0.2
 """Distance from its default stance at which a joint's last target is clearly to one side (rad)."""
 
@@ -64,7 +59,6 @@ class RobotUnits:
     Attributes:
         scale: Factor from a quantity, less its offset, to its observation (n).
         offset: The quantity where the observation is 0 (n).
-        robot: The robot.
     """
 
     scale: Array
@@ -73,11 +67,7 @@ class RobotUnits:
 
     @classmethod
     def of(cls, robot: Robot, names: Sequence[str]) -> Self:
-        """Returns the map of a robot's observations of the given names.
-
-        Raises:
-            InputError: if a name is unknown.
-        """
+        """Returns the map of a robot's observations of the given names."""
         entries = entries_of(names)
         scale = np.array([entry.scale(robot) for entry in entries])
         return cls(scale, np.array([_offset(robot, entry) for entry in entries]), robot)
@@ -124,11 +114,6 @@ class Readings:
     ranges: tuple[tuple[str, Range], ...]
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            InputError: if a range is empty or not finite, is given twice, or is not symmetric
-                where it must be.
-        """
         # The order in which ranges are given makes no difference.
         known = {kind: place for place, kind in enumerate(_KINDS)}
         ordered = sorted(self.ranges, key=lambda named: known.get(named[0], len(known)))
@@ -153,7 +138,6 @@ class Readings:
         """Returns the ranges of `LIMITED` that hold a box, their ends rounded outward.
 
         Args:
-            names: Names of the observations (n).
             lower: Least quantities of the box (n), in the robot's units.
             upper: Greatest ones (n).
         """
@@ -170,20 +154,12 @@ class Readings:
         return cls(tuple((kind, _outward(*hull)) for kind, hull in hulls.items()))
 
     def ends(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Returns the least and the greatest of each quantity (n, n), infinite without a range.
-
-        Args:
-            names: Names of the observations (n).
-        """
+        """Returns the least and the greatest of each quantity (n, n), infinite without a range."""
         ends = np.array([self._ends_of(entry) for entry in entries_of(names)])
         return ends[:, 0], ends[:, 1]
 
     def refuse_others(self, names: Sequence[str]) -> None:
-        """Refuses ranges of quantities that are not observed.
-
-        Raises:
-            InputError: if there is one.
-        """
+        """Refuses ranges of quantities that are not observed."""
         known = {_kind_of(entry) for entry in entries_of(names)}
         if other := [kind for kind in self._by_kind if kind not in known]:
             imu = ", or add 'senses: imu' to the header" if other[0] in _KINDS else ""
@@ -235,8 +211,7 @@ class Definition:
     """A formula of the observed quantities that has a name.
 
     Attributes:
-        symbol: Its name in formulas, such as "e.v".
-        formula: The formula of the observed quantities, in canonical form.
+        formula: In canonical form.
         note: Its meaning, in words, with its unit if it has one.
     """
 
@@ -247,23 +222,14 @@ class Definition:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """The variables of formulas: the observed quantities, then those that are defined.
-
-    Attributes:
-        names: Names of the observations (n).
-        definitions: The defined quantities.
-    """
+    """The variables of formulas: the observed quantities (n), then those that are defined."""
 
     names: tuple[str, ...]
     definitions: tuple[Definition, ...] = ()
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """Names of all variables, in order.
-
-        Raises:
-            InputError: if an observation's name is unknown.
-        """
+        """Names of all variables, in order."""
         return (*symbols_of(self.names), *(definition.symbol for definition in self.definitions))
 
     @cached_property
@@ -280,15 +246,10 @@ class Vocabulary:
         return formula.replaced(self._defined)
 
     def using(self, formulas: Iterable[Expression]) -> tuple["Vocabulary", list[Expression]]:
-        """Leaves out the definitions that no formula uses.
-
-        Returns:
-            The vocabulary, and the formulas with its variables.
-        """
+        """Returns the vocabulary of what formulas use, and the formulas with its variables."""
         kept, n = list(formulas), len(self.names)
-        used = sorted(
-            index for index in frozenset().union(*(f.variables for f in kept)) if index >= n
-        )
+        variables = frozenset().union(*(formula.variables for formula in kept))
+        used = sorted(index for index in variables if index >= n)
         # What is kept moves up behind the observed quantities.
         places = {index: variable(n + place) for place, index in enumerate(used)}
         definitions = tuple(self.definitions[index - n] for index in used)
@@ -297,30 +258,43 @@ class Vocabulary:
 
 @cache
 def known_definitions(robot: Robot, names: tuple[str, ...]) -> tuple[Definition, ...]:
-    """Returns the defined quantities that fits may use, of observations of the given names.
-
-    Raises:
-        InputError: if a name is unknown.
-    """
-    of = {entry.symbol: variable(index) for index, entry in enumerate(entries_of(names))}
-    return (
-        Definition(
-            "late",
-            _turning(of["t"], slope=0.5, shift=0.5 * LATE),
-            f"-1 as a state begins, 0 after {LATE:g} control steps, 1 late in it",
-        ),
-        Definition(
-            "phase",
-            Expression("div", (of["t"], of["cmd.t"])),
-            "share of the commanded time in the state that is over",
-        ),
-        Definition(
-            "e.v",
-            Expression("sub", (of["cmd.v"], of["v.x"])),
-            "m/s, by how much the robot is slower than it should be",
-        ),
-        *(definition for leg in quadruped.LEGS for definition in _of_leg(robot, leg, of)),
+    """Returns the defined quantities that fits may use, of observations of the given names."""
+    symbols = symbols_of(names)
+    legs = (statement for leg in quadruped.LEGS for statement in _of_leg(robot, leg))
+    return tuple(
+        Definition(symbol, parse_formula(text, symbols), note)
+        for symbol, text, note in (*_OF_THE_TRUNK, *legs)
     )
+
+
+_OF_THE_TRUNK = (
+    ("late", "tanh(0.5*t - 2)", "-1 as a state begins, 0 after 4 control steps, 1 late in it"),
+    ("phase", "t/cmd.t", "share of the commanded time in the state that is over"),
+    ("e.v", "cmd.v - v.x", "m/s, by how much the robot is slower than it should be"),
+)
+"""Definitions that no leg has: name, formula and note."""
+
+
+def _of_leg(robot: Robot, leg: str) -> Iterator[tuple[str, str, str]]:
+    """Yields name, formula and note of a leg's definitions."""
+    lifted = f"tanh(100*h.{leg} - 2)"
+    yield f"lifted.{leg}", lifted, "-1 on the ground, 0 at 2 cm, 1 in the air"
+    # A hip's sides are out and in, so that a leg and its mirror image have the same meaning.
+    for part in quadruped.LEG_JOINTS:
+        joint, is_hip = f"{leg}_{part}", part == "hip"
+        side = float(robot.side[quadruped.LEGS.index(leg)]) if is_hip else 1.0
+        slope, stance = side / SENT, float(robot.default_stance[quadruped.joint_index(joint)])
+        below, above = ("inward", "outward") if is_hip else ("below its stance", "above it")
+        sent = f"tanh({slope!r}*a.{joint} - {slope * stance!r})"
+        yield f"sent.{joint}", sent, f"-1 where last sent {below}, 1 {above}"
+    # The foot in the plane of the leg, by the angles of thigh and shank to the vertical.
+    thigh, shank = f"q.{leg}_thigh", f"(q.{leg}_thigh + q.{leg}_calf)"
+    for axis, wave, note in (
+        ("x", "sin", "m, how far the foot is before its hip"),
+        ("z", "cos", "m, how high the foot is over its hip"),
+    ):
+        upper = f"{-robot.thigh_length!r}*{wave}({thigh})"
+        yield f"{axis}.{leg}", f"{upper} - {robot.calf_length!r}*{wave}{shank}", note
 
 
 GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
@@ -341,50 +315,3 @@ SENT_JOINTS = tuple(f"sent.{joint}" for joint in quadruped.JOINTS)
 A network has no memory but its last targets, and networks that learned on real ground use them as
 switches.
 """
-
-
-def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definition]:
-    forward, up = _foot_in_plane(robot, of[f"q.{leg}_thigh"], of[f"q.{leg}_calf"])
-    return [
-        Definition(
-            f"lifted.{leg}",
-            _turning(of[f"h.{leg}"], slope=100.0, shift=100.0 * LIFTED),
-            f"-1 on the ground, 0 at {100.0 * LIFTED:g} cm, 1 in the air",
-        ),
-        *(_sent(robot, leg, part, of) for part in quadruped.LEG_JOINTS),
-        Definition(f"x.{leg}", forward, "m, how far the foot is before its hip"),
-        Definition(f"z.{leg}", up, "m, how high the foot is over its hip"),
-    ]
-
-
-def _sent(robot: Robot, leg: str, part: str, of: dict[str, Expression]) -> Definition:
-    """A hip's sides are out and in, so that a leg and its mirror image have the same meaning."""
-    joint = f"{leg}_{part}"
-    slope = (float(robot.side[quadruped.LEGS.index(leg)]) if part == "hip" else 1.0) / SENT
-    stance = float(robot.default_stance[quadruped.joint_index(joint)])
-    below, above = ("inward", "outward") if part == "hip" else ("below its stance", "above it")
-    return Definition(
-        f"sent.{joint}",
-        _turning(of[f"a.{joint}"], slope=slope, shift=slope * stance),
-        f"-1 where last sent {below}, 1 {above}",
-    )
-
-
-def _turning(quantity: Expression, *, slope: float, shift: float) -> Expression:
-    """Returns a function that goes from -1 below to 1 above shift ÷ slope."""
-    inner = Expression("mul", (constant(slope), quantity))
-    return canonical(Expression("tanh", (Expression("sub", (inner, constant(shift))),)))
-
-
-def _foot_in_plane(
-    robot: Robot, thigh: Expression, calf: Expression
-) -> tuple[Expression, Expression]:
-    """Returns the place of a foot from its hip, forward and up in the plane of the leg."""
-    shank = Expression("add", (thigh, calf))
-
-    def sum_of(function: str) -> Expression:
-        upper = Expression("mul", (constant(-robot.thigh_length), Expression(function, (thigh,))))
-        lower = Expression("mul", (constant(robot.calf_length), Expression(function, (shank,))))
-        return Expression("sub", (upper, lower))
-
-    return sum_of("sin"), sum_of("cos")
