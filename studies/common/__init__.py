@@ -1,1 +1,1 @@
-"""What studies share: runs, tables, figures, processes and rollouts."""
+"""Parts that studies share: episodes, scores, policies, run folders, experiments, figures."""

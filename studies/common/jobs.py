@@ -128,7 +128,7 @@ Seeds = Annotated[Count, Le(10_000)]
 
 @checked
 class WorkersConfig(Settings):
-    """Where jobs run, and how many at once.
+    """Place of jobs, and their number at once.
 
     Attributes:
         backend: Where jobs run: in processes of this machine (`loky`), or on a Ray or a Dask
@@ -144,7 +144,7 @@ class WorkersConfig(Settings):
 
 @checked
 class SweepConfig(WorkersConfig):
-    """How many seeds, and where their jobs run.
+    """Number of seeds, and where their jobs run.
 
     Attributes:
         n_seeds: Number of seeds of each gait: seed, seed + 1, …

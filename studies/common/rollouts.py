@@ -39,7 +39,7 @@ Steps = Annotated[Count, Le(180_000)]
 
 @checked
 class RolloutConfig(Settings):
-    """How robots are rolled out.
+    """Settings of rollouts.
 
     Attributes:
         n_robots: Number of robots for each seed; the paper's 26.

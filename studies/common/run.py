@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from glassgait.models.errors import InputError, brief, shown
-from glassgait.models.files import digest, read_yaml, write_atomically
+from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.robots.library import robot_folder
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 
@@ -133,16 +133,6 @@ def refuse_run(folder: Path) -> None:
     found = read_yaml(path) if path.exists() else None
     if isinstance(found, dict) and "study" in found:
         raise InputError(f"{folder}: holds a run; name another folder with --output")
-
-
-def digest_of_files(paths: Collection[Path]) -> str:
-    """Returns a digest of files' contents and names, not of where they are.
-
-    Raises:
-        InputError: if a file cannot be read.
-    """
-    named = [f"{path.name} {digest(path)}" for path in sorted(paths, key=lambda path: path.name)]
-    return hashlib.sha256("".join(named).encode()).hexdigest()[:16]
 
 
 def to_plain(config: Any) -> Any:

@@ -9,7 +9,6 @@ from glassgait.models.errors import InputError
 from glassgait.studies.common import run as run_module
 from glassgait.studies.common.run import (
     CONFIG_NAME,
-    digest_of_files,
     open_run,
     read_run,
     refuse_run,
@@ -127,13 +126,3 @@ def test_other_results_are_not_written_into_a_run(run, tmp_path):
     with pytest.raises(InputError, match="holds a run"):
         refuse_run(run)
     refuse_run(tmp_path)
-
-
-def test_files_are_distinguished_by_name_and_contents(tmp_path):
-    paths = [tmp_path / name for name in ("a", "b")]
-    for path in paths:
-        path.write_text(path.name)
-    before = digest_of_files(paths)
-    assert digest_of_files(paths[::-1]) == before
-    paths[0].write_text("other")
-    assert digest_of_files(paths) != before
