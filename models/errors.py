@@ -3,8 +3,7 @@
 import reprlib
 from typing import Any
 
-LONGEST = 120
-"""Greatest number of characters of a value in an error's sentence."""
+LONGEST = 120  # greatest number of characters of a value in an error's sentence
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 3

@@ -17,14 +17,9 @@ from safetensors.numpy import save
 
 from glassgait.models.errors import InputError, brief
 
-TEXT_BYTES = 1_000_000
-"""Greatest size of a text file that a person writes."""
-
-YAML_BYTES = 100_000
-"""Greatest size of a YAML file, which takes about a second to read."""
-
-RECORD_BYTES = 100_000_000
-"""Greatest size of a record that a run writes."""
+TEXT_BYTES = 1_000_000  # greatest size of a text file that a person writes
+YAML_BYTES = 100_000  # greatest size of a YAML file, which takes about a second to read
+RECORD_BYTES = 100_000_000  # greatest size of a record that a run writes
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f]")
 

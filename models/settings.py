@@ -34,11 +34,8 @@ def _in_order(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
-Count = Annotated[int, Ge(1), Lt(2**31)]
-"""A number of something; libraries count in 32 bits."""
-
-Natural = Annotated[int, Ge(0), Lt(2**31)]
-"""A number of something that may be zero."""
+Count = Annotated[int, Ge(1), Lt(2**31)]  # a number of something; libraries count in 32 bits
+Natural = Annotated[int, Ge(0), Lt(2**31)]  # a number of something that may be zero
 
 Seed = Annotated[int, Ge(0), Lt(2**31)]
 """A seed. Libraries take 32 bits, and seeds of joints and rollouts are counted on from it."""
@@ -47,14 +44,9 @@ Positive = Annotated[float, Gt(0.0)]
 NotNegative = Annotated[float, Ge(0.0)]
 Share = Annotated[float, Gt(0.0), Le(1.0)]
 
-DISTINCT = AfterValidator(_distinct)
-"""Annotates a list that names nothing twice."""
-
-IN_ORDER = AfterValidator(_in_order)
-"""Annotates a pair whose first number is at most the second."""
-
-FEW = MaxLen(100)
-"""Bounds a list, which a run records and reads back."""
+DISTINCT = AfterValidator(_distinct)  # annotates a list that names nothing twice
+IN_ORDER = AfterValidator(_in_order)  # annotates a pair whose first number is at most the second
+FEW = MaxLen(100)  # bounds a list, which a run records and reads back
 
 Range = Annotated[tuple[float, float], IN_ORDER]
 """Least and greatest value of a range; they may be equal."""

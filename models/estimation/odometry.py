@@ -23,8 +23,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings, checked
 
-SLIP = 1.0
-"""Speed over the ground at which a foot does not stand (m/s)."""
+SLIP = 1.0  # speed over the ground at which a foot does not stand (m/s)
 
 
 class OdometryState(NamedTuple):
@@ -84,8 +83,6 @@ class Odometry(Settings):
         swings or slips does not stand, though its sensor reads a contact.
 
         Args:
-            robot: The robot.
-            before: The state one control step before.
             joint_position: Measured joint positions (..., 12; rad).
             joint_velocity: Measured joint velocities (..., 12; rad/s).
             imu: The IMU's reading (..., 9).
@@ -134,10 +131,7 @@ class Odometry(Settings):
 
 
 def _carried(footholds: Array, velocity: Array, turned: Array) -> Array:
-    """Moves footholds (..., 4, 3; m) as the ground moves under the trunk in a control step.
-
-    The trunk moves (..., 3; m/s), and its turning moves the footholds (..., 4, 3; m/s).
-    """
+    """Moves footholds (..., 4, 3; m) as the ground moves under the trunk in a control step."""
     return footholds - CONTROL_PERIOD * (velocity[..., None, :] + turned)
 
 

@@ -21,15 +21,13 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.settings import NotNegative, Settings, checked
 
-N_IMU = 9
-"""Length of a reading."""
+N_IMU = 9  # length of a reading
 
 IMU_NOISE: Array = np.repeat([0.2, 0.3 * CONTROL_PERIOD, 0.05], 3)
 """Half-widths of the uniform noise of a reading (9; rad/s, m/s, none)."""
 IMU_NOISE.flags.writeable = False
 
-MOST_DELAY = 5
-"""Greatest delay of a reading (control steps)."""
+MOST_DELAY = 5  # greatest delay of a reading (control steps)
 
 BoolArray = NDArray[np.bool_]
 
@@ -40,22 +38,12 @@ UNCHANGED_STEPS = 50
 """Control steps without a change after which a contact sensor is not believed: a second, longer
 than the slowest gait holds a foot up or down."""
 
-LOW = 0.0075
-"""Height below which the foot of such a sensor is taken to touch (m)."""
-
-UNREAD = np.int8(-1)
-"""Reading of a sensor before it was read for the first time."""
+LOW = 0.0075  # height below which the foot of such a sensor is taken to touch (m)
+UNREAD = np.int8(-1)  # reading of a sensor before it was read for the first time
 
 
 class ImuReading(NamedTuple):
-    """The parts of a reading, in the trunk's frame.
-
-    Attributes:
-        angular_velocity: Angular velocity (..., 3; rad/s).
-        velocity_change: Sum of the specific force over the control period (..., 3; m/s): at rest
-            the period times gravity, upward.
-        gravity: Direction of gravity (..., 3), a unit vector but for its noise.
-    """
+    """The parts of a reading, each (..., 3). At rest `velocity_change` is upward."""
 
     angular_velocity: Array
     velocity_change: Array
@@ -129,28 +117,6 @@ class ContactTrust(NamedTuple):
         feet = (*shape, quadruped.N_LEGS)
         return cls(np.full(feet, UNREAD), np.zeros(feet, dtype=np.int64))
 
-    def after(self, reading: BoolArray) -> Self:
-        """Returns the memory once the sensors have been read (..., 4)."""
-        read = reading.astype(np.int8)
-        counted = np.minimum(self.unchanged + 1, UNCHANGED_STEPS)
-        return type(self)(read, np.where(read == self.reading, counted, 0))
-
-    def lasting(self, reading: BoolArray) -> BoolArray:
-        """Returns which feet touch, or did at the step before (..., 4), by new readings (..., 4).
-
-        The memory of one step bridges a bouncing touch-down.
-        """
-        return reading | (self.reading == 1)
-
-    @property
-    def doubted(self) -> BoolArray:
-        """Sensors that are not believed (..., 4)."""
-        return self.unchanged >= UNCHANGED_STEPS
-
-    def believed(self, contact: BoolArray, height: Array) -> BoolArray:
-        """Returns which feet touch (..., 4), by heights (..., 4; m) where a sensor is doubted."""
-        return np.where(self.doubted, height < LOW, contact)
-
 
 def read_contacts(contact: BoolArray, wrong: BoolArray, stuck: NDArray[np.int8]) -> BoolArray:
     """Returns readings (..., 4) of contacts by sensors that are wrong now and then, or stuck."""
@@ -166,13 +132,7 @@ def stuck_sensors(is_open: Sequence[str], closed: Sequence[str]) -> NDArray[np.i
 
 
 class Contacts(NamedTuple):
-    """Contacts as far as sensors are believed.
-
-    Attributes:
-        trust: Memory of the sensors.
-        contact: Which feet touch, or did at the step before (..., 4).
-        touching: Which feet touch now (..., 4).
-    """
+    """Which feet touch now (..., 4), or do now or did at the step before (..., 4)."""
 
     trust: ContactTrust
     contact: BoolArray
@@ -182,15 +142,17 @@ class Contacts(NamedTuple):
 def believed_contacts(
     before: ContactTrust, reading: BoolArray, expected_height: Callable[[], Array]
 ) -> Contacts:
-    """Reads contact sensors, and takes the feet's heights where a sensor seems to be stuck.
+    """Reads contact sensors (..., 4), and takes the feet's heights where one seems to be stuck.
 
-    Args:
-        before: Memory of the sensors at the step before.
-        reading: Whether each sensor reads a contact (..., 4).
-        expected_height: Returns the heights of the feet (..., 4; m); called only if needed.
+    `expected_height` returns the heights (..., 4; m); it is called only if a sensor is in doubt.
     """
-    trust, lasting = before.after(reading), before.lasting(reading)
-    if not trust.doubted.any():
+    read = reading.astype(np.int8)
+    counted = np.minimum(before.unchanged + 1, UNCHANGED_STEPS)
+    trust = ContactTrust(read, np.where(read == before.reading, counted, 0))
+    # The memory of one step bridges a bouncing touch-down.
+    lasting = reading | (before.reading == 1)
+    doubted = trust.unchanged >= UNCHANGED_STEPS
+    if not doubted.any():
         return Contacts(trust, lasting, reading)
-    height = expected_height()
-    return Contacts(trust, trust.believed(lasting, height), trust.believed(reading, height))
+    low = expected_height() < LOW
+    return Contacts(trust, np.where(doubted, low, lasting), np.where(doubted, low, reading))

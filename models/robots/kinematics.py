@@ -12,8 +12,7 @@ from glassgait.models.arrays import Array, cross, stacked
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
-LEVEL = 1e-9
-"""Greatest rise of an edge, over its length, that counts as level."""
+LEVEL = 1e-9  # greatest rise of an edge, over its length, that counts as level
 
 
 def rotation_matrix(quaternion: Array) -> Array:

@@ -16,11 +16,8 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT, ROBOT_DIRECTORY, Robot
 
 ROBOT_FILE = "robot.yaml"
 
-LARGEST = 10_000_000
-"""Greatest size of a URDF (bytes)."""
-
-TOLERANCE = 1e-6
-"""Greatest difference between legs (m); a URDF holds some six digits."""
+LARGEST = 10_000_000  # greatest size of a URDF (bytes)
+TOLERANCE = 1e-6  # greatest difference between legs (m); a URDF holds some six digits
 
 
 def robot_names() -> tuple[str, ...]:

@@ -15,14 +15,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots.quadruped import JOINTS, LEGS
 from glassgait.models.settings import DISTINCT, Positive, Range, Settings, checked
 
-DEFAULT_ROBOT = "a1"
-"""Name of the robot that is meant where none is named."""
-
-ROBOT_DIRECTORY = Path(__file__).parent
-"""Where the folders of robots are that ship, by their names."""
-
-NAME = r"^[a-z][a-z0-9_]{0,39}$"
-"""What a robot may be called."""
+DEFAULT_ROBOT = "a1"  # name of the robot that is meant where none is named
+ROBOT_DIRECTORY = Path(__file__).parent  # where the folders of robots are that ship, by their names
+NAME = r"^[a-z][a-z0-9_]{0,39}$"  # what a robot may be called
 
 RobotName = Annotated[str, StringConstraints(pattern=NAME)]
 Length = Annotated[float, Gt(0.0), Le(10.0)]
@@ -387,5 +382,4 @@ class JointLaw(Settings):
         return gains | ({"limited": True} if self.limited else {}) | limits
 
 
-OWN_LAW = JointLaw()
-"""The robot's own gains, and targets wherever they are."""
+OWN_LAW = JointLaw()  # the robot's own gains, and targets wherever they are

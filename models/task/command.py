@@ -10,11 +10,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task.gait import Gait
 
-DEAD_BAND = 0.2
-"""Commanded speeds below this (m/s) become 0."""
-
-DEAD_ZONE = 0.1
-"""Share of a gamepad stick's way from its middle that commands nothing."""
+DEAD_BAND = 0.2  # commanded speeds below this (m/s) become 0
+DEAD_ZONE = 0.1  # share of a gamepad stick's way from its middle that commands nothing
 
 
 class Command(NamedTuple):

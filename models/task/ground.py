@@ -16,11 +16,8 @@ from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 DESCENTS = 120
 """Greatest number of steps in which a robot is let down, each by its distance from the ground."""
 
-ABOVE = 1e-9
-"""Height at which a robot's lowest foot may be left (m)."""
-
-FARTHEST = 1e9
-"""Number of the farthest cell from the origin."""
+ABOVE = 1e-9  # height at which a robot's lowest foot may be left (m)
+FARTHEST = 1e9  # number of the farthest cell from the origin
 
 
 class Ground:
@@ -35,12 +32,13 @@ class Ground:
     def __init__(self, terrains: Sequence[Terrain], which: NDArray[np.int64] | None = None) -> None:
         """
         Args:
-            terrains: The terrains.
             which: Number of each robot's terrain (n,); without it the first is of all.
         """
         self._terrains = terrains
         self._which = np.zeros((), dtype=np.int64) if which is None else which
         self.is_level = all(terrain.is_plane for terrain in terrains)
+
+        # Tables of terrains, and of the cells of all terrains one after another.
         grids = [grid_of(terrain) for terrain in terrains]
         counts = np.array([grid.top.shape for grid in grids])
         sizes = counts.prod(axis=1)
@@ -80,10 +78,9 @@ class Ground:
         return tops.max(axis=-1)
 
     def _around(self, points: Array, reach: float) -> Array:
-        """Returns points (..., k, 4, 2; m) in all cells whose boxes are near points (..., k, 2; m).
+        """Returns points in all cells whose boxes are within `reach` (m) of points (..., k, 2; m).
 
-        Args:
-            reach: How near (m).
+        There are four of each point (..., k, 4, 2; m).
         """
         reaches = reach + self._own(self._overlap, points)[..., None, None]
         return points[..., None, :] + reaches * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
@@ -99,10 +96,12 @@ class Ground:
         """
         if self.is_level:
             return centres[..., 2] - radius
+        # Centres in the frames of the boxes near them, whose tops are at 0.
         near = self._around(centres[..., :2], 1.25 * radius)
         number, place, base = self._cells(near)
         top = np.concatenate([place, (base + self._top[number])[..., None]], axis=-1)
         local = np.einsum("...k,...kc->...c", centres[..., None, :] - top, self._rotation[number])
+        # Distances from these boxes.
         beyond = np.abs(local[..., :2]) - self._half_size[number]
         depth = self._own(self._depth, near)
         height = np.maximum(local[..., 2], -depth - local[..., 2])
@@ -154,16 +153,15 @@ class Ground:
     def periods(self, positions: Array) -> Array:
         """Returns how far robots are from the middle period (n, 3; m): whole periods and the rise.
 
-        Args:
-            positions: The plant's positions q (n, 19), or its states x (n, 37).
+        `positions` are the plant's q (n, 19) or x (n, 37).
         """
         if self.is_level:
             return np.zeros((*positions.shape[:-1], 3))
-        positions = positions[..., quadruped.POSITION]
-        own = self._which
-        whole = np.floor((positions[..., :2] - self._origin[own]) / self._period[own])
-        rise = whole[..., 0] * self._rise[own]
-        return np.concatenate([whole * self._period[own], rise[..., None]], axis=-1)
+        places = positions[..., quadruped.POSITION][..., :2]
+        period = self._period[self._which]
+        whole = np.floor((places - self._origin[self._which]) / period)
+        rise = whole[..., 0] * self._rise[self._which]
+        return np.concatenate([whole * period, rise[..., None]], axis=-1)
 
     def draw_places(self, count: int, generator: np.random.Generator) -> Array:
         """Draws where robots start (count, 2; m): anywhere in a period, on steps on a landing."""
@@ -183,11 +181,10 @@ class Ground:
         states = states.copy()
         feet = kinematics.world_feet(robot, states)
         # Straight above whatever is near; from there the way down is free as far as the distance.
-        near = feet[..., None, :] + np.array(
-            [[x, y, 0.0] for x in (-1, 0, 1) for y in (-1, 0, 1)]
-        ) * (1.25 * robot.foot_radius)
-        own = near.reshape(*near.shape[:-3], -1, 3)
-        tops = self.height(own).reshape(near.shape[:-1]).max(axis=-1)
+        around = np.array([[x, y, 0.0] for x in (-1, 0, 1) for y in (-1, 0, 1)])
+        near = feet[..., None, :] + around * (1.25 * robot.foot_radius)
+        points = near.reshape(*near.shape[:-3], -1, 3)
+        tops = self.height(points).reshape(near.shape[:-1]).max(axis=-1)
         lift = (tops + 4 * robot.foot_radius - feet[..., 2]).max(axis=-1)
         for _ in range(DESCENTS):
             down = self.clearance(feet + [0.0, 0.0, 1.0] * lift[..., None, None], robot.foot_radius)
@@ -219,16 +216,14 @@ class Ground:
         return values[index]
 
 
-LEVEL_GROUND = Ground([PLANE])
-"""A plane, normal to the world's z axis."""
+LEVEL_GROUND = Ground([PLANE])  # a plane, normal to the world's z axis
 
 
 class FootSense(NamedTuple):
     """Contacts and heights of the feet at one instant.
 
     Attributes:
-        touching: Whether each foot presses on the ground at this instant (..., 4).
-        contact: Whether it does now or did at the previous step (..., 4).
+        contact: Whether each foot touches now or did at the previous step (..., 4).
         height: Height of each foot's lowest point above the ground (..., 4; m).
     """
 
@@ -247,11 +242,8 @@ def sense_feet(
     """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
 
     Args:
-        robot: The robot.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
-        previously_touching: `touching` of the previous control step (..., 4).
         touching: Whether each foot presses on the ground (..., 4); by its pose by default.
-        ground: The ground.
     """
     height = ground.foot_heights(robot, positions)
     if touching is None:

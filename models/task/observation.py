@@ -31,8 +31,7 @@ OVERDUE = 2
 Longer waits are rare among the samples; students that observed the growing time waited and fell.
 """
 
-N_ESTIMATED = 7
-"""Length of the part that a robot has to estimate: base velocity and foot heights."""
+N_ESTIMATED = 7  # length of the part that a robot has to estimate: base velocity and foot heights
 
 Group = Literal[
     "commanded velocity",

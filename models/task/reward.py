@@ -13,20 +13,11 @@ from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.settings import NotNegative, Positive, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 
-SOFT_LIMIT_FRACTION = 0.9
-"""Share of a joint's range, about its middle, that costs nothing."""
-
-AIR_TIME_TARGET = 0.5
-"""Time in the air above which a step is rewarded (s)."""
-
-HIGH_SWING = 0.1
-"""Height of a foot above the ground that costs nothing (m)."""
-
-STANDING_HEIGHT = 0.005
-"""Height of a foot below which it is to stand still (m)."""
-
-AIR_TIME_MIN_SPEED = 0.1
-"""Commanded speed above which air time counts (m/s)."""
+SOFT_LIMIT_FRACTION = 0.9  # share of a joint's range, about its middle, that costs nothing
+AIR_TIME_TARGET = 0.5  # time in the air above which a step is rewarded (s)
+HIGH_SWING = 0.1  # height of a foot above the ground that costs nothing (m)
+STANDING_HEIGHT = 0.005  # height of a foot below which it is to stand still (m)
+AIR_TIME_MIN_SPEED = 0.1  # commanded speed above which air time counts (m/s)
 
 
 @checked

@@ -13,8 +13,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import N_STANCES, Gait, stance_code
 
-TRANSITION_MULTIPLIER = 1000.0
-"""Factor on the plain reward of a step in which the machine moves on."""
+TRANSITION_MULTIPLIER = 1000.0  # factor on the plain reward of a step in which the machine moves on
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]

@@ -38,26 +38,13 @@ KINDS_OF_KEY: dict[str, tuple[Kind, ...]] = {
 }
 """Kinds of ground that a key belongs to; the others belong to all."""
 
-REACH = 0.75
-"""How far around a robot's trunk the ground is laid while it takes a control step (m)."""
-
-DEPTH = 0.3
-"""Thickness of the boxes, and as much more as their tops differ (m)."""
-
-OVERLAP = 0.03
-"""How far a box reaches into its neighbours' cells (m), further than feet sink in."""
-
-MOST_OVERLAP = 0.2
-"""Greatest share of a cell's shorter edge that a box reaches into it."""
-
-STAIR_WIDTH = 2.0
-"""Width of a box of the steps (m), which go on sideways for ever."""
-
-FLATTEST = 1e-4
-"""Least height that ground of boxes is scaled to (m)."""
-
-STEEPEST = 1.0
-"""Greatest rise of uneven ground over its run."""
+REACH = 0.75  # how far around a robot's trunk the ground is laid while it takes a control step (m)
+DEPTH = 0.3  # thickness of the boxes, and as much more as their tops differ (m)
+OVERLAP = 0.03  # how far a box reaches into its neighbours' cells (m), further than feet sink in
+MOST_OVERLAP = 0.2  # greatest share of a cell's shorter edge that a box reaches into it
+STAIR_WIDTH = 2.0  # width of a box of the steps (m), which go on sideways for ever
+FLATTEST = 1e-4  # least height that ground of boxes is scaled to (m)
+STEEPEST = 1.0  # greatest rise of uneven ground over its run
 
 
 class Grid(NamedTuple):
@@ -119,13 +106,9 @@ class Grid(NamedTuple):
 
 
 class GroundBox(NamedTuple):
-    """A box of the ground.
+    """A box of the ground: centre (3; m), axes as columns (3, 3), and edges (3; m).
 
-    Attributes:
-        centre: Its centre (3; m).
-        rotation: Its axes, as columns (3, 3).
-        size: Its edges (3; m).
-        is_patch: Whether it has the patches' friction.
+    `is_patch` says whether it has the patches' friction.
     """
 
     centre: Array
@@ -230,8 +213,8 @@ class Terrain(Settings):
     def check(self, robot: Robot) -> None:
         """Refuses steps and blocks that are higher than a robot's leg is long."""
         leg = robot.thigh_length + robot.calf_length
-        key = {"steps": "height", "blocks": "amplitude", "uneven": "amplitude"}.get(self.kind)
-        if key is not None and abs(getattr(self, key)) > leg:
+        key = "height" if self.kind == "steps" else "amplitude"
+        if self.kind in KINDS_OF_KEY[key] and abs(getattr(self, key)) > leg:
             raise InputError(
                 f"{self.title}: {key} is {getattr(self, key):g} m, and a leg of the {robot.name} "
                 f"is {leg:g} m long; give less"
@@ -244,12 +227,11 @@ class Terrain(Settings):
         counts = np.array(grid.top.shape)
         beyond = np.ceil(reach / grid.cell).astype(int)
         for cell in np.ndindex(*(counts + 2 * beyond)):
+            # The same cell of the middle period, and the middle of this one's top.
             place = cell - beyond
             own = tuple(place % counts)
-            top = np.append(
-                grid.origin + (place + 0.5) * grid.cell,
-                grid.top[own] + grid.rise * (place[0] // counts[0]),
-            )
+            height = grid.top[own] + grid.rise * (place[0] // counts[0])
+            top = np.append(grid.origin + (place + 0.5) * grid.cell, height)
             yield GroundBox(
                 centre=top - grid.depth / 2 * rotation[own][:, 2],
                 rotation=rotation[own],
@@ -258,13 +240,13 @@ class Terrain(Settings):
             )
 
 
-PLANE = Terrain()
-"""A level plane."""
+PLANE = Terrain()  # a level plane
 
 
 @cache
 def grid_of(terrain: Terrain) -> Grid:
     """Returns the cells of a terrain; of a plane they are level."""
+    # Heights and tilts of the cells' tops.
     generator = np.random.default_rng(terrain.seed)
     cell, count = terrain.cell, terrain.cells
     tilt, rise, origin = np.zeros((count, count, 2)), 0.0, -0.5 * cell * np.full(2, count)
@@ -282,6 +264,8 @@ def grid_of(terrain: Terrain) -> Grid:
             tilt = np.zeros((*top.shape, 2))
             edges = np.array([terrain.run, STAIR_WIDTH])
             origin = np.array([-0.5 * terrain.run * _landing_cells(terrain), -0.5 * STAIR_WIDTH])
+
+    # Cells with the patches' friction.
     patch = np.zeros(top.size, dtype=bool)
     patch[: round(terrain.patches * top.size)] = True
     patch = generator.permutation(patch).reshape(top.shape)
@@ -308,8 +292,7 @@ def _noise(terrain: Terrain, generator: np.random.Generator) -> Array:
 def _planes(corners: Array, cell: float) -> tuple[Array, Array]:
     """Fits a plane to the four corners of each cell, which is the tangent plane in its middle.
 
-    Returns:
-        Height in the middle (n, n; m), and rise over run along x and y (n, n, 2).
+    Returns heights in the middle (n, n; m), and rises over runs along x and y (n, n, 2).
     """
     east, north = np.roll(corners, -1, axis=0), np.roll(corners, -1, axis=1)
     opposite = np.roll(east, -1, axis=1)
