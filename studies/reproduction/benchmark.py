@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -32,7 +33,7 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import OneGait
 from glassgait.studies.common.figures import page_template
 from glassgait.studies.common.policies import ALL, Policies
-from glassgait.studies.common.run import CONFIG_NAME, default_folder, read_run, refuse_run
+from glassgait.studies.common.run import default_folder, refuse_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.export.command import controller_name
@@ -42,7 +43,8 @@ from glassgait.studies.training.run import TrainingRun
 
 Part = Literal["throughput", "actions"]
 
-PARTS: tuple[Part, ...] = ("throughput", "actions")
+PARTS: dict[Part, str] = {"throughput": "Throughput", "actions": "One action, one robot"}
+"""What can be measured, with the headings of the tables."""
 
 STEPS = 20_000
 """Steps of a controller in C that are timed."""
@@ -61,8 +63,6 @@ class Benchmark(OneGait):
     Attributes:
         parts: What to measure: training beside bare physics, and actions of policies in Python and
             in C; both by default.
-        training: Folder of a training run to continue in memory, so that robots walk rather than
-            fall; from the beginning by default.
         updates: Updates that are timed at once.
         repeats: Number of timings; medians are reported.
         output: Folder of the results; runs/reproduce/benchmark by default.
@@ -70,40 +70,31 @@ class Benchmark(OneGait):
 
     title: ClassVar[str] = "reproduce benchmark"
 
-    parts: tuple[Part, ...] = PARTS
-    training: Path | None = None
+    parts: tuple[Part, ...] = tuple(PARTS)
     updates: Count = 4
     repeats: Count = 5
     output: Path | None = None
 
     def run(self) -> None:
         """Measures, and writes tables."""
-        robot = load_robot(self.robot or DEFAULT_ROBOT)
-        folder = self.output or default_folder(self.title, robot.name)
+        robot = self.robot or DEFAULT_ROBOT
+        folder = self.output or default_folder(self.title, load_robot(robot).name)
         refuse_run(folder)
-        measures: dict[str, tuple[str, Callable[[], pd.DataFrame]]] = {
-            "throughput": ("Throughput", self._throughput),
-            "actions": ("One action, one robot", lambda: action_times(self.policies())),
-        }
         metrics: dict[str, Any] = {}
         for part in dict.fromkeys(self.parts):
             say(f"timing {part}")
-            heading, measure = measures[part]
-            table = measure()
+            if part == "throughput":
+                config = TrainingConfig(gait=self.gait, robot=robot)
+                table = throughput(config, self.updates, self.repeats)
+            else:
+                table = action_times(self.policies())
             write_table(table, folder / part)
-            print_table(heading, table)
+            print_table(PARTS[part], table)
             metrics[part] = json_records(table)
         # Linux counts in KiB.
         metrics["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 2**10
         write_metrics(metrics, folder / "metrics.json")
         console.print(f"written to {folder}")
-
-    def _throughput(self) -> pd.DataFrame:
-        config = TrainingConfig(gait=self.gait, robot=self.robot or DEFAULT_ROBOT)
-        if self.training is not None:
-            settings = read_run(self.training, "train")["settings"]
-            config = TrainingConfig.from_plain(settings, str(self.training / CONFIG_NAME))
-        return throughput(config, self.training, self.updates, self.repeats)
 
 
 def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
@@ -117,27 +108,19 @@ def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
         say("there is no C compiler here, cc: controllers in C are not timed")
     rows = []
     for kind, controller in found.controllers([ALL]).items():
-        policy = controller.policy
-        observation = np.random.default_rng(0).normal(size=(1, len(policy.observation_names)))
+        n_observed = len(controller.policy.observation_names)
+        observation = np.random.default_rng(0).normal(size=(1, n_observed))
+        action = partial(controller.policy, observation)
+        times = [_seconds(action) for _ in range(CALLS)]
         row: dict[str, Any] = {"policy": policy_title(kind)}
-        row["action in Python (µs)"] = round(call_time(policy, observation), 1)
+        row["action in Python (µs)"] = round(1e6 * float(np.median(times)), 1)
         if has_compiler():
-            row |= step_times(found.gait, controller, kind, steps)
+            row |= _step_times(found.gait, controller, kind, steps)
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def call_time(call: Callable[[Any], Any], argument: Any) -> float:
-    """Returns the median time of a call (µs)."""
-    times = np.empty(CALLS)
-    for k in range(CALLS):
-        begun = time.perf_counter()
-        call(argument)
-        times[k] = time.perf_counter() - begun
-    return 1e6 * float(np.median(times))
-
-
-def step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> dict[str, float]:
+def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> dict[str, float]:
     """Compiles a controller, and times its step on random sensors, several times."""
     written = write_controller(
         gait,
@@ -173,57 +156,38 @@ def step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> dic
     }
 
 
-def throughput(
-    config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
-) -> pd.DataFrame:
-    """Times training and its physics: a row each, with training's share.
+def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataFrame:
+    """Times updates of PPO, and Drake's physics over the same states and targets.
 
-    Args:
-        config: The training run.
-        checkpoint: Folder of a run to start from, or None to start at the beginning.
-        n_updates: Updates to time at once.
-        repeats: Number of turns, of which medians are reported.
+    Returns:
+        Medians over the repeats (control steps/s): a row for training, and one for bare physics.
     """
-    pairs = pd.DataFrame(training_and_physics(config, checkpoint, n_updates, repeats))
-    training, bare = pairs["training"].median(), pairs["physics"].median()
-    share = (pairs["training"] / pairs["physics"]).median()
+    # MuJoCo's share is left out, so that both time Drake only.
+    config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
+    robot = load_robot(config.robot)
+    stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
+    with tempfile.TemporaryDirectory() as temporary:
+        run = TrainingRun(config, load_gait(config.gait), Path(temporary))
+    physics, recorded = _BarePhysics(robot, stations), _record_steps(run)
+    # The first update warms caches and is not timed.
+    run.update()
+
+    # Both are timed in turn, so that they meet the same other load of the machine.
+    n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
+    seconds = []
+    for _ in range(repeats):
+        recorded.clear()
+        training = _seconds(lambda: [run.update() for _ in range(n_updates)])
+        seconds.append((training, _seconds(lambda: [physics.step(*pair) for pair in recorded])))
+    rates = n_steps / np.array(seconds)
+    training, bare = np.median(rates, axis=0)
+    share = np.median(rates[:, 0] / rates[:, 1])
     rows = [
         (f"PPO training, {config.n_robots} robots", training, "1"),
         ("BatchEvalUniquePeriodicDiscreteUpdate only, same states", bare, f"{share:.2f} of it"),
     ]
     table = pd.DataFrame(rows, columns=pd.Index(["what", "control steps/s", "training is"]))
     return table.round({"control steps/s": 0})
-
-
-def training_and_physics(
-    config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
-) -> list[dict[str, float]]:
-    """Times updates of PPO, and Drake's physics over the same states and targets.
-
-    Both are timed in turn, so that they meet the same other load of the machine.
-
-    Returns:
-        Control steps/s of `training` and bare `physics`, a row a turn.
-    """
-    # MuJoCo's share is left out, so that both time Drake only.
-    config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = checkpoint or Path(temporary)
-        gait = load_gait(config.gait)
-        run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
-    robot = load_robot(config.robot)
-    stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
-    physics, recorded = _BarePhysics(robot, stations), _record_steps(run)
-    # The first update warms caches and is not timed.
-    run.update()
-    rows = []
-    for _ in range(repeats):
-        recorded.clear()
-        n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
-        training = _seconds(lambda: [run.update() for _ in range(n_updates)])
-        bare = _seconds(lambda: [physics.step(*pair) for pair in recorded])
-        rows.append({"training": n_steps / training, "physics": n_steps / bare})
-    return rows
 
 
 class _BarePhysics:

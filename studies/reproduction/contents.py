@@ -24,47 +24,43 @@ JOINT_FIGURES = {
 WIDE = ("6", "7", "8, top")
 """Those whose pictures take the page's whole width."""
 
+IMPORTANCES = {"gbm_impurity": "impurity importance", "gbm_permutation": "permutation importance"}
+"""Maps of importances by the stems of their files."""
+
 
 def contents(results: Sequence[GaitResults]) -> list[Section]:
     """Lists everything in the paper's order, then the gait sequences of further students."""
-    # Gait sequences of students beyond the paper's come last.
-    further = [kind for kind in _students(results) if kind not in paper_students()]
-    papers = dict(zip(("Figure 3", "Figure 4", "Figure 5"), paper_students(), strict=True))
-    ours = {f"Ours {place}": kind for place, kind in enumerate(further, start=1)}
-    importances = {
-        "gbm_impurity": "impurity importance",
-        "gbm_permutation": "permutation importance",
-    }
-    return [
+    numbers = dict(zip(paper_students(), ("Figure 3", "Figure 4", "Figure 5"), strict=True))
+    further = [kind for kind in _students(results) if kind not in numbers]
+    framework = Section(
+        "The framework, as the Drake diagram that runs it",
+        "Figure 1",
+        "Expert and student sit behind one switch; the alternation chooses which of them acts.",
+        figures=[("Block diagram of the closed loop", FRAMEWORK)],
+        wide=True,
+    )
+    of_joint = [
         Section(
-            "The framework, as the Drake diagram that runs it",
-            "Figure 1",
-            "Expert and student sit behind one switch; the alternation chooses which of them acts.",
-            figures=[("Block diagram of the closed loop", FRAMEWORK)],
-            wide=True,
-        ),
+            f"{title}, FL hip",
+            f"Figure {number}",
+            figures=_figures(results, stem, title),
+            wide=number in WIDE,
+        )
+        for number, (title, stem) in JOINT_FIGURES.items()
+    ]
+    maps = [own for stem, what in IMPORTANCES.items() for own in _figures(results, stem, what)]
+    return [
+        framework,
         *_tables(results),
-        *(_sequences(results, number, kind) for number, kind in papers.items()),
-        *(
-            Section(
-                f"{title}, FL hip",
-                f"Figure {number}",
-                figures=_figures(results, stem, title),
-                wide=number in WIDE,
-            )
-            for number, (title, stem) in JOINT_FIGURES.items()
-        ),
+        *(_sequences(results, number, kind) for kind, number in numbers.items()),
+        *of_joint,
         Section(
             "Observation importances of the GBM, by two methods",
             "Figure 11",
-            figures=[
-                figure
-                for stem, what in importances.items()
-                for figure in _figures(results, stem, what)
-            ],
+            figures=maps,
             wide=True,
         ),
-        *(_sequences(results, number, kind) for number, kind in ours.items()),
+        *(_sequences(results, f"Ours {place}", own) for place, own in enumerate(further, start=1)),
     ]
 
 
@@ -123,18 +119,16 @@ def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
     for kind in _students(results):
         mine = {own.gait: own.r2.set_index("student").loc[kind] for own in results}
         title = policy_title(kind)
-        rows += [
-            {"student": title, "split": split}
-            | {gait: round(row[column], 4) for gait, row in mine.items()}
-            for split, column in (("shuffled", "r2_shuffled_split"), ("by episode", "r2"))
-        ]
-        theirs = STUDENTS[kind].paper_r2
-        paper = {gait: theirs.get(gait, float("nan")) for gait in mine}
-        if theirs:
+        for split, column in (("shuffled", "r2_shuffled_split"), ("by episode", "r2")):
+            ours = {gait: round(row[column], 4) for gait, row in mine.items()}
+            rows.append({"student": title, "split": split} | ours)
+        # Students beyond the paper's have no such row.
+        if theirs := STUDENTS[kind].paper_r2:
+            paper = {gait: theirs.get(gait, float("nan")) for gait in mine}
             rows.append({"student": title, "split": "paper"} | paper)
     return pd.DataFrame(rows)
 
 
 def _tops(results: Sequence[GaitResults], method: str) -> pd.DataFrame:
-    tables = [own.tops[own.tops["method"] == method] for own in results]
-    return pd.concat(tables, ignore_index=True).drop(columns=["student", "method"])
+    tops = pd.concat([own.tops for own in results], ignore_index=True)
+    return tops[tops["method"] == method].drop(columns=["student", "method"])

@@ -25,17 +25,11 @@ from glassgait.studies.common.policies import EXPERT, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, play
 from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.boosting import (
-    EbmSettings,
-    HistogramGbmSettings,
-)
+from glassgait.studies.distillation.boosting import EbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
 from glassgait.studies.distillation.students import STUDENTS, load_students, policy_title
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.symbolic import (
-    StatewiseSymbolicSettings,
-    SymbolicSettings,
-)
+from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
 from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
 from glassgait.studies.evaluation.tables import standalone_table
 from glassgait.studies.importance.figures import contribution_figure
@@ -125,9 +119,13 @@ class Demo(Settings):
                 page.show(EXPERT, found.expert)
             students = page.distill(FULL if self.full else QUICK, resume=self.resume)
             page.compare(students, self.n_robots)
+            # The full demo also lets each student act in turns with the expert.
             if self.full:
                 page.alternate(students, self.n_robots)
-                page.print_formulas(students[FORMULAS])
+                formulas = students[FORMULAS]
+                assert isinstance(formulas, FormulaPolicy)
+                texts = [("The file, which is the policy that acts", formulas.to_text())]
+                page.add(Section("The formulas distilled here", texts=texts))
             minutes = (time.monotonic() - started) / 60
             path = page.write(f"Computed in {minutes:.1f} minutes.")
         console.print(f"page written to {path} after {minutes:.1f} minutes")
@@ -179,7 +177,7 @@ class _Page:
             replays=[(title, file)],
             figures=list(zip(captions, paths, strict=True)),
         )
-        self._add(section)
+        self.add(section)
 
     def distill(self, config: DistillationConfig, *, resume: bool) -> dict[str, Policy]:
         """Distils the students of a configuration."""
@@ -199,7 +197,7 @@ class _Page:
             "Forward speeds and yaw rates over the gait's whole range, with sensor noise; means "
             "with 95 % intervals over robots. A fall is any of the task's terminations."
         )
-        self._add(Section("Students distilled here", note=note, tables=[("", table)]))
+        self.add(Section("Students distilled here", note=note, tables=[("", table)]))
 
     def alternate(self, students: Mapping[str, Policy], n_robots: int) -> None:
         """Lets the expert act at some of the steps, and adds the figure of returns."""
@@ -209,13 +207,7 @@ class _Page:
         note = "At ratio 1/4 the expert acts at every fourth step, at 0 never."
         caption = "Return, share of the expert's return and falls against the alternation ratio"
         figures = [(caption, self.folder / "return.png")]
-        self._add(Section("Return against the alternation ratio", note=note, figures=figures))
-
-    def print_formulas(self, policy: Policy) -> None:
-        """Adds the file of the formulas that were distilled here."""
-        assert isinstance(policy, FormulaPolicy)
-        texts = [("The file, which is the policy that acts", policy.to_text())]
-        self._add(Section("The formulas distilled here", texts=texts))
+        self.add(Section("Return against the alternation ratio", note=note, figures=figures))
 
     def _roll_out(
         self, students: Mapping[str, Policy], n_robots: int, periods: tuple[int, ...]
@@ -224,7 +216,8 @@ class _Page:
         kept = self.folder / "rollouts"
         return alternation_scores(self.gait, self.expert, students, config, kept, periods)
 
-    def _add(self, section: Section) -> None:
+    def add(self, section: Section) -> None:
+        """Adds a section, and writes the page so far."""
         self.sections.append(section)
         self.write("This page is not complete: reload it for the next part.")
 

@@ -1,6 +1,5 @@
 """Distils, evaluates and explains one gait for the report."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,12 +7,10 @@ import pandas as pd
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Report
@@ -34,7 +31,7 @@ from glassgait.studies.importance.study import (
 JOINT = 0
 """The joint of the paper's single-joint figures, FL hip."""
 
-SEQUENCE_SECONDS = 4.0
+SEQUENCE_STEPS = 200
 EXPLAINED_STEP = 100
 SPEED = 0.5
 """Commanded forward speed of the gait sequences (m/s)."""
@@ -45,8 +42,6 @@ class GaitResults:
     """Results of one gait.
 
     Attributes:
-        gait: Name of the gait.
-        folder: Folder of its figures.
         r2: R² of each student, as `distill` returns them.
         standalone: Scores without the expert, formatted.
         tops: The most important observations beside the paper's.
@@ -98,26 +93,17 @@ def study_gait(
     report = importance_report(name, pd.concat(measured, ignore_index=True))
     report.write(folder)
     tops = report.tables["top_observations"]
-    _draw_sequences(gait, expert, students, folder)
-    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == "gbm"])
 
-
-def _draw_sequences(
-    gait: Gait, expert: NeuralPolicy, students: Mapping[str, Policy], folder: Path
-) -> None:
+    # Gait sequences of every student (Figures 3 to 5), and a local explanation (Figure 9).
+    scenario = Scenario(command=FixedCommand(speed=min(SPEED, gait.max_speed)))
     for kind, student in students.items():
-        rollout = _roll_out_alone(gait, expert, student)
-        title = f"{gait.name.capitalize()}, {policy_title(kind)}"
-        save_figure(gait_figure(rollout, gait, f"{title} alone"), folder / f"{kind}_sequence")
+        diagram = MakeLocomotion(gait, scenario, policy=alone(student, expert))
+        rollout = record(make_simulator(diagram), SEQUENCE_STEPS)
+        drawn = f"{title}, {policy_title(kind)}"
+        save_figure(gait_figure(rollout, gait, f"{drawn} alone"), folder / f"{kind}_sequence")
         if kind == "ebm":
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)
             parts = student.explain(rollout["observations"][step], JOINT)
-            local = contribution_figure(parts, f"{title}, FL hip, step {step}")
+            local = contribution_figure(parts, f"{drawn}, FL hip, step {step}")
             save_figure(local, folder / f"{kind}_local")
-
-
-def _roll_out_alone(gait: Gait, expert: NeuralPolicy, student: Policy) -> Rollout:
-    command = FixedCommand(speed=min(SPEED, gait.max_speed))
-    policy = alone(student, expert)
-    diagram = MakeLocomotion(gait, Scenario(command=command), policy=policy)
-    return record(make_simulator(diagram), round(SEQUENCE_SECONDS / CONTROL_PERIOD))
+    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == "gbm"])

@@ -17,14 +17,12 @@ class Section:
     """A part of a page.
 
     Attributes:
-        title: Title of the section.
         number: The paper's number of the table or figure, or "".
-        note: How to read the section.
         points: Sentences of a list.
-        tables: Tables, each with its heading or "".
-        replays: Files of replays in the page's folder, each with its title.
-        figures: Pictures (PNG or SVG), each with its caption.
-        texts: Folded texts, each with its title.
+        tables: Tables, each after its heading or "".
+        replays: Titles of replays, each with its file in the page's folder.
+        figures: Captions, each with its picture (PNG or SVG).
+        texts: Titles of folded texts, each with its text.
         wide: Whether a picture takes the page's whole width.
     """
 

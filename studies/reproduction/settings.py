@@ -30,15 +30,16 @@ def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
     """Reads a settings file.
 
     Args:
-        kind: The study's class.
-        path: The file.
         quick: Whether the values under the file's key `quick` replace the others.
 
     Raises:
         InputError: if the file cannot be read or breaks a rule; the message names file and key.
     """
-    values = _mapping(path)
+    values = read_yaml(path)
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: is not a mapping of settings; start from that of 'paper'")
     less = values.pop(QUICK, None)
+    # Results of a person's file stay apart from those of the files that ship.
     if path.parent != SETTINGS_FOLDER:
         folder = default_folder(f"reproduce {path.stem}{'_quick' * quick}")
         values = {"output": str(folder)} | values
@@ -58,13 +59,6 @@ def differences(full: Settings, here: Settings) -> pd.DataFrame:
         if key.split(".")[0] not in BESIDE and before[key] != after.get(key)
     ]
     return pd.DataFrame(rows, columns=pd.Index(["setting", "in full", "here"]))
-
-
-def _mapping(path: Path) -> dict[str, Any]:
-    values = read_yaml(path)
-    if not isinstance(values, dict):
-        raise InputError(f"{path}: is not a mapping of settings; start from that of 'paper'")
-    return values
 
 
 def _merged(values: Any, changes: Any) -> Any:

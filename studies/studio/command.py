@@ -8,10 +8,9 @@ from typing import Annotated, ClassVar
 from annotated_types import Ge, Le
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
+from glassgait.diagrams.scenario import TRAINING, load_scenario
 from glassgait.models.errors import InputError
 from glassgait.models.settings import Seed, checked
-from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.run import refuse_run
 from glassgait.studies.distillation.students import OnePolicy
@@ -55,11 +54,21 @@ class OpenStudio(OnePolicy):
         from glassgait.studies.studio.live_robot import LiveRobot  # noqa: PLC0415
         from glassgait.studies.studio.session import EditSession  # noqa: PLC0415
 
+        # The policy and the scenario are checked before the page opens.
         found, name = self.find()
         policy = found.formulas(name)
-        scenario = self._scenario(found.gait)
+        scenario = load_scenario(self.scenario)
+        if scenario.accuracy is not None or scenario.station.engine != "drake":
+            raise InputError(
+                f"--scenario {self.scenario}: the studio walks on discrete plants of Drake; name "
+                "a scenario without accuracy and engine, such as training"
+            )
+        # The page steers; this command holds until it does.
+        dwell = sum(found.gait.dwell) // 2
+        scenario = replace(scenario, command=FixedCommand(0.0, 0.0, dwell))
         folder = self.output or found.output(self.title)
         refuse_run(folder)
+        # The port is bound first: a taken one is refused before Drake builds anything.
         with _listening(HOST, self.port) as listening:
             controller = found.controller(name)
             robot = LiveRobot(found.gait, scenario, controller, seed=self.seed)
@@ -71,16 +80,6 @@ class OpenStudio(OnePolicy):
                 serve(robot, session, found.gait, save_as, listening)
             finally:
                 robot.stop()
-
-    def _scenario(self, gait: Gait) -> Scenario:
-        scenario = load_scenario(self.scenario)
-        if scenario.accuracy is not None or scenario.station.engine != "drake":
-            raise InputError(
-                f"--scenario {self.scenario}: the studio walks on discrete plants of Drake; name "
-                "a scenario without accuracy and engine, such as training"
-            )
-        # The page steers; this holds until it does.
-        return replace(scenario, command=FixedCommand(0.0, 0.0, sum(gait.dwell) // 2))
 
 
 def _listening(host: str, port: int) -> socket.socket:

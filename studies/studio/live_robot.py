@@ -1,6 +1,5 @@
 """A robot that walks in real time in its own thread, and a ghost that walks beside it."""
 
-import math
 import threading
 import time
 from collections import deque
@@ -37,7 +36,6 @@ PATIENCE = 0.25
 """Lag (s) beyond which lost time is not caught up with."""
 
 SAMPLED = ("state", "rm_state", "foot_contact", "observations", "actions", "reward", "failures")
-"""Outputs of the diagram that are sampled."""
 
 
 class ExchangeablePolicy(Policy):
@@ -68,11 +66,8 @@ class Sample:
     Attributes:
         state: State of the plant (37).
         rm_state: State of the reward machine (n_states, one-hot).
-        foot_contact: Which feet touch (4).
-        observation: Observation of the policy (n).
         target: Joint targets from now on (12; rad).
         reward: Reward of the step that ends now.
-        fallen: Whether the robot has fallen.
     """
 
     state: Array
@@ -97,12 +92,12 @@ class _Walker:
         self._command = self._diagram.GetInputPort("command")
         self._dwell = self._diagram.GetInputPort("commanded_dwell")
 
-    def begin(self, seed: int) -> None:
-        """Stands again as at first, with other noise and pushes."""
+    def begin(self, seed: int, command: FixedCommand) -> None:
+        """Stands again as at first, with the noise and the scenario's pushes of a seed."""
         begin_anew(self._simulator, seed=seed)
-        # Pushes that the scenario asks for.
         self._pushed = pusher(self._simulator, self._scenario, seed)
         self._step = 0
+        self.steer(command)
 
     def steer(self, command: FixedCommand) -> None:
         self._command.FixValue(self._context, [command.speed, command.yaw_rate])
@@ -154,15 +149,11 @@ class LiveRobot:
     def __init__(
         self, gait: Gait, scenario: Scenario, controller: Controller, *, seed: int = 0
     ) -> None:
-        """
-        Raises:
-            InputError: if the policy does not fit the gait or the scenario.
-        """
         self._gait, self._scenario, self._robot, self._seed = gait, scenario, controller.robot, seed
         self._edited = ExchangeablePolicy(controller.policy)
         controllers = (replace(controller, student=self._edited, period=0), controller)
         self._walkers = [_Walker(gait, scenario, own) for own in controllers]
-        self._requests: deque[Callable[[], None]] = deque()
+        self._requests: deque[Callable[[], object]] = deque()
         self._stopping = threading.Event()
         self._samples: deque[tuple[Sample, Sample]] = deque(maxlen=KEPT)
         self._lying = 0
@@ -197,16 +188,9 @@ class LiveRobot:
         command.check(self._gait)
         self._requests.append(lambda: self._steer(command))
 
-    def push(self, angle: float, speed: float) -> None:
-        """Pushes both robots in a direction (degrees, 0 ahead, 90 left) by a speed (m/s)."""
-        turned = math.radians(angle)
-        velocity = speed * np.array([math.cos(turned), math.sin(turned), 0.0])
-
-        def push_both() -> None:
-            for walker in self._walkers:
-                walker.push(velocity)
-
-        self._requests.append(push_both)
+    def push(self, velocity: Array) -> None:
+        """Adds to the velocity of both trunks (3; m/s, along their headings)."""
+        self._requests.append(lambda: [walker.push(velocity) for walker in self._walkers])
 
     def pause(self, paused: bool) -> None:
         """Stops time, or lets it go on."""
@@ -223,8 +207,7 @@ class LiveRobot:
     def _begin(self) -> None:
         self._lying = 0
         for walker in self._walkers:
-            walker.begin(self._seed)
-            walker.steer(self.steering)
+            walker.begin(self._seed, self.steering)
 
     def _steer(self, command: FixedCommand) -> None:
         self.steering = command
@@ -252,7 +235,11 @@ class LiveRobot:
             if not self.paused and self.advance():
                 step += 1
                 if step % SHOWN_EVERY == 0:
-                    self._draw(display)
+                    robot, ghost = self._samples[-1]
+                    marks = {"rm_state": robot.rm_state, "foot_contact": robot.foot_contact}
+                    display.show(robot.state, **marks, ghost=ghost.state)
+
+            # Wait for the next control instant; after a long lag, time is lost.
             left = due - time.perf_counter()
             self.late += 0.01 * ((left < -CONTROL_PERIOD) - self.late)
             if left < -PATIENCE:
@@ -273,6 +260,7 @@ class LiveRobot:
                 self._seed += 1
                 self._begin()
             return False
+        # Actions that are not finite are refused; time stops, and the page shows why.
         try:
             for walker in self._walkers:
                 walker.advance()
@@ -282,16 +270,7 @@ class LiveRobot:
             self._begin()
             return False
         self._samples.append((robot, ghost))
-        for index, sample in enumerate((robot, ghost)):
-            self.falls[index] += sample.fallen
-            self._lying = FALLEN_STEPS if sample.fallen else self._lying
+        self.falls = [self.falls[0] + robot.fallen, self.falls[1] + ghost.fallen]
+        if robot.fallen or ghost.fallen:
+            self._lying = FALLEN_STEPS
         return True
-
-    def _draw(self, display: LiveDisplay) -> None:
-        robot, ghost = self._samples[-1]
-        display.show(
-            robot.state,
-            rm_state=robot.rm_state,
-            foot_contact=robot.foot_contact,
-            ghost=ghost.state,
-        )

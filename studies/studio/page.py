@@ -38,8 +38,8 @@ SWITCH_INTERVAL = 1e-3
 SECOND = round(1.0 / CONTROL_PERIOD)
 """Control steps of a second."""
 
-PUSHES = {"ahead": 0.0, "left": 90.0, "back": 180.0, "right": -90.0}
-"""Direction of each push (degrees)."""
+PUSHES = {"ahead": (1.0, 0.0), "left": (0.0, 1.0), "back": (-1.0, 0.0), "right": (0.0, -1.0)}
+"""Velocity that each push adds, forward and to the left (m/s)."""
 
 MONOSPACE = "font-family: ui-monospace, Menlo, Consolas, monospace; font-size: 13px;"
 
@@ -51,8 +51,6 @@ def serve(
 
     Args:
         robot: The robot, which starts to walk once the page can be opened.
-        session: The edits.
-        gait: The gait.
         save_as: Folder and stem of the file that is saved.
         listening: A socket that listens at `HOST`.
     """
@@ -133,13 +131,15 @@ class _Page:
                 self._sliders.append(slider)
         with ui.row().style("align-items: center"):
             ui.label("push by 1 m/s")
-            for name, angle in PUSHES.items():
-                ui.button(name, on_click=partial(self._robot.push, angle, 1.0)).props("dense")
+            for name, velocity in PUSHES.items():
+                push = partial(self._robot.push, np.array([*velocity, 0.0]))
+                ui.button(name, on_click=push).props("dense")
             ui.button("stand again", on_click=self._robot.restart).props("dense outline")
             pause = ui.switch("pause", on_change=lambda event: self._robot.pause(bool(event.value)))
             self._pause = pause
 
     def _build_editor(self) -> None:
+        # The choice of a formula, and what can be done with the versions.
         titles = {index: self._title(place) for index, place in enumerate(self._session.places)}
         with ui.row().style("align-items: center"):
             choice = ui.select(titles, value=0, label="formula", on_change=self._choose)
@@ -148,6 +148,8 @@ class _Page:
                 act = getattr(self._session, name)
                 ui.button(name, on_click=partial(self._change, act)).props("dense outline")
             ui.button("save", on_click=self._save).props("dense")
+
+        # The text, the terms that it adds up, and what was changed in the file.
         self._text = ui.textarea().props('outlined rows=8 aria-label="formula"')
         self._text.style("width: 100%; " + MONOSPACE)
         ui.button("apply", on_click=self._edit).props("dense")

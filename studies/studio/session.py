@@ -1,6 +1,7 @@
 """An edit session: versions of a formula policy, with undo, diff and a file of the result."""
 
 import difflib
+import itertools
 from pathlib import Path
 
 from glassgait.models.files import write_atomically
@@ -10,9 +11,6 @@ from glassgait.models.formulas.grammar import parse_formula, write_formula
 from glassgait.models.formulas.mirror import Place
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-
-MOST_VERSIONS = 1000
-"""Versions that can be undone; the oldest are forgotten."""
 
 
 class EditSession:
@@ -25,11 +23,7 @@ class EditSession:
     """
 
     def __init__(self, policy: FormulaPolicy, expert: Policy) -> None:
-        """
-        Args:
-            policy: The policy to start from.
-            expert: Its expert, whose estimator a file without odometry needs.
-        """
+        # A file without odometry observes by its expert's estimator.
         self._expert = expert
         self._versions = [policy]
         self._at = 0
@@ -46,19 +40,15 @@ class EditSession:
         """The version that the session started from."""
         return self._versions[0]
 
-    @property
-    def is_changed(self) -> bool:
-        """Whether the current version differs from the original."""
-        return self.policy is not self.original
-
     def text(self, place: Place) -> str:
         """Returns a formula as its file writes it, on one line."""
-        return write_formula(self._formula(place), self.policy.vocabulary.symbols)
+        formula = self.policy.to_file().formulas[place]
+        return write_formula(formula, self.policy.vocabulary.symbols)
 
     def terms(self, place: Place) -> list[tuple[Expression, str]]:
         """Returns the terms of a formula, each with its text."""
-        symbols = self.policy.vocabulary.symbols
-        return [(term, write_formula(term, symbols)) for term in self._formula(place).terms()]
+        symbols, formula = self.policy.vocabulary.symbols, self.policy.to_file().formulas[place]
+        return [(term, write_formula(term, symbols)) for term in formula.terms()]
 
     def replace(self, place: Place, text: str) -> None:
         """Replaces a formula by text in the syntax of the file.
@@ -74,12 +64,7 @@ class EditSession:
         if policy.estimator is None:
             policy = policy.with_estimator_of(self._expert)
         self._versions[self._at + 1 :] = [policy]
-        # The original stays, for the diff and for `reset`.
-        del self._versions[1 : len(self._versions) - MOST_VERSIONS]
         self._at = len(self._versions) - 1
-
-    def _formula(self, place: Place) -> Expression:
-        return self.policy.to_file().formulas[place]
 
     def undo(self) -> None:
         """Goes back one version if possible."""
@@ -105,12 +90,9 @@ class EditSession:
 
         A later save of the same session replaces the file; files of other sessions stay.
         """
-        path, number = self._saved, 1
-        while path is None:
-            name = stem if number == 1 else f"{stem}_{number}"
-            free = folder / f"{name}{FormulaPolicy.suffix}"
-            path, number = (None if free.exists() else free), number + 1
-        folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, write_formulas(self.policy.to_file()))
-        self._saved = path
-        return path
+        if self._saved is None:
+            names = itertools.chain([stem], (f"{stem}_{number}" for number in itertools.count(2)))
+            paths = (folder / f"{name}{FormulaPolicy.suffix}" for name in names)
+            self._saved = next(path for path in paths if not path.exists())
+        write_atomically(self._saved, write_formulas(self.policy.to_file()))
+        return self._saved
