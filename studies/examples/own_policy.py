@@ -56,6 +56,7 @@ def main() -> None:
     builder = DiagramBuilder()
     loop = builder.AddSystem(MakeLocomotion(load_gait("trot"), scenario))
     policy = builder.AddSystem(HandWrittenTrot())
+    # Without a policy the loop has an input for actions.
     for name in ("rm_state", "rm_iterations"):
         builder.Connect(loop.GetOutputPort(name), policy.GetInputPort(name))
     builder.Connect(policy.GetOutputPort("actions"), loop.GetInputPort("actions"))

@@ -32,9 +32,9 @@ class GreatestLean(Observer):
 
 def main() -> None:
     """Pushes the robots."""
-    speed = np.repeat(SPEEDS, N_ROBOTS)
-    to_the_left = np.stack([0.0 * speed, speed, 0.0 * speed], axis=1)
-    lean = GreatestLean()
+    # Each robot is pushed by its speed, along its heading's left.
+    speed, lean = np.repeat(SPEEDS, N_ROBOTS), GreatestLean()
+    to_the_left = speed[:, None] * [0.0, 1.0, 0.0]
     ended = episode(
         load_gait("trot"),
         load_student("trot", "sparse_formula"),

@@ -20,12 +20,7 @@ gymnasium.register_envs(glassgait.diagrams.gym)
 
 
 def train(seconds: float = 45.0, num_envs: int = 32) -> tuple[float, float, float]:
-    """Trains, and prints the mean reward of a control step before, after, and the expert's.
-
-    Args:
-        seconds: Time to train for (s); to score takes some more.
-        num_envs: Number of robots.
-    """
+    """Trains for a time (s), and prints mean rewards of a step: before, after, the expert's."""
     envs = gymnasium.make_vec(
         "glassgait/Locomotion-v0", num_envs=num_envs, gait="trot", senses="imu"
     )

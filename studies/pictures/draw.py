@@ -63,8 +63,7 @@ def draw(names: Sequence[str] = ()) -> None:
             curves = {gait: _learning_curve(gait) for gait in experts}
             save_figure(learning_curves(curves), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
-            figure = fall_map(fall_tables())
-            save_figure(figure, path.with_suffix(""), ("png",))
+            save_figure(fall_map(fall_tables()), path.with_suffix(""), ("png",))
         elif name.endswith("_gait.png"):
             gait = load_gait(name.removesuffix("_gait.png"))
             strip = gait_strip(load_robot(), expert_rollout(gait.name), gait)

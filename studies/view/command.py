@@ -29,7 +29,6 @@ from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 
 N_STEPS = 500
-"""Control steps of a rollout by default."""
 
 
 @checked
@@ -53,8 +52,9 @@ class OwnCommand(Settings):
         given = {name: value for name, value in asdict(self).items() if value is not None}
         if scenario.names_a_command and not given:
             return scenario
-        own = scenario.command
-        fixed = own if isinstance(own, FixedCommand) else FixedCommand()
+        fixed = scenario.command
+        if not isinstance(fixed, FixedCommand):
+            fixed = FixedCommand()
         return replace(scenario, command=replace(fixed, **given))
 
 
@@ -99,8 +99,7 @@ class View(PolicySource):
     def run(self) -> None:
         """Plays, and writes the replay, the gait diagram and these settings."""
         # The policy, or expert and student in turns, in the scenario with its command.
-        gait = find_gait(self.gait, self.robot)
-        found = find_policies(gait, self.source, self.robot)
+        found = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
         gait, controller = found.gait, self._controller(found)
         ratio = "alone" if self.ratio is None else ratio_title(controller.period)
         scenario = load_scenario(self.scenario)
@@ -115,7 +114,7 @@ class View(PolicySource):
         stem = folder / "_".join(part for part in parts if part != TRAINING)
         refuse_run(folder)
 
-        # Live in real time, or as fast as it goes.
+        # Play in real time, or as fast as it goes.
         meshcat, replay = open_meshcat(), Path(f"{stem}.html")
         if self.live:
             rollout = play_live(gait, controller, scenario, meshcat, replay, seed=self.seed)
@@ -151,12 +150,10 @@ def _summary(rollout: Rollout, scenario: Scenario) -> str:
     commanded = rollout["command"][:, 0].mean()
     n_steps = len(rollout.time) - 1
     rhythm = rollout["served_dwell"][1:].sum() / max(n_steps, 1)
-    observed = "estimated velocity and foot heights"
-    if scenario.true_body_state:
-        observed = "true velocity and foot heights, which no sensor measures"
+    measured = "true" if scenario.true_body_state else "estimated"
     reward = rollout["reward"][1:].sum()
     return (
         f"return {reward:.0f}, mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
         f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded; "
-        f"observed: {observed}"
+        f"observed: {measured} velocity and foot heights"
     )

@@ -37,9 +37,6 @@ def play_live(
 
     Returns:
         The last minute, falls included, on a clock that starts with the first step.
-
-    Raises:
-        InputError: if a policy does not fit the gait.
     """
     # The diagram is built once: a restart only sets its state.
     meshcat.AddButton(STOP_BUTTON, "Escape")
@@ -57,16 +54,11 @@ def play_live(
             simulator = make_simulator(diagram, seed=seed + n_falls, accuracy=scenario.accuracy)
             simulator.set_target_realtime_rate(1.0)
             pushed = pusher(simulator, scenario, seed + n_falls)
-
-            def ended() -> bool:
-                pushed()
-                return stopped()
-
-            return record(simulator, None, stopped=ended)
+            # A push returns nothing, so that only a person ends the rollout, or a fall.
+            return record(simulator, None, stopped=lambda: bool(pushed()) or stopped())
 
         # Each fall ends a rollout; the next one is appended.
-        n_falls = 0
-        rollout = live(n_falls)
+        n_falls, rollout = 0, live(0)
         while not stopped():
             n_falls += 1
             say(f"fell after {rollout.time[-1]:.2f} s; back on its feet")

@@ -2,7 +2,6 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.rollout import Rollout
@@ -14,7 +13,7 @@ from glassgait.studies.common.figures import COLUMN_WIDTH, draw_gait, styled
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
-    """Finds the last whole cycle of the machine: the steps [start, stop) from one entry of its
+    """Returns the steps [start, stop) of the machine's last whole cycle, from one entry of its
     initial state to the next.
 
     Raises:
@@ -39,18 +38,21 @@ def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) ->
     middles = (np.arange(n_stills) + 0.5) / n_stills
     steps = start + np.floor(middles * (stop - start)).astype(int)
 
-    # Stills stand in the upper row.
+    # Stills stand in the upper row, cut to the robot's surroundings.
     camera = Camera(robot, 480, 320)
     figure = Figure(figsize=(2 * COLUMN_WIDTH, 2.2))
     grid = figure.add_gridspec(2, n_stills, height_ratios=(1.0, 1.3))
     colors = state_colors(gait)
     for column, step in enumerate(steps):
-        _place_still(
-            figure.add_subplot(grid[0, column]),
-            _cropped(camera.take(rollout["state"][step])),
-            colors[rollout["rm_state"][step].argmax()],
-            1000.0 * (rollout.time[step] - rollout.time[start]),
-        )
+        axes = figure.add_subplot(grid[0, column])
+        axes.imshow(camera.take(rollout["state"][step])[32:288, 80:400])
+        axes.set(xticks=[], yticks=[])
+        axes.grid(visible=False)
+        milliseconds = 1000.0 * (rollout.time[step] - rollout.time[start])
+        axes.set_title(f"{milliseconds:.0f} ms", fontsize=6, pad=2)
+        color = colors[rollout["rm_state"][step].argmax()]
+        for side in axes.spines.values():
+            side.set(visible=True, color=color, linewidth=1.5)
 
     # The diagram stands below, with a line at each still's instant.
     axes = figure.add_subplot(grid[1, :])
@@ -59,19 +61,3 @@ def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) ->
     for step in steps:
         axes.axvline(float(rollout.time[step]), color="0.3", linewidth=0.5, linestyle=":")
     return figure
-
-
-def _cropped(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cuts the picture to the robot's surroundings."""
-    height, width, _ = picture.shape
-    return picture[height // 10 : height - height // 10, width // 6 : width - width // 6]
-
-
-def _place_still(axes, picture: NDArray[np.uint8], color: str, milliseconds: float) -> None:
-    axes.imshow(picture)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.grid(visible=False)
-    axes.set_title(f"{milliseconds:.0f} ms", fontsize=6, pad=2)
-    for side in axes.spines.values():
-        side.set(visible=True, color=color, linewidth=1.5)
