@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from itertools import product as ways
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,26 +14,15 @@ from typing import Any, NamedTuple
 from flint import arb
 
 from .bounds import Polynomials, Ranged, Rounding
-from .files import RefusedError, is_number, read_bytes, read_json, read_yaml, refuse_unless
+from .files import RefusedError, is_number, is_row, read_bytes, read_json, read_yaml, refuse_unless
 from .policy import FormulaFile, is_mirror
-from .robot import (
-    ABRUPT,
-    COUNTED,
-    DEFAULT_ROBOT,
-    JOINTS,
-    Box,
-    Robot,
-    image_of,
-    is_robot_name,
-    is_row,
-)
+from .robot import ABRUPT, COUNTED, DEFAULT_ROBOT, JOINTS, Box, Robot, image_of, is_robot_name
 
 MODELS = Path(__file__).parents[2]
 SHIPPED_CLAIMS = [MODELS / "certificates" / name for name in ("claims.yaml", "claims_imu.yaml")]
 
 ROUNDING = 2e-9
-"""More than two targets in double precision are away from exact ones (rad); a refutation must
-exceed it."""
+"""By how much a refutation must exceed its limit (rad): more than the errors of two targets."""
 
 TOP = {"format", "gait", "mirror", "policy", "box", "claims", "statements", "sha256"}
 STATEMENT = {"of", "state", "joint", "sign", "box", "bound"}
@@ -62,6 +52,9 @@ USUAL |= {key: [] for key in ("joints", "states", "stuck", "observations")}
 
 Point = dict[str, float]
 
+Place = tuple[str, ...]
+"""A box by name, then the observations that may be anywhere in the physical one."""
+
 
 class Query(NamedTuple):
     """A joint's target, its slope by a quantity or the effect of one, times a sign."""
@@ -74,14 +67,10 @@ class Query(NamedTuple):
 
 
 class Check:
-    """A certificate, the robot and the policy that it is of, and what is proved of these.
-
-    Attributes:
-        boxes: The operating and the physical box by name.
-        proved: The least bound that holds of each query and place.
-    """
+    """A certificate, its robot and policy, and the least bound proved of each query and place."""
 
     def __init__(self, certificate: Path, policy: Path | None, robot: Path | None) -> None:
+        # The certificate must be whole.
         self.content = read_json(read_bytes(certificate))
         sound = isinstance(self.content, dict) and {*self.content} - {"robot"} == TOP
         refuse_unless(sound, "it is no certificate")
@@ -91,14 +80,15 @@ class Check:
         refuse_unless(same, "the certificate was changed: its digest is of other contents")
         of = self.content["format"]
         refuse_unless(type(of) is int and of == 2, "the certificate is of another format")
+
+        # Read what it is of.
         self.robot = self.read_robot(robot)
         self.file = self.read_policy(policy)
         self.names, self.states = self.file.names, self.file.machine["states"]
         self.sensed = [name for name in self.names if not re.fullmatch(r"s\d+", name)]
         self.boxes = self.read_boxes(self.content["box"])
         self.polynomials = Polynomials(self.names)
-        self.targets: dict[tuple, Any] = {}
-        self.errors: dict[tuple, arb] = {}
+        self.polynomial, self.error = cache(self.multiplied_out), cache(self.rounding)
         self.proved: dict[tuple, float] = {}
 
     def read_robot(self, given: Path | None) -> Robot:
@@ -121,27 +111,27 @@ class Check:
         gait, file, mirror = content["gait"], said["file"], content["mirror"]
         path = given or self.shipped("students", f"{gait}/{file}")
         ships = re.fullmatch(r"\w+/\w+\.formulas", f"{gait}/{file}") and path.is_file()
-        refuse_unless(
-            given or ships, f"no policy {file!r} ships with the project; name its file by --policy"
-        )
+        known = given or ships
+        refuse_unless(known, f"no policy {file!r} ships with the project; name it by --policy")
         data = read_bytes(path)
         same = hashlib.sha256(data).hexdigest() == said["sha256"]
         refuse_unless(same, f"the policy {path} is not the one that was certified")
         read = FormulaFile(data.decode("ascii"))
         refuse_unless(read.header["gait"] == gait, "the policy is of another gait")
         refuse_unless(read.header["robot"] == self.robot.name, "the policy is of another robot")
-        if read.mirror is None and mirror is not None:
-            refuse_unless(is_mirror(read.machine, mirror), "its mirror is not the machine's")
-            read.mirror = mirror
-        refuse_unless(read.mirror == mirror, "its mirror is not that of the policy")
+
+        # A policy that says nothing of a mirror may have that of its machine.
+        alike = read.mirror == mirror or (read.mirror is None and is_mirror(read.machine, mirror))
+        refuse_unless(alike, "its mirror is not that of the policy")
+        read.mirror = mirror
         if read.stiffness is not None:
             self.robot = replace(self.robot, stiffness=read.stiffness)
         return read
 
     def shipped(self, folder: str, rest: str) -> Path:
-        """Returns where a file of the robot ships; the default robot's are not apart."""
-        robot = self.robot.name
-        return MODELS.joinpath(folder, "" if robot == DEFAULT_ROBOT else robot, rest)
+        """Returns where a file of the robot ships."""
+        robot = "" if self.robot.name == DEFAULT_ROBOT else self.robot.name
+        return MODELS / folder / robot / rest
 
     def read_boxes(self, said: Any) -> dict[str, Box]:
         """Reads the operating box, and returns it and what the robot and its sensors can be."""
@@ -159,8 +149,8 @@ class Check:
 
     def run(self) -> str:
         """Checks statements, then claims, and reports how many hold."""
-        statements, claims = self.content["statements"], self.content["claims"]
-        for statement in statements:
+        n_statements, claims = len(self.content["statements"]), self.content["claims"]
+        for statement in self.content["statements"]:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
         n_foreign = self.count_foreign(claims)
@@ -168,9 +158,7 @@ class Check:
         counts = ", ".join(f"{outcomes.count(outcome)} {word}" for outcome, word in words)
         foreign = f" ({n_foreign} named by its author only)" if n_foreign else ""
         ships = "is the one that ships" if self.box_ships() else "is taken on trust"
-        return (
-            f"{len(statements)} bounds hold; claims: {counts}{foreign}; its operating box {ships}"
-        )
+        return f"{n_statements} bounds hold; claims: {counts}{foreign}; its operating box {ships}"
 
     def box_ships(self) -> bool:
         """Returns whether the operating box ships, and was measured with this machine."""
@@ -192,59 +180,48 @@ class Check:
                 same = all(claim.get(key, own) == said.get(key, own) for key, own in USUAL.items())
                 same &= {"most", "least"} & {*claim} == ({"most"} if "limit" in said else set())
                 same &= said.get("limit") != "torque" or claim.get("most", 0) <= weakest + ROUNDING
-                refuse_unless(
-                    same,
-                    f"{claim['name']}: says something else than the claim that ships by this name",
-                )
+                other = "says something else than the claim that ships by this name"
+                refuse_unless(same, f"{claim['name']}: {other}")
         return sum(name not in ships for name in names)
 
-    def box(self, where: str, stuck: list[str], state: int) -> Box:
+    def box(self, place: Place, state: int) -> Box:
         """Returns a box with the machine's state held."""
+        where, *stuck = place
         taken = {name: self.boxes["physical"][name] for name in stuck}
-        held = [(f"s{i}", float(i == state)) for i in range(len(self.states))]
-        return self.boxes[where] | taken | {name: (value, value) for name, value in held}
+        held = {f"s{i}": (float(i == state),) * 2 for i in range(len(self.states))}
+        return self.boxes[where] | taken | held
 
-    def error(self, state: int, joint: str, where: str, stuck: list[str]) -> arb:
+    def rounding(self, state: int, joint: str, place: Place) -> arb:
         """Bounds what double precision does to a target over a box (rad)."""
-        key = state, joint, where, *sorted(stuck)
-        if key not in self.errors:
-            arithmetic = Rounding(self.robot, self.file.read(self.box(where, stuck, state)))
-            found = self.file.evaluate(state, joint, arithmetic)
-            self.errors[key] = arithmetic.target(found, joint)
-        return self.errors[key]
+        arithmetic = Rounding(self.robot, self.file.read(self.box(place, state)))
+        return arithmetic.target(self.file.evaluate(state, joint, arithmetic), joint)
 
     def at(self, state: int, joint: str, point: Point, mirrored: bool = False) -> Ranged:
         """Returns a target at an observation, or at its image in the mirror."""
         box = self.file.read({name: (value, value) for name, value in point.items()})
         return self.file.evaluate(state, joint, Rounding(self.robot, box), mirrored)
 
-    def polynomial(self, asked: Query) -> Any:
-        """Returns a target, a slope or an effect, multiplied out when it is first asked for."""
-        key = asked._replace(sign=1)
-        if key not in self.targets:
-            of, state, joint, _, name = asked
-            if of == "target":
-                self.targets[key] = self.file.evaluate(state, joint, self.polynomials)
-            else:
-                target = self.polynomial(Query("target", state, joint, 1))
-                other = self.polynomials.replacing(str(name))
-                self.targets[key] = (
-                    self.polynomials.slope(target, str(name))
-                    if of == "slope"
-                    else target - self.file.evaluate(state, joint, other)
-                )
-        return self.targets[key] * asked.sign
+    def multiplied_out(self, of: str, state: int, joint: str, name: Any = None) -> Any:
+        """Returns a target, a slope or an effect as a polynomial."""
+        if of == "target":
+            return self.file.evaluate(state, joint, self.polynomials)
+        target = self.polynomial("target", state, joint)
+        if of == "slope":
+            return self.polynomials.slope(target, str(name))
+        return target - self.file.evaluate(state, joint, self.polynomials.replacing(str(name)))
 
     def bound(self, asked: Query, sensed: Box, splits: list | None = None) -> arb:
         """Bounds what is asked from above over a box, cell by cell of a tree of splits."""
-        box, counted = self.file.read(sensed), {*COUNTED}
-        if asked.name is not None:
-            box["other"] = box[asked.name]
-            counted |= {"other"} if asked.name in COUNTED else set()
-        bound = self.polynomials.greatest(self.polynomial(asked), box, splits or [], counted)
-        if asked.of == "slope" and asked.name in self.file.readings:
+        (of, state, joint, sign, name), box = asked, self.file.read(sensed)
+        if name is None:
+            formula, counted = self.polynomial(of, state, joint), COUNTED
+        else:
+            formula, box["other"] = self.polynomial(of, state, joint, name), box[name]
+            counted = (*COUNTED, "other") if name in COUNTED else COUNTED
+        bound = self.polynomials.greatest(formula * sign, box, splits or [], counted)
+        if of == "slope" and name in self.file.readings:
             # A quantity that is beyond the range of its reading moves nothing.
-            (low, high), (first, last) = self.file.readings[asked.name], sensed[asked.name]
+            (low, high), (first, last) = self.file.readings[name], sensed[name]
             if last < low or first > high:
                 return arb(0)
             return bound.max(arb(0)) if first < low or last > high else bound
@@ -253,34 +230,38 @@ class Check:
     def check_statement(self, said: dict[str, Any]) -> None:
         """Checks a bound, and keeps it."""
         self.check_keys(said, STATEMENT, {"observation", "stuck", "splits"}, "a statement")
-        name, where, stuck = said.get("observation"), said["box"], said.get("stuck", [])
+        name, place = said.get("observation"), (said["box"], *sorted(said.get("stuck", [])))
         asked = Query(said["of"], said["state"], said["joint"], said["sign"], name)
         what = f"{asked.of} of {asked.joint} in state {asked.state}"
         refuse_unless((name is None) == (asked.of == "target"), f"{what}: of no observation")
         counts = asked.of == "slope" and name in COUNTED
         refuse_unless(not counts, f"{what}: {name} counts steps, and has no slope")
         # A slope is one of the exact target, from which no computed one is further than its error.
-        error = self.error(asked.state, asked.joint, where, stuck)
+        error = self.error(asked.state, asked.joint, place)
         error *= {"target": 1, "slope": 0, "effect": 2}[asked.of]
-        box = self.box(where, stuck, asked.state)
-        bound = self.bound(asked, box, said.get("splits", [])) + error
+        bound = self.bound(asked, self.box(place, asked.state), said.get("splits", [])) + error
         refuse_unless(bound <= said["bound"], f"{what}: the bound {said['bound']} is not proved")
-        key = *asked, where, *sorted(stuck)
+        key = *asked, *place
         self.proved[key] = min(said["bound"], self.proved.get(key, math.inf))
 
     def check_claim(self, claim: dict[str, Any]) -> str:
         """Decides a claim again, from bounds that hold or from its witnesses."""
+        # Its keys and values must be known.
         what, kind = repr(claim.get("name"))[:60], str(claim.get("kind"))
         refuse_unless(kind in KINDS, f"{what}: a claim of kind {kind!r} is not known")
         must, may = KINDS[kind]
         self.check_keys(claim, WRITTEN | must, SCOPE | may, what)
         outcome, points = claim["outcome"], claim["witnesses"]
         claim = {**USUAL, **claim}
-        states = [self.states.index(one) for one in claim["states"]] or range(len(self.states))
+        claim["place"] = claim["box"], *sorted(claim["stuck"])
+
+        # Its witnesses must be in its box, and in one of its states.
+        numbers = range(len(self.states))
+        states = [self.states.index(one) for one in claim["states"]] or numbers
         scope = [*ways(states, claim["joints"] or JOINTS)]
         for point in points:
-            state = next((i for i in range(len(self.states)) if point.get(f"s{i}") == 1.0), -1)
-            box = self.box(claim["box"], claim["stuck"], state)
+            state = next((i for i in numbers if point.get(f"s{i}") == 1.0), -1)
+            box = self.box(claim["place"], state)
             inside = [*point] == self.names and all(
                 low <= point[name] <= high for name, (low, high) in box.items()
             )
@@ -289,10 +270,12 @@ class Check:
             scope = [place for place in scope if place[0] == state]
         needed = {"effect": 2, "change": 2}.get(kind, 1) if outcome == "refuted" else 0
         refuse_unless(len(points) == needed, f"{what}: has another number of witnesses")
+
+        # It must be what it is said to be.
         decide = {"mirror": self.lopsided, "change": self.abrupt}.get(kind, self.exceeds)
         if outcome != "undecided":
-            right = decide(claim, scope, points) == (outcome == "refuted")
-            refuse_unless(right, f"{what}: is not {outcome}")
+            broken = decide(claim, scope, points)
+            refuse_unless(broken == (outcome == "refuted"), f"{what}: is not {outcome}")
         return outcome
 
     def check_keys(self, said: Any, must: set[str], may: set[str], what: str) -> None:
@@ -333,23 +316,24 @@ class Check:
         of = "slope" if claim["kind"] == "never" else "effect"
         asked = Query(of, state, joint, -1 if claim["never"] == "falls" else 1)
         names = {re.sub(r"\.own$", f".{joint}", name) for name in claim["observations"]}
-        box = self.box(claim["box"], claim["stuck"], state)
+        box = self.box(claim["place"], state)
         moving = {name for name in names if of == "effect" or box[name][0] < box[name][1]}
         moving &= self.file.used(state, joint)
         return [(asked._replace(name=name), claim.get("most", 0.0)) for name in moving]
 
     def exceeds(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         """Returns whether a witness breaks a limit; without one, whether a bound is missing."""
-        place = claim["box"], *sorted(claim["stuck"])
         for state, joint in scope:
-            if not points:
+            limits = self.limits(claim, state, joint)
+            if points:
+                broken = (self.reached(own, points) - ROUNDING > limit for own, limit in limits)
+            else:
                 # The targets must have values, also where no bound is needed.
-                self.error(state, joint, claim["box"], claim["stuck"])
-            for asked, limit in self.limits(claim, state, joint):
-                if not points and not self.proved.get((*asked, *place), math.inf) <= limit:
-                    return True
-                if points and self.reached(asked, points) - ROUNDING > limit:
-                    return True
+                self.error(state, joint, claim["place"])
+                bounds = (self.proved.get((*own, *claim["place"]), math.inf) for own, _ in limits)
+                broken = (not own <= end for own, (_, end) in zip(bounds, limits, strict=True))
+            if any(broken):
+                return True
         return False
 
     def reached(self, asked: Query, points: list[Point]) -> arb:
@@ -365,7 +349,7 @@ class Check:
 
     def lopsided(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         """Returns whether a target differs from its image's at a witness, or else by its form."""
-        mirror, where = self.file.mirror, claim["box"]
+        mirror, place = self.file.mirror, claim["place"]
         if mirror is None:
             raise RefusedError(f"{claim['name']}: the gait has no mirror image")
         for state, joint in scope:
@@ -379,18 +363,19 @@ class Check:
                     return True
                 continue
             # Both must have values in the box, the image also in the mirror image of the box.
-            self.error(state, joint, where, [])
-            self.error(*theirs, where, [])
-            arithmetic = Rounding(self.robot, self.file.read(self.box(where, [], state)))
+            self.error(state, joint, place)
+            self.error(*theirs, place)
+            arithmetic = Rounding(self.robot, self.file.read(self.box(place, state)))
             arithmetic.target(self.file.evaluate(*theirs, arithmetic, mirrored=True), image)
             other = self.file.evaluate(*theirs, self.polynomials, mirrored=True) * turn
-            if self.polynomial(Query("target", state, joint, 1)) != other:
+            if self.polynomial("target", state, joint) != other:
                 return True
         return False
 
     def abrupt(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         """Returns whether the action changes too much; without witnesses, whether it may."""
-        by, changes = {}, claim["changes"]
+        # Look up by how much each observation may change.
+        by, changes, place = {}, claim["changes"], claim["place"]
         for name in self.names:
             kind = name.partition(".")[0]
             by[name] = changes.get(name, 0.0 if kind == "cmd" else changes.get(kind, 0.0))
@@ -398,14 +383,16 @@ class Check:
             one, other = points
             near = all(abs(Fraction(one[k]) - Fraction(other[k])) <= Fraction(by[k]) for k in by)
             refuse_unless(near, f"{claim['name']}: its witnesses are further apart than it says")
+
+        # Add up the squared change of each state's joints.
         squares = dict.fromkeys((state for state, _ in scope), arb(0))
         for state, joint in scope:
             if points:
                 apart = self.at(state, joint, points[0]) - self.at(state, joint, points[1])
                 moved = (apart.low.max(-apart.high) - ROUNDING).max(arb(0))
             else:
-                moved = 2 * self.error(state, joint, claim["box"], [])
-                box = self.box(claim["box"], [], state)
+                moved = 2 * self.error(state, joint, place)
+                box = self.box(place, state)
                 for name in sorted(name for name in self.file.used(state, joint) if by[name]):
                     asked = [Query("slope", state, joint, sign, name) for sign in (1, -1)]
                     steepest = self.bound(asked[0], box).max(self.bound(asked[1], box))
@@ -418,10 +405,7 @@ class Check:
 def check(certificate: Path, policy: Path | None = None, robot: Path | None = None) -> str:
     """Checks a certificate, and reports in a line what holds.
 
-    Args:
-        certificate: The certificate.
-        policy: The policy's file; by default the student that ships under the certificate's name.
-        robot: The robot's file, in the same way.
+    By default the files of policy and robot are those that ship under the certificate's names.
 
     Raises:
         RefusedError: if anything in it does not hold, or it cannot be read.

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 MOST_BYTES = 100_000_000
-"""Greatest size of a certificate or a policy; a YAML file is a thousandth of it at most."""
+"""Greatest size of a certificate or a policy. A YAML file may have a thousandth of it."""
 
 
 class RefusedError(Exception):
@@ -25,6 +25,11 @@ def refuse_unless(holds: Any, sentence: str) -> None:
 def is_number(value: Any) -> bool:
     """Returns whether a value is a finite number, and no truth value."""
     return type(value) in (int, float) and abs(value) <= 1e300 and math.isfinite(value)
+
+
+def is_row(value: Any, count: int) -> bool:
+    """Returns whether a value lists so many numbers."""
+    return isinstance(value, list) and len(value) == count and all(map(is_number, value))
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
@@ -45,7 +50,6 @@ def read_json(data: bytes) -> Any:
 
 
 def read_yaml(path: Path) -> Any:
-    """Reads a YAML file of plain values."""
     return parse_yaml(read_bytes(path, MOST_BYTES // 1000).decode(), path)
 
 
@@ -58,8 +62,6 @@ def parse_yaml(text: str, source: object) -> Any:
 
 
 class _Strict(yaml.SafeLoader):
-    """Reads plain values, each key once."""
-
     def compose_node(self, parent: Any, index: Any) -> Any:
         refuse_unless(not self.check_event(yaml.AliasEvent), "a file holds aliases")
         return super().compose_node(parent, index)

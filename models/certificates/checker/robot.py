@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from .files import RefusedError, is_number, read_bytes, read_yaml, refuse_unless
+from .files import RefusedError, is_number, is_row, read_bytes, read_yaml, refuse_unless
 
 LEGS, PARTS = ("FL", "FR", "RL", "RR"), ("hip", "thigh", "calf")
 JOINTS = [f"{leg}_{part}" for leg in LEGS for part in PARTS]
@@ -25,11 +25,7 @@ FOOT_HEIGHTS = (-0.1, 0.4)
 """Ends of the physical box: rad, control steps, rad/s, m/s, rad/s, no unit, m."""
 
 DEFAULT_ROBOT = "a1"
-"""The robot of files that name none."""
-
 NEEDED = {"name", "full_name", "description", "stance", "stiffness", "damping", "action_scale"}
-"""Keys of a robot's file; it may have `motor_order` as well."""
-
 Box = dict[str, tuple[float, float]]
 
 
@@ -54,13 +50,8 @@ def image_of(name: str, image: list[int]) -> tuple[str, int]:
 class Robot:
     """The numbers that proofs take from a robot's file.
 
-    Attributes:
-        name: Its name.
-        stance: Angles of the default stance by joint (rad).
-        limits: Least and greatest angle by joint (rad).
-        effort: Greatest torque by joint (N·m).
-        stiffness: Gain of the joints' position control (N·m/rad).
-        action_scale: What an action of 1 adds to a joint's target (rad).
+    Stance and limits are by joint in rad, efforts in N·m, the stiffness in N·m/rad. An action of 1
+    adds the action scale to a joint's target (rad).
     """
 
     name: str
@@ -73,6 +64,7 @@ class Robot:
     @classmethod
     def read(cls, path: Path) -> "Robot":
         """Reads a robot's file, and the joints' limits from the URDF that it names."""
+        # Check the keys and their values.
         said = read_yaml(path)
         sound = isinstance(said, dict) and NEEDED <= {*said} <= NEEDED | {"motor_order"}
         refuse_unless(sound, f"{path} is no robot's file: it has other keys")
@@ -83,15 +75,12 @@ class Robot:
         legs = isinstance(stance, dict) and {*stance} == {*LEGS}
         legs = legs and all(is_row(angles, len(PARTS)) for angles in stance.values())
         refuse_unless(legs, f"{path}: its 'stance' is not three angles of each leg")
+
+        # The rest is the URDF's.
+        angles = [float(angle) for leg in LEGS for angle in stance[leg]]
         limits, effort = read_limits(path.parent / str(said["description"]))
-        return cls(
-            said["name"],
-            dict(zip(JOINTS, [float(own) for leg in LEGS for own in stance[leg]], strict=True)),
-            limits,
-            effort,
-            float(said["stiffness"]),
-            float(said["action_scale"]),
-        )
+        numbers = float(said["stiffness"]), float(said["action_scale"])
+        return cls(said["name"], dict(zip(JOINTS, angles, strict=True)), limits, effort, *numbers)
 
     def offset(self, name: str) -> float:
         """Returns the value of a quantity that is observed as 0."""
@@ -104,14 +93,16 @@ class Robot:
         kind, _, rest = name.partition(".")
         low, high = self.limits.get(rest, (0.0, 0.0))
         speed = float(machine["max_speed" if rest == "v" else "max_yaw_rate"])
-        symmetric = {"dq": FASTEST_JOINT, "g": STEEPEST, "w": FASTEST_TURN, "v": FASTEST_TRUNK}
         ranges = {
             "cmd": (shortest, longest) if rest == "t" else (-speed, speed),
+            "dq": (-FASTEST_JOINT, FASTEST_JOINT),
+            "g": (-STEEPEST, STEEPEST),
+            "w": (-FASTEST_TURN, FASTEST_TURN),
+            "v": (-FASTEST_TRUNK, FASTEST_TRUNK),
             "q": _outward(low - ANGLE_OVERRUN, high + ANGLE_OVERRUN),
             "a": _outward(low, high),
             "t": (0.0, longest + OVERDUE),
             "h": FOOT_HEIGHTS,
-            **{own: (-most, most) for own, most in symmetric.items()},
         }
         return ranges.get(kind, (0.0, 1.0))
 
@@ -119,11 +110,6 @@ class Robot:
 def is_robot_name(value: Any) -> bool:
     """Returns whether a value may be a robot's name, and so a folder's."""
     return isinstance(value, str) and bool(re.fullmatch(r"[a-z][a-z0-9_]{0,39}", value))
-
-
-def is_row(value: Any, count: int) -> bool:
-    """Returns whether a value lists so many numbers."""
-    return isinstance(value, list) and len(value) == count and all(map(is_number, value))
 
 
 def read_limits(path: Path) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
@@ -134,10 +120,11 @@ def read_limits(path: Path) -> tuple[dict[str, tuple[float, float]], dict[str, f
         raise RefusedError(f"{path} is no URDF ({str(error)[:80]})") from error
     limits, effort = dict[str, tuple[float, float]](), dict[str, float]()
     for joint in root.iterfind("joint"):
+        name = joint.get("name", "")
         for limit in joint.iterfind("limit"):
             ends = (float(limit.get(key, "nan")) for key in ("lower", "upper", "effort"))
-            low, high, effort[joint.get("name", "")] = ends
-            limits[joint.get("name", "")] = low, high
+            low, high, effort[name] = ends
+            limits[name] = low, high
     for joint in JOINTS:
         low, high = limits.get(joint, (math.nan, math.nan))
         sound = -math.inf < low < high < math.inf and 0.0 < effort[joint] < math.inf
