@@ -11,7 +11,7 @@ Stability of Numerical Algorithms, section 3.3.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -56,6 +56,7 @@ def hull(values: list[arb]) -> Span:
 
 
 def multiplied(first: Span, last: Span) -> Span:
+    """Returns the least and the greatest product of numbers of two intervals."""
     return hull([a * b for a in first for b in last])
 
 
@@ -145,11 +146,7 @@ class Rounding:
 
 
 class Polynomials:
-    """Exact arithmetic of quantities and of functions, each function a variable of its own.
-
-    Attributes:
-        inner: The function and its polynomial, by the name of its variable.
-    """
+    """Exact arithmetic of quantities and of functions, each function a variable of its own."""
 
     def __init__(self, quantities: list[str]) -> None:
         self.names = [*quantities, "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))]
@@ -199,17 +196,16 @@ class Polynomials:
         """Differentiates by a quantity."""
         whole = formula.derivative(name)
         for own in ({*self.names} - {*formula.unused_gens()}) & self.inner.keys():
-            inner, value = self.inner[own].inner, self.variables[own]
-            along = self.slope(inner, name)
-            match self.inner[own].name if along else "":
-                case "tanh":
-                    whole += formula.derivative(own) * (1 - value**2) * along
-                case "sin":
-                    whole += formula.derivative(own) * self.function("cos", inner) * along
-                case "cos":
-                    whole -= formula.derivative(own) * self.function("sin", inner) * along
-                case "inverse":
-                    whole -= formula.derivative(own) * value**2 * along
+            function, inner, *_ = self.inner[own]
+            value = self.variables[own]
+            if along := self.slope(inner, name):
+                derivatives = {
+                    "tanh": lambda value, _: 1 - value**2,
+                    "sin": lambda _, inner: self.function("cos", inner),
+                    "cos": lambda _, inner: -self.function("sin", inner),
+                    "inverse": lambda value, _: -(value**2),
+                }
+                whole += formula.derivative(own) * derivatives[function](value, inner) * along
         return whole
 
     def terms(self, formula: fmpq_mpoly) -> list[tuple[arb, list[Factor]]]:
@@ -229,7 +225,9 @@ class Polynomials:
         function = self.inner[name].name if name in self.inner else "variable"
         return sorted(self.of(name)), function, power, name
 
-    def greatest(self, formula: fmpq_mpoly, box: Box, splits: list, counted: set[str]) -> arb:
+    def greatest(
+        self, formula: fmpq_mpoly, box: Box, splits: list, counted: Collection[str]
+    ) -> arb:
         """Bounds a polynomial from above over a box, cell by cell of a tree of splits."""
         terms = self.terms(formula)
         factors = sorted({factor for _, term in terms for factor in term}, key=self.order)
@@ -281,56 +279,52 @@ class Elimination:
     """Tables of terms, and the order in which they are added up and maximised."""
 
     def __init__(self, terms: list[tuple[arb, list[Factor]]], factors: list[Factor]) -> None:
-        """
-        Args:
-            terms: Coefficients, and the factors of each.
-            factors: The factors, in order; of equals the first is maximised over first.
-        """
         number = {factor: index for index, factor in enumerate(factors)}
         self.terms = [(value, sorted(number[own] for own in term)) for value, term in terms]
         self.scopes = [scope for _, scope in self.terms]
         self.steps: list[tuple[int, list[int], list[int]]] = []
-        holding = [{i for i, own in enumerate(self.scopes) if f in own} for f in number.values()]
-        met, left = [self.joined(numbers) for numbers in holding], list(number.values())
+        left, open_tables = list(number.values()), dict(enumerate(self.scopes))
         while left:
-            # Maximise next over the factor that meets fewest others.
+            # Maximise next over the factor that meets fewest others, the first of equals.
+            met: dict[int, set[int]] = {factor: set() for factor in left}
+            for scope in open_tables.values():
+                for own in scope:
+                    met[own].update(scope)
             factor = min(left, key=lambda own: len(met[own]))
             left.remove(factor)
-            for bucket in self.buckets(factor, holding[factor]):
-                scope = sorted(self.joined(bucket))
-                rest = [own for own in scope if own != factor]
+            for bucket, together in self.buckets(factor, open_tables):
+                scope = sorted(together)
                 self.steps.append((factor, bucket, scope))
-                for own in rest:
-                    holding[own] = holding[own] - {*bucket} | {len(self.scopes)}
-                self.scopes.append(rest)
-            for own in met[factor] - {factor}:
-                met[own] = self.joined(holding[own])
+                for i in bucket:
+                    del open_tables[i]
+                open_tables[len(self.scopes)] = [own for own in scope if own != factor]
+                self.scopes.append(open_tables[len(self.scopes)])
 
-    def joined(self, numbers: Iterable[int]) -> set[int]:
-        """Returns the factors of tables."""
-        return set[int]().union(*(self.scopes[number] for number in numbers))
-
-    def buckets(self, factor: int, numbers: Iterable[int]) -> list[list[int]]:
+    def buckets(
+        self, factor: int, tables: dict[int, list[int]]
+    ) -> list[tuple[list[int], set[int]]]:
         """Groups a factor's tables, so that not too many factors meet in one."""
         groups: list[tuple[list[int], set[int]]] = []
-        for number in sorted(numbers, key=lambda i: (-len(self.scopes[i]), i)):
-            own = {*self.scopes[number]}
-            room = (group for group in groups if len(group[1] | own) <= MOST_TOGETHER)
+        holding = [i for i, scope in tables.items() if factor in scope]
+        for i in sorted(holding, key=lambda i: (-len(tables[i]), i)):
+            room = (group for group in groups if len(group[1].union(tables[i])) <= MOST_TOGETHER)
             bucket, together = next(room, ([], {factor}))
             if not bucket:
                 groups.append((bucket, together))
-            bucket.append(number)
-            together |= own
-        return [bucket for bucket, _ in groups]
+            bucket.append(i)
+            together.update(tables[i])
+        return groups
 
     def greatest(self, ends: list[Span]) -> arb:
         """Bounds the polynomial from above, given the ends of each factor."""
-        # A table has an axis of two ends for each factor of its scope.
+        # The table of a term has an axis of two ends for each factor of its scope.
         tables: list[Any] = []
         for value, scope in self.terms:
             tables.append(np.array(value, dtype=object))
             for factor in scope:
                 tables[-1] = np.multiply.outer(tables[-1], np.array(ends[factor], dtype=object))
+
+        # Add tables up, and keep the greater end of the factor.
         for factor, numbers, scope in self.steps:
             whole = np.array(arb(0), dtype=object)
             for i in numbers:

@@ -11,12 +11,12 @@ from itertools import product as ways
 from operator import add, sub
 from typing import Any, NamedTuple
 
-from .files import RefusedError, parse_yaml, refuse_unless
-from .robot import DEFAULT_ROBOT, JOINTS, LEGS, MIRRORED, TURNED, Box, image_of, is_row, symbols
+from .files import RefusedError, is_row, parse_yaml, refuse_unless
+from .robot import DEFAULT_ROBOT, JOINTS, LEGS, MIRRORED, TURNED, Box, image_of, symbols
 
 NEEDED = {"format", "gait", "states", "machine"}
 KNOWN = NEEDED | {"robot", "senses", "mirror", "gains", "limited", "limits", "odometry", "readings"}
-"""Keys of a header. No proof needs limits and odometry, by which targets and states are found."""
+"""Keys of a header. No proof needs limits and odometry."""
 
 MACHINE = {"description", "states", "initial", "transitions", "dwell", "clearance"}
 MACHINE |= {"max_speed", "max_yaw_rate"}
@@ -44,17 +44,15 @@ class FormulaFile:
     """The parts of a formula file that a proof needs.
 
     Attributes:
-        header: Its keys and values.
-        machine: The gait's machine.
-        stiffness: Stiffness of the joints that the policy moves, where the file says so (N·m/rad).
+        stiffness: Stiffness of the joints' servos, where the file says so (N·m/rad).
         names: The quantities that formulas may hold.
-        mirror: State that each state is in the mirror; None where the file does not say so.
-        readings: Least and greatest value of each quantity that is read in a range.
-        definitions: Formulas that have names, of quantities.
+        mirror: State that each state is in the mirror.
+        readings: Ranges of the quantities that are read in a range.
         formulas: The formulas by state and joint; those that are images of others are left out.
     """
 
     def __init__(self, text: str) -> None:
+        # Read the header.
         plain = len(text) <= 1_000_000 and not re.search(r"[^\n -~]", text)
         refuse_unless(plain, "the policy's file is too long, or is not printable ASCII")
         parts = sections(text)
@@ -75,6 +73,8 @@ class FormulaFile:
             refuse_unless(sound, "the policy's gains are no stiffness and damping")
             self.stiffness = float(gains[0])
         self.has_images = self.mirror is not None
+
+        # Read the definitions, then the formulas.
         self.names = symbols(n_states, said.get("senses") is not None)
         self.readings = ranges_of(said.get("readings") or {}, self.names)
         self.definitions: dict[str, Formula] = {}
@@ -91,18 +91,20 @@ class FormulaFile:
                 for place in ways(states, [joint]):
                     refuse_unless(place not in self.formulas, f"{joint} has two formulas")
                     self.formulas[place] = parse(formula)
+
+        # Every joint must have a formula, and every name in it a meaning.
         for place in ways(range(n_states), JOINTS):
             self.used(*place)
 
     def formula(self, state: int, joint: str) -> tuple[Formula, bool, int]:
         """Returns the formula of a target, whether it is of the image, and its sign there."""
-        if (state, joint) in self.formulas:
-            return self.formulas[state, joint], False, 1
-        refuse_unless(self.has_images, f"{joint} has no formula in state {state}")
-        other, sign = image_of(joint, self.mirror or [])
-        place = (self.mirror or [])[state], other
-        refuse_unless(place in self.formulas, f"{joint} has no formula in state {state}")
-        return self.formulas[place], True, sign
+        found = self.formulas.get((state, joint)), False, 1
+        if found[0] is None and self.has_images and self.mirror:
+            other, sign = image_of(joint, self.mirror)
+            found = self.formulas.get((self.mirror[state], other)), True, sign
+        if found[0] is None:
+            raise RefusedError(f"{joint} has no formula in state {state}")
+        return found
 
     def named(self, name: str, mirrored: bool) -> tuple[str | Formula, bool, int]:
         """Returns the quantity or formula of a name, whether it is mirrored, and its sign."""
@@ -120,19 +122,14 @@ class FormulaFile:
     def evaluate(self, state: int, joint: str, algebra: Any, mirrored: bool = False) -> Any:
         """Works out a target of quantities, or of their images in the mirror.
 
-        Args:
-            state: State of the machine.
-            joint: The joint.
-            algebra: Arithmetic: `number`, `quantity`, `product`, `quotient`, `function` and a
-                dictionary `known`; sums and negatives are Python's operators.
-            mirrored: Whether quantities are replaced by their images.
+        The algebra has `number`, `quantity`, `product`, `quotient`, `function` and a dictionary
+        `known`; sums and negatives are Python's operators.
         """
         formula, is_image, sign = self.formula(state, joint)
         found = self.worked_out(formula.tree, algebra, mirrored != is_image)
         return found if sign > 0 else -found
 
     def worked_out(self, node: ast.expr, algebra: Any, mirrored: bool) -> Any:
-        """Works out a part of a formula, in which definitions stand for their formulas."""
         match node:
             case ast.Constant(value=int(number) | float(number)):
                 return algebra.number(float(number))
@@ -157,10 +154,10 @@ class FormulaFile:
                 return square if power == 2 else algebra.product(square, base)
             case ast.BinOp(left=left, op=op, right=right):
                 parts = [self.worked_out(part, algebra, mirrored) for part in (left, right)]
-                operations = {ast.Add: add, ast.Sub: sub}
-                operations |= {ast.Mult: algebra.product, ast.Div: algebra.quotient}
-                if type(op) in operations:
-                    return operations[type(op)](*parts)
+                multiply, divide = algebra.product, algebra.quotient
+                known = {ast.Add: add, ast.Sub: sub, ast.Mult: multiply, ast.Div: divide}
+                if type(op) in known:
+                    return known[type(op)](*parts)
         raise RefusedError("a formula holds what it must not")
 
     def used(self, state: int, joint: str) -> set[str]:
@@ -177,11 +174,11 @@ class FormulaFile:
 
     def read(self, box: Box) -> Box:
         """Returns what formulas read of a box: the nearer end of a range where it goes beyond."""
-        clipped = dict(box)
-        for name, (low, high) in self.readings.items():
-            first, last = (min(max(end, low), high) for end in box[name])
-            clipped[name] = first, last
-        return clipped
+        clipped = {
+            name: (min(max(box[name][0], low), high), min(max(box[name][1], low), high))
+            for name, (low, high) in self.readings.items()
+        }
+        return box | clipped
 
 
 def sections(text: str) -> dict[str, list[str]]:
@@ -193,7 +190,7 @@ def sections(text: str) -> dict[str, list[str]]:
         if TITLE.fullmatch(bare):
             lines = found.setdefault(bare, [])
         else:
-            # What begins a comment in the header is YAML's to say.
+            # YAML says where comments begin in the header.
             lines.append(line if lines is found[""] else bare)
     kinds = {title.partition(" ")[0] for title in found} - {"", "definitions"}
     refuse_unless(len(kinds) == 1, "formulas serve every state, or one each")
@@ -205,13 +202,13 @@ def assignments(lines: list[str]) -> Iterator[tuple[str, str]]:
     whole = re.sub(r"\n+ ", " ", "\n".join(filter(None, lines)))
     for line in filter(None, whole.split("\n")):
         found = re.fullmatch(rf"({WORD}(?:\.{WORD})?) *=(?!=)(.*)", line)
-        refuse_unless(found, f"{line[:40]!r} is no line of a formula file")
-        if found:
-            yield found[1], found[2]
+        if found is None:
+            raise RefusedError(f"{line[:40]!r} is no line of a formula file")
+        yield found[1], found[2]
 
 
 def parse(text: str) -> Formula:
-    """Parses a formula, of which every token and every node is known."""
+    """Parses a formula of known tokens."""
     at, names, text = 0, set[str](), text.strip(" ")
     while at < len(text):
         token = TOKEN.match(text, at)
@@ -223,6 +220,7 @@ def parse(text: str) -> Formula:
     try:
         tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
+        # Python's parser gives up at deep nesting in several ways.
         raise RefusedError(f"{text[:40]!r} is no formula") from error
     return Formula(tree, frozenset(names))
 
@@ -240,7 +238,7 @@ def ranges_of(said: Any, names: list[str]) -> dict[str, tuple[float, float]]:
             low, high = map(float, said[kind])
             even = name not in TURNED or low == -high
             refuse_unless(even, f"the range of {kind} has another in the mirror")
-            # Of right hips, whose angles have the other sign, it is the image of the left ones'.
+            # Angles of right hips have the other sign than those of left ones.
             ends[name] = (-high, -low) if re.search(r"\.[FR]R_hip$", name) else (low, high)
             used.add(kind)
     refuse_unless(used == {*said}, "the policy's readings are of what is not observed")
