@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import yaml
@@ -49,14 +49,7 @@ COUNTED = ("iterations", "commanded iterations")
 
 @dataclass(frozen=True)
 class ObservationBox:
-    """All observations between two corners, in the robot's units.
-
-    Attributes:
-        robot: The robot.
-        names: Names of the observations (n), in order.
-        lower: Least quantities (n).
-        upper: Greatest quantities (n).
-    """
+    """All observations (n) between two corners (n), in the robot's units."""
 
     robot: Robot
     names: tuple[str, ...]
@@ -132,12 +125,8 @@ class ObservationBox:
 
 
 def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
-    """Loads a box from its file.
-
-    Raises:
-        InputError: if the file cannot be read, belongs to another gait or robot, or a range is
-            invalid; the message names file and key.
-    """
+    """Loads a box of a gait's robots from its file."""
+    # The box must be of this gait and robot.
     found = read_yaml(path)
     ranges = found.get("ranges") if isinstance(found, dict) else None
     if not isinstance(ranges, dict):
@@ -148,12 +137,14 @@ def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
             "--measure to 'glassgait verify prove'"
         )
     robot_of(path, found.get("robot"), robot)
+
+    # Its ranges must be those of the observations; only an IMU observes the direction of gravity.
     for symbol, ends in ranges.items():
-        if not _is_range(ends):
+        numbers = isinstance(ends, list) and [type(end) in (int, float) for end in ends]
+        if numbers != [True, True]:
             raise InputError(
                 f"{path}: key {shown(symbol)} is {shown(ends)}; it must be [least, greatest]"
             )
-    # The direction of gravity is observed by an IMU only.
     names = ObservationLayout(gait.n_states, imu="g.x" in ranges).names
     try:
         return ObservationBox.of_ranges(robot, names, ranges)
@@ -165,7 +156,7 @@ def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
     """Loads the shipped box that robots of a gait were measured in.
 
     Raises:
-        InputError: if there is none, or it belongs to another machine.
+        InputError: if there is none of this machine.
     """
     if gait.name in gait_names():
         key = shipped_gait(gait.name).first_difference(gait)
@@ -197,16 +188,9 @@ def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
 def measured_box(
     gait: Gait, robot: Robot, names: tuple[str, ...], lower: Array, upper: Array
 ) -> ObservationBox:
-    """Returns the box of what robots observed, its ranges widened by `MARGIN`.
+    """Returns the box of what robots observed (n, n; scaled), its ranges widened by `MARGIN`.
 
     Commands, counts and machine state are at their true ranges.
-
-    Args:
-        gait: The gait.
-        robot: The robot.
-        names: Names of the observations (n).
-        lower: Least values that were observed (n), scaled.
-        upper: Greatest ones (n).
     """
     units, margin = RobotUnits.of(robot, names), MARGIN * (upper - lower)
     low, high = units.quantities(lower - margin), units.quantities(upper + margin)
@@ -219,7 +203,7 @@ def measured_box(
 
 
 def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:
-    """Returns the box of what a box's quantities can be, whatever its ranges are."""
+    """Returns the box of what a box's quantities can be."""
     entries = entries_of(box.names)
     ranges = {entry.symbol: _physical_range(entry, gait, box.robot) for entry in entries}
     return ObservationBox.of_ranges(box.robot, box.names, ranges)
@@ -251,7 +235,3 @@ def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[
         case "foot height":
             return FOOT_HEIGHTS
     return -velocities[entry.group], velocities[entry.group]
-
-
-def _is_range(ends: Any) -> bool:
-    return isinstance(ends, list) and [type(end) in (int, float) for end in ends] == [True, True]

@@ -44,7 +44,6 @@ class Claim(Settings):
     """A statement about a policy's targets before limits, over all observations of a box.
 
     Attributes:
-        name: The statement in words.
         kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
             `never`: a target never rises (or falls) as an observation rises, or by `most` rad for
             each of its units at most. `effect`: one observation moves a target by `most` rad at
@@ -53,12 +52,9 @@ class Claim(Settings):
             bound beyond which an episode ends.
         joints: The joints; all by default.
         states: Names of the machine's states; all by default.
-        box: Where it holds: the `operating` box that robots were measured in, or the `physical`.
+        box: The `operating` box that robots were measured in, or the `physical` one.
         stuck: Observations, by symbol, that may be anywhere in the physical box instead.
         observations: The observations by symbol; `q.own`, `dq.own` and `a.own` are the joint's.
-        never: What a target never does as an observation rises.
-        least: Least target (rad).
-        most: Greatest target (rad), slope (rad per unit), effect (rad) or squared change.
         limit: The robot's quantity that replaces the number `most`: the `torque` of the joints'
             weakest motor or the `damping` of the servos, each divided by the servos' stiffness.
         changes: Greatest change of each observation, or of each of a kind such as `dq`, in the
@@ -81,10 +77,7 @@ class Claim(Settings):
     changes: dict[str, Positive] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            InputError: if a value is of the wrong kind, or a key is missing or of no use.
-        """
+        # Each kind needs its keys, and has no others.
         for joint in self.joints:
             quadruped.joint_index(joint)
         needed, allowed = _KEYS[self.kind]
@@ -94,6 +87,8 @@ class Claim(Settings):
                 raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")
             if given and key not in (*needed, *allowed):
                 raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
+
+        # Numbers must agree.
         if self.kind == "effect" and self.most is None and self.limit is None:
             raise InputError("a claim of kind 'effect' needs the key 'most'; add it, or 'limit'")
         if self.limit is not None and self.most is not None:
@@ -119,11 +114,9 @@ class Claim(Settings):
         return replace(self, most=greatest / stiffness, limit=None)
 
     def joint_indices(self) -> tuple[int, ...]:
-        """Returns the joints, by index."""
         return tuple(quadruped.joint_index(joint) for joint in self.joints or quadruped.JOINTS)
 
     def state_indices(self, gait: Gait) -> tuple[int, ...]:
-        """Returns the machine's states, by index."""
         return tuple(gait.states.index(state) for state in self.states or gait.states)
 
     def observations_of(self, joint: int, symbols: Sequence[str]) -> tuple[int, ...]:
@@ -146,11 +139,8 @@ class Claim(Settings):
         return self.changes.get(symbol, 0.0 if kind == "cmd" else self.changes.get(kind, 0.0))
 
     def refuse_unknown(self, gait: Gait, *, imu: bool = False) -> None:
-        """Refuses names that a gait's robots do not know.
-
-        Raises:
-            InputError: if a state or an observation is unknown.
-        """
+        """Refuses names that a gait's robots do not know."""
+        # States must be the gait's, and each is decided separately.
         if unknown := sorted({*self.states} - {*gait.states}):
             raise InputError(
                 f"{self.refused_as()}: the {gait.name} has no state {shown(unknown[0])}; its "
@@ -163,6 +153,8 @@ class Claim(Settings):
                 f"{self.refused_as()}: {claimed[0]} is a state of the machine, and each state is "
                 "decided separately; name other observations"
             )
+
+        # Observations must be those of the robot, and have slopes where these are claimed.
         counted = {entry.symbol for entry in entries if "iterations" in entry.group}
         if self.kind == "never" and (sloped := sorted({*self.observations} & counted)):
             raise InputError(
@@ -187,17 +179,7 @@ def claim_files(*, imu: bool) -> tuple[Path, ...]:
 def load_claims(
     path: Path, robot: Robot | None = None, law: JointLaw = OWN_LAW
 ) -> tuple[Claim, ...]:
-    """Loads the claims that a YAML file lists under `claims`, about a robot.
-
-    Args:
-        path: The file.
-        robot: The robot; the default one by default.
-        law: The law of its joints; the robot's own by default.
-
-    Raises:
-        InputError: if the file cannot be read or a claim is invalid; the message names the file,
-            the claim and the key.
-    """
+    """Loads the claims that a YAML file lists, about a robot whose joints follow a law."""
     found = read_yaml(path)
     listed = found.get("claims") if isinstance(found, dict) else None
     if not isinstance(listed, list) or not listed or len(found) > 1:

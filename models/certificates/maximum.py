@@ -24,13 +24,7 @@ Tree = list
 
 @dataclass(frozen=True)
 class Region:
-    """A box of quantities, in the robot's units.
-
-    Attributes:
-        lower: Least quantities (n).
-        upper: Greatest quantities (n).
-        counted: Quantities that are whole numbers.
-    """
+    """A box of quantities (n), in the robot's units; those that are `counted` are whole."""
 
     lower: Array
     upper: Array
@@ -47,11 +41,8 @@ class Region:
 class Maximum:
     """Bounds of the greatest value of a function over a box.
 
-    Attributes:
-        bound: No value is greater.
-        reached: Value at the witness.
-        witness: Quantities in the box (n).
-        splits: The cells that the bound was found over.
+    No value exceeds the bound. The value at the witness (n) is `reached`. The bound was found over
+    the cells of `splits`.
     """
 
     bound: float
@@ -69,11 +60,9 @@ class _Cells(NamedTuple):
     label: NDArray[np.intp]
 
     def where(self, mask: NDArray[np.bool_]) -> "_Cells":
-        """Returns the cells at which a mask (m) is set."""
         return _Cells(self.lower[mask], self.upper[mask], self.bound[mask], self.label[mask])
 
     def joined(self, other: "_Cells") -> "_Cells":
-        """Returns these cells, then others."""
         columns: Any = map(np.concatenate, zip(self, other, strict=True))
         return _Cells(*columns)
 
@@ -90,8 +79,6 @@ def maximize(
 
     Args:
         function: Evaluates the function (m,) of quantities (m, n).
-        relaxation: Its upper bounds over cells.
-        region: The box.
         gap: Distance of bound and witness that is near enough.
         threshold: A number of interest: the search ends once the bound is at most, or the witness
             above it.
@@ -123,10 +110,7 @@ class _Search:
     """The search for a greatest value.
 
     Attributes:
-        reached: Value at the witness.
-        witness: Quantities in the box (n).
         leaves: Place of each cell in the tree of splits, by the cell's label; the root first.
-        n_cells: Number of cells.
     """
 
     def __init__(
@@ -141,9 +125,9 @@ class _Search:
     def split(self, cells: _Cells) -> tuple[_Cells, float]:
         """Halves each cell where that lowers its bound most, and climbs from points in one.
 
-        Returns:
-            The parts, and the greatest bound of cells that cannot be split; -inf without such.
+        Returns the parts, and the greatest bound of cells that cannot be split.
         """
+        # Without shared quantities no split lowers a bound.
         shared, n = self._relaxation.shared, cells.lower.shape[1]
         if self.n_cells >= self._climbs_at:
             self._climb(Region(cells.lower[0], cells.upper[0]))
@@ -210,6 +194,7 @@ class _Search:
         points = cell.lower + ends * (cell.upper - cell.lower)
         points[0] = 0.5 * (cell.lower + cell.upper)
         counted = list(self._region.counted)
+        # Middles of counts are rounded down.
         points[:, counted] = np.floor(points[:, counted])
         return points
 

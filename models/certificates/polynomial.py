@@ -32,13 +32,7 @@ _POWERS = {"square": 2, "cube": 3}
 
 @dataclass(frozen=True)
 class Factor:
-    """A quantity, or a function of one argument.
-
-    Attributes:
-        function: "variable", "inverse", or the function's name.
-        variable: The quantity's index, of a variable.
-        argument: What a function is of, its monomials in order.
-    """
+    """A quantity by index, whose function is "variable", or a function of a polynomial."""
 
     function: str
     variable: int = -1
@@ -47,22 +41,14 @@ class Factor:
 
 @dataclass
 class PolynomialRing:
-    """Numbers the factors that polynomials are made of.
-
-    Attributes:
-        factors: The factors by number.
-    """
+    """Numbers the factors that polynomials are made of."""
 
     factors: list[Factor] = field(default_factory=list)
     _numbers: dict[Factor, int] = field(default_factory=dict)
     _variables: dict[int, frozenset[int]] = field(default_factory=dict)
 
     def polynomial(self, formula: Expression) -> Polynomial:
-        """Multiplies a formula of observed quantities out.
-
-        Raises:
-            InputError: if it has too many monomials.
-        """
+        """Multiplies a formula of observed quantities out."""
         operands = [self.polynomial(operand) for operand in formula.operands]
         match formula.operator, operands:
             case "constant", _:
@@ -160,10 +146,7 @@ Scope = tuple[Element, ...]
 
 
 class Step(NamedTuple):
-    """Adds up tables, by number, and maximises the sum over one element of its scope.
-
-    The table that a step leaves takes the next number.
-    """
+    """Adds up tables by number, maximises over one element, and numbers the rest next."""
 
     element: Element
     tables: tuple[int, ...]
@@ -211,14 +194,9 @@ class Relaxation:
                 self.shared.append(index)
 
     def upper(self, lower: Array, upper: Array) -> Array:
-        """Bounds the polynomial from above over boxes.
+        """Bounds the polynomial (m,) from above over boxes from `lower` to `upper` (m, n).
 
-        Args:
-            lower: Least quantities of each box (m, n).
-            upper: Greatest quantities of each box (m, n).
-
-        Returns:
-            Bounds (m,), rounded up; infinite where there is none.
+        Bounds are rounded up, and infinite where there is none.
         """
         together = max((len(step.scope) for step in self._steps), default=0)
         size = max(1, BLOCK >> together)
@@ -228,8 +206,8 @@ class Relaxation:
         )
 
     def _upper(self, lower: Array, upper: Array) -> Array:
-        ranges = self._ranges(lower, upper)
-        m = len(lower)
+        ranges, m = self._ranges(lower, upper), len(lower)
+        # Add tables up, and maximise them; what has no value becomes NaN.
         with np.errstate(invalid="ignore", over="ignore"):
             ends = {own: np.stack([span.lower, span.upper]) for own, span in ranges.items()}
             tables = [_product(scope, c, ends, m) for scope, c in self._monomials.items()]
@@ -290,22 +268,21 @@ class Relaxation:
 
 def eliminated(scopes: Sequence[Scope], elements: Sequence[Element]) -> list[Step]:
     """Plans the elimination of tables with these scopes: first where fewest elements meet."""
-    tables, steps = list(scopes), []
-    of = {
-        element: {i for i, scope in enumerate(scopes) if element in scope} for element in elements
-    }
+    tables, steps, of = list(scopes), [], {}
+    for element in elements:
+        of[element] = {i for i, scope in enumerate(scopes) if element in scope}
     meeting = {element: _joined(tables[i] for i in of[element]) for element in elements}
     while of:
         element = min(of, key=lambda own: len(meeting[own]))
-        changed = meeting[element] - {element}
         for bucket in _buckets(element, of.pop(element), tables):
+            # What a step leaves is a table of the other elements.
             together = _joined(tables[i] for i in bucket)
             scope = tuple(own for own in elements if own in together)
             steps.append(Step(element, bucket, scope))
             tables.append(tuple(own for own in scope if own != element))
             for own in tables[-1]:
                 of[own] = of[own] - {*bucket} | {len(tables) - 1}
-        for own in changed:
+        for own in meeting[element] - {element}:
             meeting[own] = _joined(tables[i] for i in of[own])
     return steps
 

@@ -50,8 +50,6 @@ class Verdict:
     """The outcome of a claim.
 
     Attributes:
-        claim: The claim.
-        outcome: Whether it holds.
         worst: The bound that comes closest to breaking it, or the value of the witness.
         claimed: The value that the claim allows there.
         where: Joint, state and observation of `worst`.
@@ -74,21 +72,10 @@ class Place(NamedTuple):
 
 
 class Prover:
-    """Proves and refutes claims about one policy of formulas, and keeps what it has proved.
-
-    Attributes:
-        policy: The policy.
-        gait: Its gait.
-        boxes: The boxes by name.
-        proofs: The bounds that proofs of claims consist of; a refutation is its witness.
-    """
+    """Proves and refutes claims about one policy of formulas, and keeps the bounds as `proofs`."""
 
     def __init__(self, policy: Policy, gait: Gait, operating: ObservationBox | None = None) -> None:
-        """
-        Raises:
-            InputError: if the policy is not made of formulas or has another machine, or there is no
-                operating box of its observations.
-        """
+        # The policy, its machine and the box must belong together.
         if not isinstance(policy, FormulaPolicy):
             raise InputError(
                 f"claims of policies of kind {policy.kind!r} are not proved; name a policy of "
@@ -101,6 +88,8 @@ class Prover:
                 f"the operating box of the {gait.name} is of other observations than those of the "
                 "policy; add --measure to 'glassgait verify prove', or give its file by --box"
             )
+
+        # Bounds and errors are kept, for claims ask for the same ones.
         self.policy, self.gait = policy, gait
         self.boxes = {"operating": operating, "physical": physical_box(gait, operating)}
         self.proofs: dict[tuple[Query, Place], Maximum] = {}
@@ -111,11 +100,7 @@ class Prover:
         self._units = RobotUnits.of(policy.robot, policy.observation_names)
 
     def decide(self, claim: Claim) -> Verdict | None:
-        """Decides a claim; None where the gait has no mirror image that it could be about.
-
-        Raises:
-            InputError: if the claim names what the gait's robots do not know.
-        """
+        """Decides a claim; None where the gait has no mirror image that it could be about."""
         claim.refuse_unknown(self.gait, imu=self.policy.layout.imu)
         decide = {"mirror": self._mirrored, "change": self._changed}.get(claim.kind, self._bounded)
         return decide(claim)
@@ -147,7 +132,6 @@ class Prover:
         return replace(found, bound=found.bound + error + SLACK)
 
     def _rounding(self, state: int, joint: int, place: Place) -> float:
-        """Returns how far a target in double precision may be from the exact one (rad)."""
         try:
             return self._targets.rounding(state, joint, self._box(place, state))
         except InputError as error:
@@ -164,6 +148,8 @@ class Prover:
         ]
         if not found:
             return Verdict(claim, "proved", 0.0, claim.most or 0.0, "no target depends on it")
+
+        # A witness refutes it; otherwise the bound closest to its limit decides.
         query, bound, limit = max(found, key=lambda one: one[1].reached - one[2])
         if bound.reached > limit + REFUTED:
             return self._verdict(claim, "refuted", bound.reached, limit, query, bound.witness)
@@ -239,6 +225,7 @@ class Prover:
 
     def _changed(self, claim: Claim) -> Verdict:
         """Decides a claim about the squared change of the action."""
+        # Bound the change in each state, then look for one that is too great.
         most, joints = claim.squared_change, claim.joint_indices()
         changes = np.array([claim.change_of(symbol) for symbol in self.symbols])
         place, bounds, reached = Place(claim.box), {}, {}
@@ -256,10 +243,7 @@ class Prover:
         return Verdict(claim, "undecided", bound, most, bounds[bound])
 
     def _squared_change(self, state: int, joint: int, changes: Array, place: Place) -> float:
-        """Bounds the squared change of an action by the sum of each observation's share.
-
-        Both observations are in the box, and quantities change by `changes` (n) at most.
-        """
+        """Bounds the squared change of an action where quantities change by `changes` (n)."""
         targets, box = self._targets, self._box(place, state)
         used = sorted(targets.used(state, joint) & {*np.flatnonzero(changes).tolist()})
         most = sum(targets.change(state, joint, i, float(changes[i]), box) for i in used)

@@ -55,15 +55,10 @@ FUNCTIONS = ("sin", "cos", "tanh")
 
 @dataclass(frozen=True)
 class Query:
-    """A quantity that is bounded over a box.
+    """A quantity that is bounded over a box, times a sign of 1 or -1.
 
-    Attributes:
-        of: The joint's `target` (rad), its `slope` by an observation (rad per unit), or the
-            `effect` of an observation: the target less the target with another value of it (rad).
-        state: State of the reward machine.
-        joint: Index of the joint.
-        sign: 1 for the greatest value, -1 for the greatest negative.
-        observation: Index of the observation; -1 of a target.
+    It is a joint's `target` (rad), its `slope` by an observation (rad per unit), or the `effect` of
+    an observation: the target less the target with another value of it (rad).
     """
 
     of: Literal["target", "slope", "effect"]
@@ -99,16 +94,12 @@ class FormulaTargets:
         """Bounds how far a target in double precision may be from the exact one (rad).
 
         Raises:
-            InputError: if that is too far, or the target may have no value in the box.
+            InputError: if it is too far, or the target may have no value in the box.
         """
         return formula_error(self._formulas[state][joint], joint, self._read(box), self._units)
 
     def are_mirrored(self, images: Sequence[int]) -> bool:
-        """Returns whether the targets, multiplied out, are mirror images of one another.
-
-        Args:
-            images: State that each state of the machine is in the mirror.
-        """
+        """Returns whether targets are mirror images of one another, given each state's image."""
         reflection = reflect_observation(self._names, images)
         return all(
             self._polynomial(Query("target", state, joint, 1))
@@ -120,14 +111,9 @@ class FormulaTargets:
     def bound(
         self, query: Query, box: ObservationBox, *, gap: float, threshold: float | None = None
     ) -> Maximum:
-        """Bounds a quantity, times its sign, over a box.
+        """Bounds a quantity over a box whose machine state is held; see `maximize`.
 
-        Args:
-            query: The quantity.
-            box: The box, with the machine's state held. The witness of an effect ends with the
-                other value of the observation (n + 1).
-            gap: Distance of bound and witness that is near enough (rad).
-            threshold: A number of interest; see `maximize`.
+        The witness of an effect ends with the other value of the observation (n + 1).
         """
         ends, read = Region(box.lower, box.upper, box.counted), self._read(box)
         if query.of == "effect":
@@ -203,8 +189,7 @@ def formula_error(formula: Expression, joint: int, read: Region, units: RobotUni
     """Bounds the error of a joint's target that is a formula of observed quantities (rad).
 
     Raises:
-        InputError: if the error may exceed `LARGEST_ERROR`, or the formula may divide by 0 or
-            has a function other than `FUNCTIONS`.
+        InputError: if the error may exceed `LARGEST_ERROR`, or cannot be bounded.
     """
 
     @cache
@@ -220,6 +205,8 @@ def formula_error(formula: Expression, joint: int, read: Region, units: RobotUni
         parts = [ranged(operand) for operand in node.operands]
         if node.operator == "neg":
             return -parts[0][0], parts[0][1]
+
+        # An operation adds the rounding of its result to the operands' errors.
         error = _propagated(node.operator, *parts)
         values = OPERATORS[node.operator](*(values for values, _ in parts))
         share = LIBRARY if node.operator in FUNCTIONS else 2

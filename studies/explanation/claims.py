@@ -35,14 +35,7 @@ CLOCKS: tuple[Group, ...] = ("iterations", "machine state")
 
 @dataclass(frozen=True)
 class Term:
-    """A weight times one input, or times one input and gates.
-
-    Attributes:
-        place: Place of its formula.
-        weight: Its weight.
-        input: Index of the input among the variables.
-        gates: Indices of the gates.
-    """
+    """A weight times one input and perhaps gates, which are variables by index."""
 
     place: Place
     weight: float
@@ -51,7 +44,6 @@ class Term:
 
     @property
     def joint(self) -> str:
-        """Name of the joint whose target the formula is."""
         return quadruped.JOINTS[self.place[-1]]
 
     @property
@@ -60,7 +52,6 @@ class Term:
         return self.place[0] if len(self.place) > 1 else None
 
     def with_gates(self, weight: float) -> Expression:
-        """Returns a weight times the gates."""
         product = constant(weight)
         for gate in self.gates:
             product = times(product, variable(gate))
@@ -74,7 +65,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Walk:
-    """Observations of robots at each control step, and the joint angles that the step led to.
+    """Observations of n robots at T control steps, and the joint angles that the step led to.
 
     Attributes:
         quantities: Variables of the formulas (T, n, k).
@@ -127,15 +118,9 @@ def readable_terms(file: FormulaFile) -> list[Term]:
 
 
 def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
-    """Derives the claims of the terms that move a target most.
+    """Derives the claims of the terms that move a target most on a walk.
 
     Claims of an input and a joint that no larger claim has are taken first.
-
-    Args:
-        walk: Observations of robots of the policy.
-
-    Raises:
-        InputError: if fewer terms can be read, or ever count.
     """
     found = [claim_of(term, walk) for term in readable_terms(file)]
     ranked = sorted((own for own in found if own), key=lambda claim: -abs(claim.effect))
@@ -148,16 +133,13 @@ def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
         )
         if not any(alike):
             taken.append(claim)
+    # Fill up with the others, the largest first.
     rest = [claim for claim in ranked if claim not in taken]
     return sorted([*taken, *rest][:count], key=lambda claim: -abs(claim.effect))
 
 
 def refuse_too_few(found: int, count: int) -> None:
-    """Refuses to derive more claims than there are terms.
-
-    Raises:
-        InputError: if there are fewer terms.
-    """
+    """Refuses to derive more claims than there are terms."""
     if found < count:
         raise InputError(
             f"--n-claims: {count} claims are asked for, and {found} terms can be read as a weight "
@@ -194,10 +176,7 @@ def _terms_of(
 ) -> Iterator[Term]:
     weights: dict[tuple[int, tuple[int, ...]], float] = {}
     for whole in formula.terms():
-        read = _product(whole)
-        if read is None:
-            continue
-        weight, factors = read
+        weight, factors = _product(whole) or (0.0, [])
         named = [factor for factor in factors if factor in inputs]
         when = sorted(factor for factor in factors if factor in gates)
         # A gate that counts twice, such as late*late, has no sign any more.
@@ -238,6 +217,7 @@ def _inputs(vocabulary: Vocabulary) -> frozenset[int]:
     observed = entries_of(vocabulary.names)
     inputs = [i for i, entry in enumerate(observed) if entry.group in INPUTS]
     clocks = {i for i, entry in enumerate(observed) if entry.group in CLOCKS}
+    # A definition is an input unless it says when.
     defined = [
         len(observed) + i
         for i, definition in enumerate(vocabulary.definitions)

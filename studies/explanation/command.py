@@ -166,11 +166,7 @@ class ExplainFormulas(OnePolicy):
 
 
 def lines_of_joint(lines: list[str], joint: str) -> list[str]:
-    """Leaves, of a file's lines, the titles and those of one joint.
-
-    Args:
-        lines: Lines of a formula file.
-    """
+    """Leaves the titles and the lines of one joint from those of a formula file."""
     kept, mine = [], False
     for line in lines:
         if not line.startswith(" "):

@@ -65,6 +65,8 @@ class ExplainCounterfactual(OnePolicy):
         found, name = self.find()
         gait, robot, controller = found.gait, found.robot, found.controller(name)
         box = load_box(self.box, gait, robot) if self.box else operating_box(gait, robot)
+
+        # Roll out up to the step.
         diagram = MakeLocomotion(gait, Scenario(command=self.command), policy=controller)
         rollout = record(make_simulator(diagram, seed=self.seed), self.step + 1)
         if len(rollout.time) <= self.step:
@@ -72,6 +74,8 @@ class ExplainCounterfactual(OnePolicy):
                 f"--step {self.step}: the robot falls at step {len(rollout.time) - 1}; name an "
                 "earlier step"
             )
+
+        # Vary what the robot observes there.
         observation = rollout["observations"][self.step]
         scan = Scan(controller.policy, joint_index(self.joint), observation, box)
         level = scan.target + 0.1 if self.level is None else self.level
@@ -87,8 +91,7 @@ class ExplainCounterfactual(OnePolicy):
 class Scan:
     """Varies each quantity of one observation over its range; the machine's state is held.
 
-    Attributes:
-        target: The joint's target at the observation (rad), before limits.
+    The joint's `target` at the observation (rad) is before limits.
     """
 
     def __init__(self, policy: Policy, joint: int, observation: Array, box: ObservationBox) -> None:
@@ -100,9 +103,7 @@ class Scan:
     def passes(self, level: float) -> pd.DataFrame:
         """Finds the nearest value of each quantity at which the target passes a level (rad).
 
-        Returns:
-            A row for each quantity that passes the level by itself, by increasing share of its
-            range.
+        Rows are ordered by increasing share of the range.
         """
         rows = []
         for index, entry in enumerate(entries_of(self._box.names)):

@@ -97,11 +97,7 @@ class ExplainInterventions(OnePolicy):
 def walk(
     gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, rollouts: RolloutConfig
 ) -> Walk:
-    """Lets a policy walk in the training scenario, without the expert.
-
-    Args:
-        expert: Its estimator observes for a policy without odometry.
-    """
+    """Lets a policy walk without the expert, whose estimator observes where it has no odometry."""
     observations = Observations()
     controller = alone(policy, expert)
     log = roll_out(gait, controller, Scenario(), rollouts, observers=[observations])

@@ -1,6 +1,6 @@
 """The page: replay, gait diagram and the terms of every target, in one file that opens offline."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,14 +42,7 @@ LEAST_SWING = 1e-9
 
 @dataclass(frozen=True)
 class ExplainedJoint:
-    """What a joint's targets consist of, over a rollout.
-
-    Attributes:
-        terms: What the terms are made of (k).
-        values: How much each term adds (n_steps, k; rad).
-        targets: The targets (n_steps,; rad).
-        states: State of the machine (n_steps,).
-    """
+    """A joint's targets (n_steps,; rad), and what each of its terms adds (n_steps, k; rad)."""
 
     terms: tuple[FactoredTerm, ...]
     values: np.ndarray
@@ -83,15 +76,11 @@ class ExplainedJoint:
 def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, ...]:
     """Splits every target of a rollout into terms, joint by joint.
 
-    Args:
-        policy: The student that acted.
-        rollout: What it did.
-
     Raises:
         InputError: if this kind of policy has no such terms.
     """
     observations = rollout["observations"]
-    # What it asked for, before limits.
+    # Terms add up to what the policy asks for, before limits.
     targets = policy.robot.joint_targets(policy(observations))
     states = rollout["rm_state"].argmax(axis=1)
     return tuple(
@@ -117,28 +106,25 @@ def render_page(
     step: int,
     figures: Sequence[Path],
 ) -> str:
-    """Renders the page.
+    """Renders the page of a student's rollout.
 
     Args:
-        policy_name: Kind of student, or stem of its file.
-        policy: The student.
-        rollout: What it did.
-        explained: What its targets consist of.
         replay: Meshcat's page of the rollout.
-        joint: Joint that is shown first.
+        joint: Joint that is shown first, and that the figures (PNG) are of.
         step: Control step that is shown first.
-        figures: Figures of that joint, as PNG, in order.
     """
     # The page's script draws from this data.
     known = variables_of(policy, rollout["observations"])
     quantities = _quantities(known.titles, explained)
+    values = Tape(tuple(quantities), known.values.shape[1])(known.values)
     data = {
         **strip_data(rollout, gait),
         "joints": quadruped.JOINTS,
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "quantities": list(quantities.values()),
         "units": known.units,
-        "values": _values(quantities, known.values),
+        # No term shows a value that is not finite.
+        "values": _rounded(np.nan_to_num(values, posinf=0.0, neginf=0.0)),
         "explained": [_joint_data(own, list(quantities)) for own in explained],
         "figures": joint if figures else None,
         "file": file_lines(policy, len(gait.states)) if isinstance(policy, FormulaPolicy) else None,
@@ -175,18 +161,11 @@ def _quantities(
 ) -> dict[Expression, str]:
     """Names everything that some term is made of: the variables in order, then functions."""
     every = {variable(index): name for index, name in enumerate(titles)}
-    for own in explained:
-        for term in own.terms:
-            for quantity in term.quantities:
-                if quantity not in every:
-                    every[quantity] = write_formula(quantity, titles)
+    terms = (term for own in explained for term in own.terms)
+    for quantity in (quantity for term in terms for quantity in term.quantities):
+        if quantity not in every:
+            every[quantity] = write_formula(quantity, titles)
     return every
-
-
-def _values(quantities: Iterable[Expression], variables: np.ndarray) -> list:
-    """Evaluates the quantities (n_steps, k); where one is not finite, no term shows it."""
-    values = Tape(tuple(quantities), variables.shape[1])(variables)
-    return _rounded(np.nan_to_num(values, posinf=0.0, neginf=0.0))
 
 
 def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> dict[str, Any]:
@@ -208,8 +187,7 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
     # Choose the terms that swing most over the rollout.
     importances = explained.importances()
     moving = np.flatnonzero(importances > LEAST_SWING)
-    largest = moving[np.argsort(-importances[moving], kind="stable")[:N_SHOWN]]
-    ranked = np.sort(largest)
+    ranked = np.sort(moving[np.argsort(-importances[moving], kind="stable")[:N_SHOWN]])
     place = {quantity: index for index, quantity in enumerate(quantities)}
     return {
         "terms": [

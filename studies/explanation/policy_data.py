@@ -17,13 +17,7 @@ from glassgait.models.task.observation import entries_of, symbols_of
 
 @dataclass(frozen=True)
 class Variables:
-    """What a policy's terms are functions of, over a rollout.
-
-    Attributes:
-        titles: Their names (k).
-        units: Their units (k).
-        values: Their values (n_steps, k).
-    """
+    """What a policy's terms are functions of, over a rollout; values are (n_steps, k)."""
 
     titles: tuple[str, ...]
     units: tuple[str, ...]
@@ -31,11 +25,7 @@ class Variables:
 
 
 def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
-    """Returns what the terms of a policy are functions of.
-
-    Args:
-        observations: What it observed (n_steps, n).
-    """
+    """Returns what the terms of a policy are functions of, given observations (n_steps, n)."""
     names = policy.observation_names
     entries, symbols = entries_of(names), symbols_of(names)
     units = tuple(entry.unit for entry in entries)
@@ -55,14 +45,12 @@ def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
 def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
     """Returns a policy's file by lines, and those of each state and joint.
 
-    Args:
-        n_states: Number of states of the gait's machine.
-
     Returns:
         `lines`; `acting` (n_states, 12), the first line of a formula and the one after its last;
         and `mirrored` (n_states, 12), the lines of the formula that acts where it is the mirror
         image of those of the file, or None where the file's own act.
     """
+    # Find the lines of each formula.
     file, lines = policy.to_file(), policy.to_text().splitlines()
     spans: dict[tuple[int, ...], tuple[int, int]] = {}
     start = 0
@@ -71,6 +59,8 @@ def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
         start = lines.index(own[0], start)
         spans[place] = (start, start + len(own))
         start += len(own)
+
+    # Look up which of them act in each state.
     mirror = FormulaMirror.of(policy.vocabulary, policy.mirror) if policy.mirror else None
     acting, mirrored = [], []
     for state in range(n_states):

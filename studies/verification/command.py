@@ -73,6 +73,7 @@ class Prove(OnePolicy):
 
     def run(self) -> None:
         """Measures where it is asked for, proves, and writes the certificate."""
+        # Refuse what cannot be proved or checked.
         if self.box and self.measure:
             raise InputError("--box: is not read where the box is measured; leave out one of both")
         found, name = self.find()
@@ -83,32 +84,29 @@ class Prove(OnePolicy):
                 "the gait's under 'machine' in its header"
             )
         claims = self._claims(gait, policy)
+
         folder = self.output or found.output(self.title) / Path(name).stem
         inputs = {"gait": gait.digest(), "policy": digest(path)}
         with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=False):
-            prover, started, verdicts = (
-                Prover(policy, gait, self._box(found, folder)),
-                time.time(),
-                [],
-            )
+            # Decide each claim.
+            prover, started = Prover(policy, gait, self._box(found, folder)), time.time()
+            verdicts = []
             with progress_bar(len(claims)) as (progress, bar):
                 for claim in claims:
                     progress.update(bar, text=claim.name)
                     verdicts += filter(None, [prover.decide(claim)])
                     progress.update(bar, advance=1)
-            table = pd.DataFrame(
-                {
-                    "claim": [verdict.claim.name for verdict in verdicts],
-                    "outcome": [OUTCOME_WORDS[verdict.outcome] for verdict in verdicts],
-                    "worst": [verdict.worst for verdict in verdicts],
-                    "claimed": [verdict.claimed for verdict in verdicts],
-                    "where": [verdict.where for verdict in verdicts],
-                }
-            )
+
+            # Write the table and the certificate.
+            rows = [
+                (own.claim.name, OUTCOME_WORDS[own.outcome], own.worst, own.claimed, own.where)
+                for own in verdicts
+            ]
+            columns = pd.Index(["claim", "outcome", "worst", "claimed", "where"])
+            table = pd.DataFrame(rows, columns=columns)
             write_table(table, folder / "claims")
-            counts = {
-                word: int((table["outcome"] == word).sum()) for word in OUTCOME_WORDS.values()
-            }
+            outcomes = OUTCOME_WORDS.values()
+            counts = {word: int((table["outcome"] == word).sum()) for word in outcomes}
             metrics = {**counts, "seconds": time.time() - started}
             write_metrics(metrics, folder / "metrics.json")
             text = certificate_text(certificate(prover, verdicts, path))
@@ -151,15 +149,9 @@ def measure_box(
 ) -> tuple[ObservationBox, str]:
     """Rolls out every controller in every scenario, and bounds what robots sense.
 
-    Robots that fall do not count. Scenarios of continuous plants, which take minutes a robot, are
-    left out.
-
-    Returns:
-        The operating box, and in words how it was measured.
-
-    Raises:
-        InputError: if no robot stays up.
+    Robots that fall do not count. Returns the operating box, and in words how it was measured.
     """
+    # Scenarios of continuous plants take minutes a robot.
     stepped = [scenario for scenario in scenarios.values() if scenario.accuracy is None]
     jobs = [
         delayed(_sensed)(gait, controller, scenario, config)
@@ -171,6 +163,8 @@ def measure_box(
         for found in Parallel(n_jobs=-1 if len(jobs) > 2 else 1, return_as="generator")(jobs):
             corners += [] if found is None else [found]
             progress.update(bar, advance=1)
+
+    # Widen the ranges of all robots.
     if not corners:
         raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
     lower, upper = (np.array(ends) for ends in zip(*corners, strict=True))
@@ -234,6 +228,8 @@ class Check(Settings):
         for option, file in given.items():
             if file and len(self.certificates) != 1:
                 raise InputError(f"{option}: is of one certificate; name one")
+
+        # A run's folder holds its certificate.
         named = self.certificates or shipped_certificates()
         paths = [path / CERTIFICATE_NAME if path.is_dir() else path for path in named]
         if missing := [path for path in paths if not path.exists()]:
