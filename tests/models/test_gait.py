@@ -3,10 +3,7 @@
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.task.gait import (
-    GAIT_DIRECTORY,
-    load_gait,
-)
+from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 
 GOOD = """
 description: Two diagonals.
@@ -31,12 +28,6 @@ def test_shipped_gaits_have_their_states(name, n_states):
     assert (gait.name, gait.n_states) == (name, n_states)
 
 
-def test_a_gait_of_a_user_is_loaded_by_its_path(tmp_path):
-    path = tmp_path / "hop.yaml"
-    path.write_text(GOOD)
-    assert load_gait(path).name == "hop"
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -45,26 +36,16 @@ def test_a_gait_of_a_user_is_loaded_by_its_path(tmp_path):
         (("when: FR & RL & ~FL & ~RR}", "when: FR}\n  - {from: q1, to: q1, when: FR & FL}"),
          "can fire together"),
         (("initial: q0", "initial: q0\nfaults: [q2]"), "faults names unknown state 'q2'"),
-        (("initial: q0", "initial: q0\nfaults: [q1, q1]"), "faults is .*names nothing twice"),
         (("initial: q0", "initial: q7"), "unknown state 'q7'"),
         (("to: q1,", "to: q9,"), "transitions.0..to names unknown state 'q9'"),
         (("to: q1,", "until: q1,"), "unknown key 'transitions.0..until'"),
-        (("to: q1,", "to: [" + "q, " * 9000 + "],"), "transitions.0..to is"),
         (("when: FL", "grace: -1, when: FL"), "grace is -1"),
-        (("when: FL", "dwell: 2, when: FL"), "dwell is 2"),
         (("clearance: 0.03\n", ""), "lacks the key 'clearance'"),
-        (("clearance: 0.03", "clearance: high"), "clearance is 'high'; it must be a valid number"),
         (("clearance: 0.03", "clearance: -1"), "clearance is -1; it must be greater than 0"),
         (("dwell: [6, 11]", "dwell: [11, 6]"), "dwell is .*the least, then the greatest"),
-        (("dwell: [6, 11]", "<<: {dwell: [6, 11]}"), "unknown key '<<'"),
-        (("dwell: [6, 11]", "dwell: [6, 11]\ndwell: [6, 11]"), "key 'dwell' is given twice"),
-        (("dwell: [6, 11]", "dwell: " + "[" * 5000), "nested too deep"),
-        (("max_speed: 1.0", "max_speed: .nan"), "max_speed is nan"),
-        (("max_yaw_rate: 1.0", "max_yaw_rate: " + "1:" * 9000 + "1"), "cannot be read"),
         (("description:", "colour: red\ndescription:"), "unknown key 'colour'"),
         (("description:", "name: hop\ndescription:"), "unknown key 'name'"),
         (("Two diagonals.", "x" * 501), "1 to 500 printable"),
-        (("states: [q0, q1]", "states: [q0, 1]"), "states.1. is 1; it must be a valid string"),
         (("states: [q0, q1]", "states: [q0, 'q1 ']"), "without spaces at the ends"),
         (("states: [q0, q1]", "states: [q0, 'a\u202eb']"), "printable characters"),
         (("states: [q0, q1]", "states: [q0, " + "q" * 41 + "]"), "1 to 40 printable"),
@@ -81,27 +62,10 @@ def test_bad_files_are_refused_in_one_sentence_that_names_the_file(tmp_path, cha
     assert len(str(raised.value)) < 500
 
 
-def test_unknown_gait_lists_the_known_ones():
-    with pytest.raises(InputError, match="half_bound"):
-        load_gait("gallop")
-
-
 @pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"description: \xff", "is not UTF-8 text .byte 13.; save it as UTF-8"),
-        (b"a: b\nc: \x1b[31m", r"line 2 holds the control character '\\x1b'; remove it"),
-        (b"# " + b"x" * 100_000, "is larger than 100,000 bytes"),
-    ],
+    "name",
+    [*("...yaml", ".x.yaml", " x.yaml", "a\nb.yaml", "config.yaml"), f"{'步' * 40}.yaml"],
 )
-def test_files_that_are_no_gaits_text_are_refused(tmp_path, content, message):
-    path = tmp_path / "mine.yaml"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        load_gait(path)
-
-
-@pytest.mark.parametrize("name", ["...yaml", ".x.yaml", " x.yaml", "a\nb.yaml", f"{'x' * 81}.yaml"])
 def test_files_whose_name_can_name_no_gait_are_refused(tmp_path, name):
     path = tmp_path / name
     path.write_text(GOOD)
@@ -111,24 +75,18 @@ def test_files_whose_name_can_name_no_gait_are_refused(tmp_path, name):
 
 @pytest.mark.parametrize("name", ["", ".", "..", "../gaits/trot", "x" * 5000, "a\nb", "\udcff"])
 def test_names_that_are_no_gaits_are_refused(name):
-    with pytest.raises(InputError, match="unknown gait") as raised:
+    with pytest.raises(InputError, match=r"unknown gait .*half_bound") as raised:
         load_gait(name)
     assert str(raised.value).isprintable()
 
 
-def test_a_file_does_not_pass_for_a_gait_that_ships(tmp_path):
+def test_a_file_is_loaded_by_its_path_and_does_not_pass_for_a_gait_that_ships(tmp_path):
+    (tmp_path / "hop.yaml").write_text(GOOD)
+    assert load_gait(tmp_path / "hop.yaml").name == "hop"
     text = (GAIT_DIRECTORY / "trot.yaml").read_text()
     path = tmp_path / "trot.yaml"
     path.write_text(text)
     assert load_gait(path) == load_gait("trot")
     path.write_text(text.replace("clearance: 0.03", "clearance: 0.05"))
     with pytest.raises(InputError, match="trot"):
-        load_gait(path)
-
-
-@pytest.mark.parametrize("name", ["config", "checkpoint", "步" * 40])
-def test_names_that_files_of_its_runs_could_not_have_are_refused(name, tmp_path):
-    path = tmp_path / f"{name}.yaml"
-    path.write_text(GOOD)
-    with pytest.raises(InputError, match="name is"):
         load_gait(path)

@@ -85,19 +85,6 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
             np.testing.assert_allclose(own, turning, atol=TOLERANCE)
 
 
-def test_batches_agree_with_single_robots(random_states):
-    states = random_states(6)
-    for function in (
-        kinematics.foot_heights,
-        lambda robot, own: kinematics.clearances(robot, own).body,
-        kinematics.world_feet,
-        kinematics.lowest_body_points,
-    ):
-        batch = function(A1, states.reshape(2, 3, -1))
-        single = np.array([function(A1, state) for state in states])
-        np.testing.assert_allclose(batch.reshape(single.shape), single, atol=1e-14)
-
-
 def test_foot_velocities_are_the_differences_of_positions(random_states, generator):
     pose = random_states(30)[:, quadruped.JOINT_POSITION]
     rates, step = generator.normal(size=pose.shape), 1e-6
@@ -106,10 +93,3 @@ def test_foot_velocities_are_the_differences_of_positions(random_states, generat
     )
     found = kinematics.foot_motion(A1, pose, rates).velocity
     np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-9)
-
-
-def test_standing_robot_touches_with_its_lowest_foot(generator):
-    joints = A1.default_stance * generator.uniform(0.8, 1.2, size=(20, 12))
-    state = kinematics.standing_state(A1, joints)
-    np.testing.assert_allclose(kinematics.foot_heights(A1, state).min(axis=1), 0.0, atol=TOLERANCE)
-    np.testing.assert_allclose(np.linalg.norm(state[:, :4], axis=1), 1.0)

@@ -42,28 +42,16 @@ def test_tracking_falls_with_the_squared_error(standing):
     assert terms["yaw_tracking"] == pytest.approx(0.5 * np.exp(-1))
 
 
-def test_a_narrow_width_distinguishes_small_errors(standing):
-    weights = RewardWeights(tracking_width=0.04)
-    _, terms = reward(standing, command=np.array([0.1, 0.2]), weights=weights)
-    assert terms["forward_tracking"] == pytest.approx(np.exp(-0.25))
-    assert terms["yaw_tracking"] == pytest.approx(0.5 * np.exp(-1))
-
-
 def test_averaged_speeds_are_what_a_robot_did_of_late(standing):
     weights = RewardWeights(tracking_time=0.3)
-    state = standing.copy()
-    state[quadruped.LINEAR_VELOCITY] = [0.5, 0.0, 0.0]
-    tracked, message = np.zeros(2), []
+    standing[quadruped.LINEAR_VELOCITY] = [0.5, 0.0, 0.0]
+    tracked, command = np.zeros(2), np.array([0.5, 0.0])
     for _ in range(30):
-        outcome, terms = reward(
-            state, tracked=tracked, weights=weights, command=np.array([0.5, 0.0])
-        )
+        outcome, terms = reward(standing, tracked=tracked, weights=weights, command=command)
         tracked = outcome.tracked
-        message.append(terms["forward_tracking"])
     # 0.6 s are two time constants.
     assert tracked[0] == pytest.approx(0.5 * (1 - np.exp(-2.0)))
-    assert np.all(np.diff(message) > 0)
-    assert message[-1] == pytest.approx(np.exp(-np.square(0.5 * np.exp(-2.0)) / 0.25))
+    assert terms["forward_tracking"] == pytest.approx(np.exp(-np.square(0.5 * np.exp(-2.0)) / 0.25))
 
 
 def test_penalties(standing):
@@ -119,36 +107,10 @@ def test_plain_reward_is_never_negative(standing):
     assert outcome.plain == 0.0
 
 
-def test_a_batch_is_its_robots_one_by_one(random_states, generator):
-    states = random_states(5)
-    contact = generator.random((5, 4)) < 0.5
-    arguments = {
-        "previous_joint_velocity": generator.normal(size=(5, 12)),
-        "action": generator.normal(size=(5, 12)),
-        "previous_action": generator.normal(size=(5, 12)),
-        "command": generator.normal(size=(5, 2)),
-        "foot_height": 0.2 * generator.random((5, 4)) - 0.02,
-        "air_time": generator.random((5, 4)),
-        "tracked": generator.normal(size=(5, 2)),
-    }
-    weights = RewardWeights(tracking_time=0.2, slip=-1.0, tilt=-1.0, high_swing=-1.0)
-    batch = step_reward(A1, states, foot_contact=contact, weights=weights, **arguments)
-    for i in range(5):
-        own = {name: values[i] for name, values in arguments.items()}
-        single = step_reward(A1, states[i], foot_contact=contact[i], weights=weights, **own)
-        np.testing.assert_allclose(batch.terms[i], single.terms, rtol=1e-12)
-        np.testing.assert_allclose(batch.air_time[i], single.air_time)
-        np.testing.assert_allclose(batch.tracked[i], single.tracked)
-
-
 def test_torques_are_charged_by_the_gains_that_act(standing):
     action = np.full(12, 0.1)
     _, own = reward(standing, action=action, previous_action=action)
-    _, firm = reward(
-        standing,
-        action=action,
-        previous_action=action,
-        joint_law=JointLaw((2.0 * A1.stiffness, A1.damping)),
-    )
+    law = JointLaw((2.0 * A1.stiffness, A1.damping))
+    _, firm = reward(standing, action=action, previous_action=action, joint_law=law)
     assert firm["torque"] == pytest.approx(4.0 * own["torque"]) != 0.0
     assert {name for name in own if own[name] != firm[name]} == {"torque"}

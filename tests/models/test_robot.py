@@ -16,11 +16,6 @@ from glassgait.models.robots.robot import ROBOT_DIRECTORY
 A1 = load_robot()
 
 
-def test_joints_are_ordered_by_leg():
-    assert quadruped.JOINTS[:4] == ("FL_hip", "FL_thigh", "FL_calf", "FR_hip")
-    assert len(quadruped.JOINTS) == 12
-
-
 def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
     action = generator.normal(size=(50, 12), scale=8.0)
     asked = A1.joint_targets(action)
@@ -33,7 +28,7 @@ def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
     assert np.all(np.isnan(A1.joint_targets(np.full(12, np.nan), limited=True)))
 
 
-def test_torque_follows_the_pd_law_up_to_the_effort():
+def test_torque_follows_the_pd_law_up_to_the_effort_of_each_joint():
     zero = np.zeros(12)
     torque = A1.joint_torque(
         target=zero + 0.1, position=zero, velocity=zero + 2.0, gains=(20.0, 0.5)
@@ -41,14 +36,13 @@ def test_torque_follows_the_pd_law_up_to_the_effort():
     np.testing.assert_allclose(torque, 1.0)
     torque = A1.joint_torque(target=zero + 5.0, position=zero, velocity=zero, gains=(20.0, 0.5))
     np.testing.assert_allclose(torque, A1.effort[0])
+    go2 = load_robot("go2")
+    assert (go2.lower_limits[1], go2.lower_limits[10]) == (-1.5708, -0.5236)
+    np.testing.assert_array_equal(go2.effort[:3], [23.7, 23.7, 45.43])
 
 
 def test_joints_are_found_by_name_and_by_index():
-    assert (
-        quadruped.joint_index("FL_calf")
-        == quadruped.joint_index(2)
-        == quadruped.joint_index(np.int64(2))
-    )
+    assert [quadruped.joint_index(joint) for joint in ("FL_calf", 2, np.int64(2))] == [2, 2, 2]
     for bad in ("FL_knee", "", 12, -1, 2.0, True, None, ["FL_hip"], np.zeros(2)):
         with pytest.raises(InputError, match="unknown joint"):
             quadruped.joint_index(bad)
@@ -105,16 +99,3 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
 def test_bad_files_are_refused_by_key(own, file, old, new, message):
     with pytest.raises(InputError, match=re.escape(message)):
         load_robot(own(file, old, new))
-
-
-def test_a_rear_thigh_has_limits_of_its_own():
-    go2 = load_robot("go2")
-    joints = dict(
-        zip(quadruped.JOINTS, zip(go2.lower_limits, go2.upper_limits, strict=True), strict=True)
-    )
-    assert joints["FL_thigh"] == (-1.5708, 3.4907)
-    assert joints["RR_thigh"] == (-0.5236, 4.5379)
-    torque = go2.joint_torque(
-        target=np.full(12, 9.0), position=np.zeros(12), velocity=np.zeros(12), gains=(20.0, 0.5)
-    )
-    np.testing.assert_array_equal(torque[:3], [23.7, 23.7, 45.43])

@@ -19,24 +19,16 @@ def shown(state, action=STILL, previous=STILL, limits=LIMITS):
     return {name for name, flag in zip(FAILURES, flags, strict=True) if flag}
 
 
-def test_a_standing_robot_shows_none(standing):
+def test_a_robot_shows_nothing_standing_and_a_failure_low_on_its_side_or_in_the_air(standing):
     assert shown(standing) == set()
-
-
-def test_low_trunk(standing):
-    standing[6] = 0.19
-    assert "low_trunk" in shown(standing)
-
-
-def test_body_contact_when_lying_on_the_side(standing):
-    standing[:4] = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0, 0]
-    standing[6] = 0.08
-    assert "body_contact" in shown(standing)
-
-
-def test_high_foot(standing):
-    standing[6] += 0.26
-    assert shown(standing) == {"high_foot"}
+    low, lying, high = standing.copy(), standing.copy(), standing.copy()
+    low[6] = 0.19
+    assert "low_trunk" in shown(low)
+    lying[:4] = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0, 0]
+    lying[6] = 0.08
+    assert "body_contact" in shown(lying)
+    high[6] += 0.26
+    assert shown(high) == {"high_foot"}
 
 
 def leaning(state, degrees):
