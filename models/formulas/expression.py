@@ -310,12 +310,17 @@ def _with_leaves(formula: Expression, leaves: Iterator[Expression]) -> Expressio
     return Expression(formula.operator, operands)
 
 
-def refuse_unfit(formula: Expression, n_variables: int) -> None:
-    """Refuses a formula that is too large, or is not one of so many variables.
+def checked_formula(formula: Expression, n_variables: int) -> Expression:
+    """Returns the canonical form of a formula, and refuses one that `refuse_unfit` refuses."""
+    refuse_unfit(formula, n_variables)
+    formula = canonical(formula)
+    # A sign that has moved may stand one deeper.
+    refuse_unfit(formula, n_variables)
+    return formula
 
-    Raises:
-        InputError: if it is.
-    """
+
+def refuse_unfit(formula: Expression, n_variables: int) -> None:
+    """Refuses a formula that is too large, or is not one of so many variables."""
     # A list of what is still to visit, since a formula may be deeper than Python's stack.
     pending, n_nodes = [(formula, 1)], 0
     while pending:

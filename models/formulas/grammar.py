@@ -29,7 +29,7 @@ from glassgait.models.formulas.expression import (
     MAX_DEPTH,
     UNARY,
     Expression,
-    canonical,
+    checked_formula,
     constant,
     refuse_unfit,
     variable,
@@ -98,17 +98,13 @@ def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
     try:
         refuse_unprintable(flat, "a formula")
         formula = _Parser(flat.rstrip(" "), symbols, _FUNCTIONS).read()
-        refuse_unfit(formula, len(symbols))
-        formula = canonical(formula)
-        # A sign that has moved may stand one deeper.
-        refuse_unfit(formula, len(symbols))
+        return checked_formula(formula, len(symbols))
     except TextError as error:
         before = text[: error.column - 1]
         line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
         raise TextError(str(error), line, column) from error
     except InputError as error:
         raise TextError(str(error), 1, 1) from error
-    return formula
 
 
 def variable_names(count: int) -> tuple[str, ...]:

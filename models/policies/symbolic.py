@@ -3,7 +3,6 @@
 import copy
 import hashlib
 import json
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cached_property
@@ -11,13 +10,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.evaluate import Tape
-from glassgait.models.formulas.expression import Expression, canonical, constant, refuse_unfit
+from glassgait.models.formulas.expression import Expression, canonical, checked_formula, constant
 from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
 from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.formulas.quantities import (
@@ -36,29 +36,6 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import refuse_other_mirror
 
 
-def _factored(term: Expression, state: int | None) -> FactoredTerm:
-    weight, quantities = 1.0, []
-    for factor in factors_of(term):
-        if factor.operator == "constant":
-            weight *= factor.value
-        else:
-            quantities.append(factor)
-    # Variables first: functions of them may be long.
-    quantities.sort(key=lambda quantity: quantity.operator != "variable")
-    return FactoredTerm((weight,), tuple(quantities), state)
-
-
-def factors_of(term: Expression) -> tuple[Expression, ...]:
-    """Splits a term into the factors whose product it is; a sign is the factor -1."""
-    match term:
-        case Expression("mul", (left, right)):
-            return factors_of(left) + factors_of(right)
-        case Expression("neg", (inner,)):
-            return (constant(-1.0), *factors_of(inner))
-        case _:
-            return (term,)
-
-
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each RM state.
 
@@ -66,8 +43,8 @@ class FormulaPolicy(Policy):
     see `glassgait.models.formulas.file`.
 
     Attributes:
-        expressions: Formulas (12), or (n_states, 12), in canonical form.
-        formulas_by_state: The same (n_states, 12), or (1, 12) where all states share them.
+        formulas_by_state: Formulas in canonical form (n_states, 12), or (1, 12) where all states
+            share them.
         vocabulary: The meaning of their variables.
         mirror: Mirror image of each RM state, where the file leaves mirror images out.
         readings: Ranges within which the formulas read sensors, if there are any.
@@ -77,13 +54,11 @@ class FormulaPolicy(Policy):
     statewise: ClassVar[bool]
     """Whether each RM state has its formulas."""
 
-    expressions: Any
-
     def __init__(
         self,
         gait: str,
         observation_names: tuple[str, ...],
-        expressions: Sequence[Any],
+        formulas_by_state: Sequence[Sequence[Expression]],
         *,
         definitions: Sequence[Definition] = (),
         mirror: Sequence[int] | None = None,
@@ -92,50 +67,31 @@ class FormulaPolicy(Policy):
     ) -> None:
         super().__init__(gait, observation_names, robot=robot)
         self.vocabulary = Vocabulary(self.observation_names, tuple(definitions))
+        self.mirror = None if mirror is None else tuple(mirror)
         with self._naming_this_kind():
-            given = self._rows(expressions)
-            self._refuse_unfit(given)
-            rows = tuple(tuple(canonical(formula) for formula in row) for row in given)
-            # A sign that has moved may stand one deeper.
-            self._refuse_unfit(rows)
-            self.mirror = None if mirror is None else self._checked_mirror(mirror)
+            self.formulas_by_state = self._canonical(formulas_by_state)
             self._take(readings)
-        self.formulas_by_state: tuple[tuple[Expression, ...], ...] = rows
-        self.expressions = rows if self.statewise else rows[0]
         self._units = RobotUnits.of(self.robot, self.observation_names)
-        self._tapes = [self._targets(formulas) for formulas in rows]
+        self._tapes = [self._targets(formulas) for formulas in self.formulas_by_state]
 
-    def _rows(self, expressions: Any) -> Sequence[Sequence[Expression]]:
-        """Returns the formulas by RM state, and refuses another shape."""
-        count = self.layout.n_machine_states if self.statewise else 1
-        rows = expressions if self.statewise else (expressions,)
-        fits = len(rows) == count and all(
-            isinstance(row, list | tuple)
-            and len(row) == quadruped.N_JOINTS
-            and all(isinstance(formula, Expression) for formula in row)
-            for row in rows
-        )
-        if not fits:
+    def _canonical(
+        self, rows: Sequence[Sequence[Expression]]
+    ) -> tuple[tuple[Expression, ...], ...]:
+        """Returns formulas in canonical form, and refuses those that no policy can have."""
+        n_rows = self.layout.n_machine_states if self.statewise else 1
+        if [len(row) for row in rows] != [quadruped.N_JOINTS] * n_rows:
             raise InputError(
-                f"its formulas must be {quadruped.N_JOINTS}"
-                f"{f' for each of {count} states' if self.statewise else ''}; fit them again"
+                f"its formulas must be of shape ({n_rows}, {quadruped.N_JOINTS}); fit them again"
             )
-        return rows
-
-    def _refuse_unfit(self, rows: Sequence[Sequence[Expression]]) -> None:
+        made = []
         for state, row in enumerate(rows):
             for joint, formula in zip(quadruped.JOINTS, row, strict=True):
                 try:
-                    refuse_unfit(formula, len(self.vocabulary.symbols))
+                    made.append(checked_formula(formula, len(self.vocabulary.symbols)))
                 except InputError as error:
                     place = f"{joint} in state {state}" if self.statewise else joint
                     raise InputError(f"{place}: {error}") from error
-
-    def _checked_mirror(self, mirror: Sequence[int]) -> tuple[int, ...]:
-        states = range(self.layout.n_machine_states)
-        if sorted(mirror) != [*states] or any(mirror[mirror[s]] != s for s in states):
-            raise InputError(f"its mirror is {tuple(mirror)}; it must name each state's image")
-        return tuple(mirror)
+        return _rows(made)
 
     def _take(self, readings: Readings | None) -> None:
         if readings is not None:
@@ -144,22 +100,14 @@ class FormulaPolicy(Policy):
         self._ends = None if readings is None else readings.ends(self.observation_names)
 
     def with_readings(self, readings: Readings | None) -> Self:
-        """Returns the policy that reads sensors within these ranges.
-
-        Raises:
-            InputError: if they are not of its observations.
-        """
+        """Returns the policy that reads sensors within these ranges."""
         made = copy.copy(self)
         with self._naming_this_kind():
             made._take(readings)
         return made
 
     def with_machine(self, gait: Gait) -> Self:
-        """Returns the policy that holds its gait, and refuses to act in another.
-
-        Raises:
-            InputError: if the gait is another one than the policy's, or has other states.
-        """
+        """Returns the policy that holds its gait, and refuses to act in another."""
         names = ObservationLayout(gait.n_states, imu=self.layout.imu).names
         self.check(gait=gait, observation_names=names)
         made = copy.copy(self)
@@ -167,11 +115,7 @@ class FormulaPolicy(Policy):
         return made
 
     def refuse_other_machine(self, gait: Gait) -> None:
-        """Refuses another machine, and one whose mirror images are not the policy's.
-
-        Raises:
-            InputError: if it is; the message names the key.
-        """
+        """Refuses another machine, and one whose mirror images are not the policy's."""
         super().refuse_other_machine(gait)
         refuse_other_mirror(self.mirror, gait)
 
@@ -179,10 +123,11 @@ class FormulaPolicy(Policy):
 
     def to_file(self) -> FormulaFile:
         """Returns the content of the policy's file."""
-        formulas: dict[tuple[int, ...], Expression] = {}
-        for state, row in enumerate(self.formulas_by_state):
-            for joint, formula in enumerate(row):
-                formulas[(state, joint) if self.statewise else (joint,)] = formula
+        formulas = {
+            ((state, joint) if self.statewise else (joint,)): formula
+            for state, row in enumerate(self.formulas_by_state)
+            for joint, formula in enumerate(row)
+        }
         return FormulaFile(
             self.gait,
             self.vocabulary,
@@ -216,19 +161,13 @@ class FormulaPolicy(Policy):
         """Builds the policy of a file, with its estimator if the file holds odometry.
 
         Args:
-            file: The content of the file.
             robot: The robot that the file names; by default the shipped one.
         """
-        kind: type[FormulaPolicy] = SymbolicPolicy
-        expressions: Any = tuple(file.formulas.values())
-        if file.n_states is not None:
-            kind, joints = StatewiseSymbolicPolicy, quadruped.N_JOINTS
-            starts = range(0, len(expressions), joints)
-            expressions = tuple(expressions[start : start + joints] for start in starts)
+        kind = SymbolicPolicy if file.n_states is None else StatewiseSymbolicPolicy
         policy = kind(
             file.gait,
             file.vocabulary.names,
-            expressions,
+            _rows(list(file.formulas.values())),
             definitions=file.vocabulary.definitions,
             mirror=file.mirror,
             readings=file.readings,
@@ -255,6 +194,37 @@ class FormulaPolicy(Policy):
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
     # ---- Evaluation --------------------------------------------------------------------------
+
+    def __call__(self, observation: Array) -> Array:
+        quantities, acting = self._read(observation), self._acting(observation)
+        if observation.ndim == 1:
+            return actions_of(self.robot, self._tapes[int(acting)](quantities))
+        targets = np.empty((*acting.shape, quadruped.N_JOINTS))
+        for index, tape in enumerate(self._tapes):
+            mine = acting == index
+            if mine.any():
+                targets[mine] = tape(quantities[mine])
+        return actions_of(self.robot, targets)
+
+    def _acting(self, observation: Array) -> NDArray[np.intp]:
+        """Returns the index of the row of formulas that acts on observations (..., n)."""
+        if self.statewise:
+            return self.machine_state(observation)
+        return np.zeros(observation.shape[:-1], dtype=np.intp)
+
+    def explain(self, observation: Array, joint: int | str) -> Contributions:
+        """Splits a joint's targets into contributions; those of other states' terms are 0."""
+        joint, symbols = quadruped.joint_index(joint), self.vocabulary.symbols
+        read, acting = self._read(observation), self._acting(observation)
+        names, values = [], []
+        for state, formulas in enumerate(self.formulas_by_state):
+            terms = [canonical(term) for term in formulas[joint].terms()]
+            title = f"state {state}: " if self.statewise else ""
+            names += [title + write_formula(term, symbols) for term in terms]
+            # Where the robot is in another state, this state's formula may not even be finite.
+            mine = (acting == state)[..., None]
+            values.append(np.where(mine, self._targets(terms)(read), 0.0))
+        return Contributions(tuple(names), np.concatenate(values, axis=-1))
 
     def quantities(self, observation: Array) -> Array:
         """Evaluates all variables of the formulas (..., k) at observations (..., n)."""
@@ -287,17 +257,16 @@ class FormulaPolicy(Policy):
         slopes = np.abs(self.derivatives(observations)).mean(axis=0)
         return "derivatives", slopes * observations.std(axis=0)
 
-    @abstractmethod
     def derivatives(self, observation: Array) -> Array:
-        """Evaluates the partial derivative of each action by each observation (..., 12, n)."""
+        """Evaluates the partial derivative of each action by each observation (..., 12, n).
 
-    def _contributions(self, formula: Expression, observation: Array) -> Contributions:
-        terms = [canonical(term) for term in formula.terms()]
-        values = self._targets(terms)(self._read(observation))
-        symbols = self.vocabulary.symbols
-        return Contributions(tuple(write_formula(term, symbols) for term in terms), values)
+        The RM state is held: at its change the formulas jump.
+        """
+        rows = np.stack([self._slopes(row, observation) for row in self.formulas_by_state])
+        acting = self._acting(observation)[None, ..., None, None]
+        return np.take_along_axis(rows, acting, axis=0)[0]
 
-    def _derivatives(self, formulas: Sequence[Expression], observation: Array) -> Array:
+    def _slopes(self, formulas: Sequence[Expression], observation: Array) -> Array:
         n = observation.shape[-1]
         expanded = [self.vocabulary.expanded(formula) for formula in formulas]
         slopes = [
@@ -317,63 +286,44 @@ class FormulaPolicy(Policy):
         return derivatives / (self.robot.action_scale * self._units.scale)
 
 
-class SymbolicPolicy(FormulaPolicy):
-    """Each target is a formula of the observed quantities.
+def _rows(formulas: Sequence[Expression]) -> tuple[tuple[Expression, ...], ...]:
+    """Splits the formulas of all states into those of each."""
+    starts = range(0, len(formulas), quadruped.N_JOINTS)
+    return tuple(tuple(formulas[start : start + quadruped.N_JOINTS]) for start in starts)
 
-    Attributes:
-        expressions: Formulas, one a joint.
-    """
+
+def _factored(term: Expression, state: int | None) -> FactoredTerm:
+    weight, quantities = 1.0, []
+    for factor in _factors(term):
+        if factor.operator == "constant":
+            weight *= factor.value
+        else:
+            quantities.append(factor)
+    # Variables first: functions of them may be long.
+    quantities.sort(key=lambda quantity: quantity.operator != "variable")
+    return FactoredTerm((weight,), tuple(quantities), state)
+
+
+def _factors(term: Expression) -> tuple[Expression, ...]:
+    """Splits a term into the factors whose product it is; a sign is the factor -1."""
+    match term:
+        case Expression("mul", (left, right)):
+            return _factors(left) + _factors(right)
+        case Expression("neg", (inner,)):
+            return (constant(-1.0), *_factors(inner))
+        case _:
+            return (term,)
+
+
+class SymbolicPolicy(FormulaPolicy):
+    """Each target is a formula of the observed quantities."""
 
     kind = "symbolic"
     statewise = False
 
-    def __call__(self, observation: Array) -> Array:
-        return actions_of(self.robot, self._tapes[0](self._read(observation)))
-
-    def explain(self, observation: Array, joint: int | str) -> Contributions:
-        return self._contributions(self.expressions[quadruped.joint_index(joint)], observation)
-
-    def derivatives(self, observation: Array) -> Array:
-        return self._derivatives(self.expressions, observation)
-
 
 class StatewiseSymbolicPolicy(FormulaPolicy):
-    """A formula for each joint and RM state: a hybrid automaton to read.
-
-    Attributes:
-        expressions: Formulas (n_states, 12).
-    """
+    """A formula for each joint and RM state: a hybrid automaton to read."""
 
     kind = "statewise_symbolic"
     statewise = True
-
-    def __call__(self, observation: Array) -> Array:
-        quantities, states = self._read(observation), self.machine_state(observation)
-        if observation.ndim == 1:
-            return actions_of(self.robot, self._tapes[int(states)](quantities))
-        targets = np.empty((*states.shape, quadruped.N_JOINTS))
-        for index, tape in enumerate(self._tapes):
-            mine = states == index
-            if mine.any():
-                targets[mine] = tape(quantities[mine])
-        return actions_of(self.robot, targets)
-
-    def explain(self, observation: Array, joint: int | str) -> Contributions:
-        """Splits a joint's targets into contributions; those of other states' terms are 0."""
-        joint = quadruped.joint_index(joint)
-        state, terms, values = self.machine_state(observation), [], []
-        for index, formulas in enumerate(self.expressions):
-            found = self._contributions(formulas[joint], observation)
-            terms += [f"state {index}: {term}" for term in found.terms]
-            # Where the robot is in another state, this state's formula may not even be finite.
-            values.append(np.where((state == index)[..., None], found.values, 0.0))
-        return Contributions(tuple(terms), np.concatenate(values, axis=-1))
-
-    def derivatives(self, observation: Array) -> Array:
-        """Evaluates the partial derivative of each action by each observation (..., 12, n).
-
-        The RM state is held: at its change the formulas jump.
-        """
-        every_state = np.stack([self._derivatives(row, observation) for row in self.expressions])
-        state = self.machine_state(observation)
-        return np.take_along_axis(every_state, state[None, ..., None, None], axis=0)[0]

@@ -106,7 +106,7 @@ def symbolic() -> SymbolicPolicy:
     texts = [
         f"({0.1 * j} * x{j} + sin(x{j + 1} * -2.5)) / 3 - tanh(x3)^2 + x1**3" for j in range(12)
     ]
-    return SymbolicPolicy("trot", NAMES, [parse_expression(text, names) for text in texts])
+    return SymbolicPolicy("trot", NAMES, [[parse_expression(text, names) for text in texts]])
 
 
 @pytest.fixture

@@ -82,7 +82,7 @@ def policies(draw, random_formulas):
             if generator.random() < 0.8:
                 formulas[image.place(place)] = image.formula(formulas[place], place[-1])
     rows = list(formulas.values())
-    rows = [rows[:12], rows[12:]] if kind is StatewiseSymbolicPolicy else rows
+    rows = [rows[start : start + 12] for start in range(0, len(rows), 12)]
     return kind("trot", NAMES, rows, definitions=vocabulary.definitions, mirror=mirror)
 
 
@@ -93,7 +93,7 @@ def test_policies_come_back_from_their_text(random_formulas, samples, data):
     again = policy_of(text)
     assert again.to_text() == text
     assert type(again) is type(policy)
-    assert (again.expressions, again.mirror) == (policy.expressions, policy.mirror)
+    assert (again.formulas_by_state, again.mirror) == (policy.formulas_by_state, policy.mirror)
     assert (again.vocabulary, again.digest()) == (policy.vocabulary, policy.digest())
     with np.errstate(over="ignore"):
         np.testing.assert_array_equal(again(observation), policy(observation))
@@ -116,7 +116,7 @@ def test_shipped_files_are_written_as_they_stand_and_hold_their_gait(path):
 
 @pytest.mark.parametrize("gait", ["my own trot", "trot: fast", "trot #2", "Größe", "on", "1.5"])
 def test_the_name_of_any_gait_comes_back(symbolic, gait):
-    policy = SymbolicPolicy(gait, NAMES, symbolic.expressions)
+    policy = SymbolicPolicy(gait, NAMES, symbolic.formulas_by_state)
     assert policy_of(policy.to_text()).gait == gait
 
 
@@ -134,7 +134,7 @@ def test_a_header_says_how_joints_follow(symbolic, said, law):
     policy = policy_of(text)
     assert policy.joint_law == (law or JointLaw(limits=TargetLimits(90.0, margin=1e-5, lean=9.0)))
     assert policy_of(policy.to_text()).digest() == policy.digest() != symbolic.digest()
-    assert policy.expressions == symbolic.expressions
+    assert policy.formulas_by_state == symbolic.formulas_by_state
 
 
 def test_the_gain_of_odometry_can_be_edited(tmp_path):
@@ -154,8 +154,8 @@ def test_a_number_keeps_all_its_digits():
     numbers = (np.random.default_rng(0).normal(size=12) * 10.0 ** np.arange(-6, 6)).tolist()
     formulas = {joint: f"{numbers[j]!r} - t" for j, joint in enumerate(quadruped.JOINTS)}
     policy = policy_of(f"{HEAD}every state\n{shared(**formulas)}")
-    assert [formula.operands[0].value for formula in policy.expressions] == numbers
-    assert policy_of(policy.to_text()).expressions == policy.expressions
+    assert [formula.operands[0].value for formula in policy.formulas_by_state[0]] == numbers
+    assert policy_of(policy.to_text()).formulas_by_state == policy.formulas_by_state
 
 
 def test_definitions_keep_their_notes_and_formulas_may_go_over_lines():
@@ -175,7 +175,7 @@ def test_definitions_keep_their_notes_and_formulas_may_go_over_lines():
 def test_a_formula_that_is_no_mirror_image_stands_in_the_file():
     policy = policy_of(f"{TEXT}\nstate 1\nFL_hip = 0.5\n")
     assert "\nstate 1\nFL_hip = 0.5\n" in policy.to_text()
-    assert policy_of(policy.to_text()).expressions == policy.expressions
+    assert policy_of(policy.to_text()).formulas_by_state == policy.formulas_by_state
 
 
 def test_a_policy_acts_only_in_its_own_machine(tmp_path):

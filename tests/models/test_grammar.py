@@ -67,7 +67,7 @@ def test_a_formula_that_a_sign_makes_too_deep_to_be_read_is_refused():
     with pytest.raises(TextError, match="nested more than 100 deep"):
         read(write_formula(product, SYMBOLS))
     with pytest.raises(InputError, match="nested more than 100 deep"):
-        SymbolicPolicy("trot", NAMES, [product] * 12)
+        SymbolicPolicy("trot", NAMES, [[product] * 12])
 
 
 @given(st.floats(-LARGEST, LARGEST))

@@ -356,7 +356,7 @@ def test_terms_are_written_as_in_the_file():
     vocabulary = Vocabulary(NAMES, known_definitions(A1, NAMES))
     text = "late*(0.25*cmd.v - cmd.yaw*2) + 0.125*q.FL_hip"
     formula = parse_formula(text, vocabulary.symbols)
-    policy = SymbolicPolicy("trot", NAMES, [formula] * 12, definitions=vocabulary.definitions)
+    policy = SymbolicPolicy("trot", NAMES, [[formula] * 12], definitions=vocabulary.definitions)
     terms = policy.explain(np.zeros(N), 0).terms
     assert terms == ("late*(0.25*cmd.v)", "-late*(cmd.yaw*2)", "0.125*q.FL_hip")
 
@@ -433,8 +433,8 @@ def test_arrays_that_no_policy_can_have_are_refused(neural, symbolic, small_tree
         (lambda: NeuralPolicy("trot", NAMES, neural.estimator, neural.estimator), "actor.0.w"),
         (lambda: NeuralPolicy("trot", NAMES, neural.actor, neural.actor), "estimator.0.weight"),
         (lambda: NeuralPolicy("trot", NAMES, Network((), ()), neural.estimator), "0 layers"),
-        (lambda: SymbolicPolicy("trot", NAMES, symbolic.expressions[:2]), "must be 12"),
-        (lambda: StatewiseSymbolicPolicy("trot", NAMES, symbolic.expressions), "2 states"),
+        (lambda: SymbolicPolicy("trot", NAMES, [symbolic.formulas_by_state[0][:2]]), "must be"),
+        (lambda: StatewiseSymbolicPolicy("trot", NAMES, symbolic.formulas_by_state), r"\(2, 12\)"),
     ):
         with pytest.raises(InputError, match=said):
             make()

@@ -180,7 +180,8 @@ def test_the_simplest_good_one_is_taken_and_the_others_are_reported(distilled):
     complexity = {shape: shape for shape in shapes}
     assert set(ranked["candidate"]) == set(complexity)
     assert ranked["return"].is_monotonic_decreasing
-    longest = max(own.length for own in load_policy(distilled / "symbolic.formulas").expressions)
+    (formulas,) = load_policy(distilled / "symbolic.formulas").formulas_by_state
+    longest = max(formula.length for formula in formulas)
     chosen = simplest_of_the_best(ranked, complexity)
     assert (longest <= 30) == (complexity[chosen] == shapes[0])
 

@@ -143,7 +143,7 @@ def test_a_policy_without_an_action_is_reported_by_joint_and_step(expert):
     texts = [f"{target!r}" for target in A1.default_stance.tolist()]
     texts[2] = bad
     formulas = [parse_expression(text, variable_names(len(names))) for text in texts]
-    student = SymbolicPolicy("trot", names, formulas)
+    student = SymbolicPolicy("trot", names, [formulas])
     config = RolloutConfig(n_robots=3, n_steps=10)
     scores = score(load_gait("trot"), alone(student, expert), Scenario(), config)
     assert scores["failure"].tolist() == ["not_finite"] * 3

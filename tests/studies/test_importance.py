@@ -81,7 +81,7 @@ def test_the_machines_state_is_shuffled_as_one(generator):
 def test_slopes_count_with_the_observations_spread(generator):
     names = variable_names(N)
     formula = parse_expression("3 * x2 - x4 * x4", names)
-    policy = SymbolicPolicy("trot", NAMES, [formula] * 12)
+    policy = SymbolicPolicy("trot", NAMES, [[formula] * 12])
     observations = samples_of(policy, generator, 4000).observations
     observations[:, 2] *= 10.0
     method, importances = policy.importance(observations)

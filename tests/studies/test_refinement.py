@@ -162,7 +162,7 @@ def test_a_step_of_any_direction_does_as_much():
 
 def test_formulas_stay_those_of_their_robot():
     names, go2 = PAGE.observation_names, load_robot("go2")
-    policy = SymbolicPolicy("trot", names, [constant(0.1234)] * 12, robot=go2)
+    policy = SymbolicPolicy("trot", names, [[constant(0.1234)] * 12], robot=go2)
     assert short_numbers(FormulaNetwork(policy).to_policy()).robot is go2
     assert FormulaPolicy.from_file(read_formulas(policy.to_text())).robot is go2
 

@@ -89,7 +89,7 @@ def sound_policies(random_network: Callable[..., Network]) -> dict[str, Policy]:
         ),
         "boosted_trees": trees,
         "additive": additive,
-        "symbolic": lambda g: SymbolicPolicy("trot", NAMES, formulas(g)),
+        "symbolic": lambda g: SymbolicPolicy("trot", NAMES, [formulas(g)]),
         "statewise_symbolic": lambda g: StatewiseSymbolicPolicy("trot", NAMES, [formulas(g)] * 2),
     }
     return {kind: make(np.random.default_rng(1)) for kind, make in makers.items()}
