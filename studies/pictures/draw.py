@@ -5,7 +5,6 @@ The diagram needs Graphviz's `dot`, the robots need EGL. `blocks.svg` and the sc
 by hand.
 """
 
-import io
 import re
 import subprocess
 import sys
@@ -43,9 +42,7 @@ FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
 
 FILMED_STEPS = 96
-
 SETTLING_STEPS = 100
-
 SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 
 
@@ -57,6 +54,7 @@ def draw(names: Sequence[str] = ()) -> None:
     for name in names or known:
         say(f"drawing {name}")
         path = FOLDER / name
+        # Diagrams of the loop, of trainings and of falls, then stills and films of a robot.
         if name == "locomotion.svg":
             write_atomically(path, diagram_svg())
         elif name == "learning_curves.png":
@@ -71,7 +69,7 @@ def draw(names: Sequence[str] = ()) -> None:
         else:
             camera = Camera(load_robot(), 480, 300)
             states = expert_rollout(path.stem)["state"][SETTLING_STEPS::FRAME_STEPS]
-            write_atomically(path, gif([camera.take(state) for state in states]))
+            save_gif([camera.take(state) for state in states], path)
 
 
 def expert_rollout(name: str) -> Rollout:
@@ -113,18 +111,15 @@ def diagram_svg() -> str:
     return re.sub(r"<!--.*?-->\n", "", drawn.stdout, flags=re.DOTALL)
 
 
-def gif(frames: list[np.ndarray]) -> bytes:
-    """Encodes frames (height, width, 3) as an endless GIF."""
+def save_gif(frames: list[np.ndarray], path: Path) -> None:
+    """Writes frames (height, width, 3) as an endless GIF."""
     palette = Image.fromarray(frames[0]).quantize(96)
     images = [
         Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
         for frame in frames
     ]
-    buffer = io.BytesIO()
-    images[0].save(
-        buffer, "GIF", save_all=True, append_images=images[1:], duration=40, loop=0, optimize=True
-    )
-    return buffer.getvalue()
+    options = {"append_images": images[1:], "duration": 40, "loop": 0, "optimize": True}
+    images[0].save(path, "GIF", save_all=True, **options)
 
 
 if __name__ == "__main__":

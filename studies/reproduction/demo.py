@@ -72,7 +72,7 @@ FULL = replace(
 REPLAY_STEPS = 400
 
 REPLAYS_IN_A_ROW = 450
-"""Repetitions of a replay, an hour in all: a page that is opened late still moves."""
+"""An hour in all: a page that is opened late still moves."""
 
 EXPLAINED_JOINT, EXPLAINED_STEP = 1, 200
 """The joint and control step of the explanation."""
@@ -117,8 +117,10 @@ class Demo(Settings):
             page.show(shown, found.students.get(shown, found.expert))
             if self.full:
                 page.show(EXPERT, found.expert)
-            students = page.distill(FULL if self.full else QUICK, resume=self.resume)
-            page.compare(students, self.n_robots)
+            trained, config = folder / "distillation", FULL if self.full else QUICK
+            r2 = distill(config, gait, found.expert, trained, resume=self.resume)
+            students = load_students(trained, found.expert)
+            page.compare(students, r2, self.n_robots)
             # The full demo also lets each student act in turns with the expert.
             if self.full:
                 page.alternate(students, self.n_robots)
@@ -140,7 +142,6 @@ class _Page:
     folder: Path
     sections: list[Section] = field(default_factory=list)
     meshcat: Meshcat = field(default_factory=open_meshcat)
-    r2: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def show(self, name: str, policy: Policy) -> None:
         """Adds a policy's replay and gait diagram, and of formulas the explanation of an action."""
@@ -159,37 +160,26 @@ class _Page:
         say(f"open {self.folder / file}: a replay, {title}")
 
         # The gait diagram, and of formulas the terms of one joint's target at one instant.
-        figures = {"gait": gait_figure(rollout, self.gait, title)}
-        captions = ["Feet in contact over time, and the states of the reward machine"]
+        caption = "Feet in contact over time, and the states of the reward machine"
+        figures = {"gait": (caption, gait_figure(rollout, self.gait, title))}
         step, joint = min(EXPLAINED_STEP, len(rollout.time) - 1), EXPLAINED_JOINT
         if isinstance(policy, FormulaPolicy):
             parts = policy.explain(rollout["observations"][step], joint)
             moment = f"{quadruped.JOINTS[joint]} at {rollout.time[step]:.2f} s"
-            figures["explanation"] = contribution_figure(parts, f"Terms of {moment}")
-            captions.append(f"The terms of the formula that add up to the target of {moment}")
+            caption = f"The terms of the formula that add up to the target of {moment}"
+            figures["explanation"] = (caption, contribution_figure(parts, f"Terms of {moment}"))
 
-        for stem, figure in figures.items():
+        for stem, (_, figure) in figures.items():
             save_figure(figure, self.folder / f"{name}_{stem}", ("png",))
-        paths = [self.folder / f"{name}_{stem}.png" for stem in figures]
-        section = Section(
-            title,
-            note="Commanded 0.5 m/s forward, with sensor noise; the policy acts alone.",
-            replays=[(title, file)],
-            figures=list(zip(captions, paths, strict=True)),
-        )
-        self.add(section)
+        note = "Commanded 0.5 m/s forward, with sensor noise; the policy acts alone."
+        saved = [(own, self.folder / f"{name}_{stem}.png") for stem, (own, _) in figures.items()]
+        self.add(Section(title, note=note, replays=[(title, file)], figures=saved))
 
-    def distill(self, config: DistillationConfig, *, resume: bool) -> dict[str, Policy]:
-        """Distils the students of a configuration."""
-        folder = self.folder / "distillation"
-        self.r2 = distill(config, self.gait, self.expert, folder, resume=resume)
-        return load_students(folder, self.expert)
-
-    def compare(self, students: Mapping[str, Policy], n_robots: int) -> None:
+    def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
         """Rolls every student out alone, and adds one table of fit and scores."""
         say("rolling out every student alone")
         table = standalone_table(self._roll_out(students, n_robots, (1, 0)))
-        fits = {policy_title(row["student"]): row["r2"] for _, row in self.r2.iterrows()}
+        fits = {policy_title(row["student"]): row["r2"] for _, row in r2.iterrows()}
         table.insert(1, "R² held out", table["policy"].map(fits).round(3))
         write_table(table, self.folder / "standalone")
         print_table("Students without the expert", table)

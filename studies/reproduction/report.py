@@ -15,7 +15,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
@@ -94,20 +94,15 @@ class Report(Settings):
 
     @cached_property
     def _robot(self) -> Robot:
-        return load_robot() if self.robot is None else load_robot(self.robot)
+        return load_robot(self.robot or DEFAULT_ROBOT)
 
     def run(self) -> None:
         """Studies every gait, then writes report.html."""
         started, names, report = time.monotonic(), gaits_named(self.gait), self.settled()
         folder = self.output or default_folder(self.study + "_quick" * self.quick, self._robot.name)
-        with open_run(
-            folder,
-            study=self.study,
-            settings=report,
-            inputs=self._inputs(names),
-            resume=self.resume,
-            free=("gait",),
-        ):
+        claim = {"study": self.study, "settings": report, "inputs": self._inputs(names)}
+        # A continued run may name other gaits.
+        with open_run(folder, **claim, resume=self.resume, free=("gait",)):
             # A single gait is studied in this process, which shows its progress.
             jobs = [Job(name, 0, folder / load_gait(name).name, name) for name in names]
             if len(jobs) == 1 and self.workers.backend == "loky":
@@ -143,8 +138,9 @@ class Report(Settings):
     @property
     def searches_by(self) -> str | None:
         """Engine that searches the formulas; None without formulas."""
-        settings: object = self.distillation.settings.of("symbolic")
-        return vars(settings)["engine"] if "symbolic" in self.distillation.students else None
+        if "symbolic" not in self.distillation.students:
+            return None
+        return vars(self.distillation.settings.of("symbolic"))["engine"]
 
     def rollouts_of(self, gait: Gait) -> RolloutConfig:
         """Returns how the robots of a gait are rolled out: at most as fast as it goes."""

@@ -5,7 +5,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +36,6 @@ FALLEN_STEPS = 50
 PATIENCE = 0.25
 """Lag (s) beyond which lost time is not caught up with."""
 
-SAMPLED = ("state", "rm_state", "foot_contact", "observations", "actions", "reward", "failures")
-
 
 class ExchangeablePolicy(Policy):
     """Acts as the policy in `acting`, which may be exchanged between two control steps.
@@ -59,36 +58,32 @@ class ExchangeablePolicy(Policy):
         return self.acting.digest()
 
 
-@dataclass(frozen=True)
-class Sample:
-    """A robot at a control instant.
-
-    Attributes:
-        state: State of the plant (37).
-        rm_state: State of the reward machine (n_states, one-hot).
-        target: Joint targets from now on (12; rad).
-        reward: Reward of the step that ends now.
-    """
+class Sample(NamedTuple):
+    """Outputs of a robot's diagram at a control instant, by the names of their ports."""
 
     state: Array
     rm_state: Array
     foot_contact: Array
-    observation: Array
-    target: Array
-    reward: float
-    fallen: bool
+    observations: Array
+    actions: Array
+    reward: Array
+    failures: Array
+
+    @property
+    def fallen(self) -> bool:
+        return bool((self.failures > 0.5).any())
 
 
 class _Walker:
     """One robot in its diagram, advanced control step by control step."""
 
     def __init__(self, gait: Gait, scenario: Scenario, controller: Controller) -> None:
-        self._robot, self._scenario = controller.robot, scenario
+        self._scenario = scenario
         self._diagram = MakeLocomotion(gait, scenario, policy=controller)
         self._simulator = make_simulator(self._diagram)
         self._context = self._simulator.get_mutable_context()
         # Looked up once: pydrake's look-ups fail where another thread looks through all objects.
-        self._outputs = {name: self._diagram.GetOutputPort(name) for name in SAMPLED}
+        self._outputs = [self._diagram.GetOutputPort(name) for name in Sample._fields]
         self._command = self._diagram.GetInputPort("command")
         self._dwell = self._diagram.GetInputPort("commanded_dwell")
 
@@ -105,8 +100,8 @@ class _Walker:
 
     def push(self, velocity: Array) -> None:
         """Adds to the velocity of the trunk (3; m/s, along its heading)."""
-        state = np.array(self._outputs["state"].Eval(self._context))
-        forward = kinematics.rotation_matrix(state[quadruped.QUATERNION])[:, 0]
+        quaternion = self.sample().state[quadruped.QUATERNION]
+        forward = kinematics.rotation_matrix(quaternion)[:, 0]
         cosine, sine = forward[:2] / np.linalg.norm(forward[:2])
         turned = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         push(self._diagram, self._context, turned @ velocity)
@@ -119,16 +114,7 @@ class _Walker:
         self._simulator.AdvanceTo(self._step * CONTROL_PERIOD)
 
     def sample(self) -> Sample:
-        found = {name: np.array(port.Eval(self._context)) for name, port in self._outputs.items()}
-        return Sample(
-            state=found["state"],
-            rm_state=found["rm_state"],
-            foot_contact=found["foot_contact"],
-            observation=found["observations"],
-            target=self._robot.joint_targets(found["actions"]),
-            reward=float(found["reward"][0]),
-            fallen=bool((found["failures"] > 0.5).any()),
-        )
+        return Sample(*(np.array(port.Eval(self._context)) for port in self._outputs))
 
 
 class LiveRobot:

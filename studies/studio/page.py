@@ -218,7 +218,7 @@ class _Page:
         if not samples:
             return
         robot = samples[-1][0]
-        observations = np.stack([own.observation for own, _ in samples[-SECOND:]])
+        observations = np.stack([own.observations for own, _ in samples[-SECOND:]])
         values = self._tape(self._session.policy.quantities(observations))
         # Ranked by the last second, so that rows keep their places within a stride.
         ranked = np.argsort(-np.abs(values).mean(axis=0), kind="stable")
@@ -237,10 +237,12 @@ class _Page:
         )
         self._status.set_text(self._robot.problem or self._measures(samples[-SECOND:]))
         joints = (quadruped.JOINT_POSITION.start or 0) + joint
-        self._chart.options["series"][0]["data"] = _points(own.target[joint] for own, _ in samples)
-        for index, which in ((1, 0), (2, 1)):
-            angles = (pair[which].state[joints] for pair in samples)
-            self._chart.options["series"][index]["data"] = _points(angles)
+        actions = np.stack([own.actions for own, _ in samples])
+        targets = self._session.policy.robot.joint_targets(actions)[:, joint]
+        angles = [[pair[which].state[joints] for pair in samples] for which in (0, 1)]
+        lines = [targets, *angles]
+        for series, line in zip(self._chart.options["series"], lines, strict=True):
+            series["data"] = [round(float(value), 3) for value in line]
         self._chart.update()
 
     def _measures(self, samples: list) -> str:
@@ -256,22 +258,18 @@ class _Page:
         return f"{'; '.join(parts)}; {100 * self._robot.late:.0f} % of steps late"
 
 
-def _points(values: Any) -> list[float]:
-    return [round(float(value), 3) for value in values]
-
-
 def _chart_options() -> dict[str, Any]:
-    names = ("target", "robot", "ghost")
     line = {"type": "line", "showSymbol": False, "data": []}
-    styles: list[dict[str, str]] = [{"type": "dashed"}, {}, {"type": "dotted"}]
+    styles: dict[str, dict] = {
+        "target": {"type": "dashed"},
+        "robot": {},
+        "ghost": {"type": "dotted"},
+    }
     return {
         "animation": False,
-        "legend": {"data": list(names), "top": 0},
+        "legend": {"data": list(styles), "top": 0},
         "grid": {"left": 50, "right": 10, "top": 30, "bottom": 25},
         "xAxis": {"type": "category", "show": False},
         "yAxis": {"type": "value", "scale": True, "name": "joint (rad)"},
-        "series": [
-            {**line, "name": name, "lineStyle": style}
-            for name, style in zip(names, styles, strict=True)
-        ],
+        "series": [{**line, "name": name, "lineStyle": style} for name, style in styles.items()],
     }
