@@ -7,12 +7,10 @@ from typing import Annotated, Any, ClassVar, Self
 from annotated_types import Ge, Le
 from joblib import delayed
 
-from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count, Natural, Share, checked
 from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.distillation.dataset import TrainingSet
@@ -27,10 +25,9 @@ Bins = Annotated[Count, Ge(3)]
 
 @checked
 class EnsembleSettings(StudentSettings):
-    """Settings of a library's model of one joint."""
+    """Settings of a library's model of one joint, which `policy` compiles."""
 
     policy: ClassVar[type[BoostedTreesPolicy] | type[AdditivePolicy]]
-    """Class of the policies that the models are compiled to."""
 
     @abstractmethod
     def regressor(self, n_observations: int, seed: int) -> Any:
@@ -44,8 +41,6 @@ class GbmSettings(EnsembleSettings):
     The paper uses the library's defaults: 100 trees of depth 3, of all samples and observations.
 
     Attributes:
-        n_trees: Number of trees.
-        depth: Depth of a tree.
         learning_rate: Share of a tree's correction that is kept.
         subsample: Share of the samples that a tree sees.
         feature_share: Share of the observations that a split may choose from.
@@ -78,8 +73,7 @@ class HistogramGbmSettings(EnsembleSettings):
     """Settings of scikit-learn's histogram gradient boosting, the fast one.
 
     Attributes:
-        n_trees: Number of trees.
-        round_trees: The same while samples are collected.
+        round_trees: Number of trees while samples are collected.
         depth: Greatest depth of a tree.
         leaves: Greatest number of leaves of a tree.
         learning_rate: Share of a tree's correction that is kept.
@@ -95,7 +89,6 @@ class HistogramGbmSettings(EnsembleSettings):
     learning_rate: Share = 0.1
 
     def for_rounds(self) -> Self:
-        """Returns the settings of the students that collect samples: fewer trees."""
         return replace(self, n_trees=min(self.round_trees, self.n_trees))
 
     def regressor(self, n_observations: int, seed: int) -> Any:
@@ -155,13 +148,11 @@ class EbmSettings(EnsembleSettings):
             )
 
     def for_rounds(self) -> Self:
-        """Returns the settings of the students that collect samples: fewer bags and functions."""
         counts = [n for n in (self.round_interactions, self.interactions) if n is not None]
         few = self.for_shuffled_split()
         return replace(few, interactions=min(counts, default=None))
 
     def for_shuffled_split(self) -> Self:
-        """Returns the settings of the fit that is scored by the paper's split, of fewer bags."""
         return replace(self, outer_bags=min(self.round_bags, self.outer_bags))
 
     def regressor(self, n_observations: int, seed: int) -> Any:
@@ -183,25 +174,14 @@ class EbmSettings(EnsembleSettings):
         )
 
 
-def fit_models(
-    samples: TrainingSet, settings: EnsembleSettings, *, seed: int, n_jobs: int
-) -> list[Any]:
-    """Fits a library's models of all joints, some at once."""
-    calls = (
-        delayed(_fit_joint)(samples.observations, samples.actions[:, joint], settings, seed + joint)
-        for joint in range(quadruped.N_JOINTS)
-    )
-    return list(run_parallel(calls, n_jobs))
-
-
-def _fit_joint(observations: Array, target: Array, settings: EnsembleSettings, seed: int) -> Any:
-    return settings.regressor(observations.shape[1], seed).fit(observations, target)
-
-
 def fit_ensemble(
     samples: TrainingSet, settings: EnsembleSettings, *, seed: int, n_jobs: int
 ) -> Policy:
-    """Fits a library's models of all joints, and compiles them to a policy."""
-    models = fit_models(samples, settings, seed=seed, n_jobs=n_jobs)
-    names = samples.observation_names
+    """Fits a library's models of all joints, some at once, and compiles them to a policy."""
+    names, observations = samples.observation_names, samples.observations
+    calls = (
+        delayed(settings.regressor(len(names), seed + joint).fit)(observations, target)
+        for joint, target in enumerate(samples.actions.T)
+    )
+    models = list(run_parallel(calls, n_jobs))
     return settings.policy.compile(samples.gait, names, models, samples.robot)

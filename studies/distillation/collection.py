@@ -48,13 +48,8 @@ def collect(
     Args:
         controller: The expert, whose actions are the samples' labels, and the student.
         episodes: Numbers of the episodes, counted from 1.
-        n_steps: Control steps of each.
         worlds: Ranges from which each round draws new scenarios, or one scenario.
-        generator: Source of randomness.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
-
-    Raises:
-        InputError: if a sample is not finite, or a policy was made for another machine.
     """
     refuse_other_machine(controller, gait)
 
@@ -76,9 +71,8 @@ def collect(
         world = World(task, make_physics(robot, *stations))
 
     # Roll out, and record.
-    events = []
-    if speeds is not None:
-        events = [_commanding(gait, speeds[(numbers - 1) % len(speeds)], generator)]
+    speeds = None if speeds is None else speeds[(numbers - 1) % len(speeds)]
+    events = [] if speeds is None else [_commanding(gait, speeds, generator)]
     samples = _Samples(controller.expert)
     episode(
         gait,
@@ -133,7 +127,7 @@ class _Samples(Observer):
         self._labels.append(label)
 
     def dataset(self, episodes: IntArray) -> Dataset:
-        """Returns the samples, one episode after the other."""
+        # One episode after the other.
         observations, labels = (
             np.swapaxes(rows, 0, 1).reshape(len(episodes) * len(rows), -1)
             for rows in (self._observations, self._labels)

@@ -67,13 +67,8 @@ class Distill(Settings):
         for gait in gaits:
             self.config.for_gait(gait)
         experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
-        jobs = jobs_of(
-            self.gait,
-            self.config.seed,
-            self.sweep,
-            root=default_folder(self.title, experts[0].robot.name),
-            output=self.output,
-        )
+        root = default_folder(self.title, experts[0].robot.name)
+        jobs = jobs_of(self.gait, self.config.seed, self.sweep, root=root, output=self.output)
         if len(jobs) > 1:
             job = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
             run_sweep(jobs, job, self.sweep)

@@ -33,7 +33,7 @@ Steps = Annotated[Count, Ge(2)]
 
 @checked
 class StudentsSettings(Settings):
-    """Settings of every student that has any, by its name."""
+    """Settings of every student that has any."""
 
     title: ClassVar[str] = "distillation"
 
@@ -45,7 +45,7 @@ class StudentsSettings(Settings):
     sparse_formula: SparseFormulaSettings = field(default_factory=SparseFormulaSettings)
 
     def of(self, name: str) -> StudentSettings:
-        """Returns the settings of a student, by its name."""
+        """Returns the settings of a student."""
         return getattr(self, name, StudentSettings())
 
 
@@ -126,12 +126,8 @@ class DistillationConfig(Settings):
                 )
 
     def for_gait(self, gait: Gait) -> "DistillationConfig":
-        """Returns the settings with the gait's defaults in the place of those that are not set.
-
-        Raises:
-            InputError: if a speed is further backward than the gait walks, or a student cannot be
-                fitted to the gait.
-        """
+        """Returns the settings with the gait's defaults in the place of those that are not set."""
+        # Refuse what the gait cannot do.
         for kind in dict.fromkeys((*self.students, *map(self.collector_of, self.students))):
             self.settings.of(kind).refuse_for(gait)
         if self.speeds is not None and min(self.speeds) < -gait.max_speed:
@@ -139,6 +135,7 @@ class DistillationConfig(Settings):
                 f"distillation: speeds is {self.speeds}; name speeds of the {gait.name} from "
                 f"{-gait.max_speed} to {gait.max_speed} m/s"
             )
+
         # Machines of more than two states wait for one foot at a time, and robots more often.
         episodes, weight = (16, 1) if gait.n_states <= 2 else (48, 4)
         return replace(
@@ -159,9 +156,8 @@ class Round:
     """Episodes that share a student and an alternation ratio, and are rolled out at once.
 
     Attributes:
-        number: Number of the round, counted from 1.
         period: Control steps from one action of the expert to the next; 0 is never.
-        episodes: Numbers of the episodes, counted from 1.
+        episodes: Numbers of the episodes; they and rounds are counted from 1.
         steps: Control steps of an episode.
     """
 
@@ -172,15 +168,8 @@ class Round:
 
 
 def rounds(config: DistillationConfig, kind: str) -> list[Round]:
-    """Lists the rounds in which a student collects its samples.
-
-    In the first rounds the expert acts at every k-th step, with k growing from 1; in the others
-    only the student acts.
-
-    Args:
-        config: Settings for a gait (see `DistillationConfig.for_gait`).
-        kind: Kind of student.
-    """
+    """Lists the rounds in which a student collects its samples, by the settings for a gait."""
+    # First the expert acts at every k-th step, with k growing from 1.
     size = config.episodes_per_fit or config.episodes_per_round
     planned = []
     for first in range(1, config.episodes + 1, size):
@@ -188,10 +177,10 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
         period = math.ceil(first / config.episodes_per_round)
         planned.append(Round(len(planned) + 1, period, episodes, config.episode_steps))
 
-    own_size = config.settings.of(kind).alone_episodes
-    # Students with their own number of episodes without the expert have them of full length.
-    steps = config.alone_steps if own_size is None else config.episode_steps
-    size = own_size or config.alone_episodes
+    # Then only the student acts. A kind with a number of such episodes has them of full length.
+    n_alone = config.settings.of(kind).alone_episodes
+    steps = config.alone_steps if n_alone is None else config.episode_steps
+    size = n_alone or config.alone_episodes
     assert size is not None
     for first in range(config.episodes + 1, config.episodes + config.alone_rounds * size, size):
         planned.append(Round(len(planned) + 1, 0, range(first, first + size), steps))

@@ -30,7 +30,7 @@ class TrainingSet:
     """The samples that a student is fitted to.
 
     Attributes:
-        observations: Samples (m, n).
+        observations: Observations (m, n).
         actions: The expert's actions there (m, 12).
         starts: Whether each sample is of an episode's start (m,).
         mirror: State that each state of the machine is in the mirror; None where it favours a side.
@@ -59,11 +59,8 @@ class TrainingSet:
         return self.subset(np.repeat(np.arange(len(waits)), np.where(waits, weight, 1)))
 
     def by_state(self) -> list[NDArray[np.bool_]]:
-        """Returns masks (m,) of the samples in each state of the machine.
-
-        A state that was never visited gets all samples, so that it is fitted like all states
-        together.
-        """
+        """Returns masks (m,) of the samples in each state of the machine."""
+        # A state that was never visited is fitted like all states together.
         visited = self.observations[:, machine_state_entries(self.observation_names)].T > 0.5
         return [mine if mine.any() else np.ones_like(mine) for mine in visited]
 
@@ -91,7 +88,7 @@ class Dataset:
 
     @property
     def starts(self) -> NDArray[np.bool_]:
-        """Whether each sample is of the first `START_STEPS` control steps of its episode (m,)."""
+        """Whether each sample is of its episode's first `START_STEPS` control steps (m,)."""
         first = np.flatnonzero(np.diff(self.episodes, prepend=0))
         lengths = np.diff(first, append=len(self.episodes))
         return np.arange(len(self.episodes)) - np.repeat(first, lengths) < START_STEPS
@@ -123,37 +120,25 @@ class Dataset:
 
     def save(self, path: Path) -> None:
         """Writes the samples to one file, atomically."""
-        arrays = {
-            "observations": self.observations,
-            "actions": self.actions,
-            "episodes": self.episodes,
-        }
+        arrays = {name: getattr(self, name) for name in ("observations", "actions", "episodes")}
         save_arrays(path, arrays, {"minutes": self.minutes})
 
     @staticmethod
     def load(path: Path) -> "Dataset":
-        """Reads back what `save` wrote.
-
-        Raises:
-            InputError: if the file is damaged, or holds no samples.
-        """
+        """Reads back what `save` wrote."""
         arrays, header = load_arrays(path)
         try:
             data = Dataset(**arrays, minutes=float(header["minutes"]))
             sizes = {len(data.observations), len(data.actions), len(data.episodes)}
+            if len(sizes) > 1 or data.actions.shape[1:] != (quadruped.N_JOINTS,):
+                raise ValueError("arrays of different lengths")
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: holds no samples; delete it, and collect anew") from error
-        if len(sizes) > 1 or data.actions.shape[1:] != (quadruped.N_JOINTS,):
-            raise InputError(f"{path}: holds no samples; delete it, and collect anew")
         return data
 
 
 def load_rounds(folder: Path) -> Dataset:
-    """Reads all samples in a student's folder.
-
-    Raises:
-        InputError: if it holds none, or one is damaged.
-    """
+    """Reads all samples in a student's folder."""
     paths = sorted(folder.glob("round_*.safetensors"))
     if not paths:
         raise InputError(

@@ -38,9 +38,8 @@ RIDGE = 1e-2
 class _Weights:
     """The numbers that multiply terms in one state, in formulas of the robot or of its image.
 
-    Attributes:
-        rest: Terms that no number multiplies, 1 or -1 where one belongs to a joint (m, 12).
-        numbers, terms, joints, signs: Number, times its sign, multiplies the term of the joint.
+    `rest` (m, 12) holds the terms that no number multiplies, 1 or -1 where one belongs to a joint.
+    Number, times its sign, multiplies the term of the joint.
     """
 
     rest: torch.Tensor
@@ -66,23 +65,13 @@ class FormulaNetwork(nn.Module):
     direction among them does as much to the targets, whether it counts metres or rad/s, and whether
     or not two terms are nearly the same: with actions of Gaussian spread a gradient step then is
     one of the natural gradient.
-
-    Attributes:
-        changes: Changes of the numbers (p), in units.
     """
 
     start: torch.Tensor
     unit: torch.Tensor
 
     def __init__(self, policy: FormulaPolicy, name: str = "formulas") -> None:
-        """
-        Args:
-            policy: The policy to begin with.
-            name: Its name in errors, such as that of its file.
-
-        Raises:
-            InputError: if a number is in a function or multiplies another.
-        """
+        """Begins with a policy, which errors call by the name."""
         super().__init__()
         self._name, self._robot = name, policy.robot
         self._file = file = policy.to_file()
@@ -134,11 +123,7 @@ class FormulaNetwork(nn.Module):
     ) -> _Weights:
         """Finds the weights of the joints whose formulas read the mirror image, or of the others.
 
-        Args:
-            state: The state, empty where formulas serve every state.
-            mirrored: Which of the joints.
-            sums: The formulas, split into terms.
-            columns: Index of each term.
+        The state is empty where formulas serve every state; columns are indices of terms.
         """
         rest = torch.zeros((len(columns), quadruped.N_JOINTS))
         found: list[tuple[int, int, int, float]] = []
@@ -157,11 +142,7 @@ class FormulaNetwork(nn.Module):
         return _Weights(rest, numbers, terms, joints, torch.tensor([entry[3] for entry in found]))
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Maps observations (n, n_observations) to actions (n, 12).
-
-        Raises:
-            InputError: if one is not finite: PPO would go on, and learn nothing but that.
-        """
+        """Maps observations (n, n_observations) to actions (n, 12)."""
         read, rows, numbers = self._terms(observation), self._rows(observation), self._numbers()
         parts = []
         for here, sides in zip(rows, self._weights, strict=True):
@@ -171,18 +152,12 @@ class FormulaNetwork(nn.Module):
             parts.append(torch.stack(products).sum(dim=0))
         # Each row has a state, so that the parts are all rows in another order.
         targets = torch.cat(parts)[torch.argsort(torch.cat(rows))]
+        # PPO would go on, and learn nothing but that.
         self._refuse_not_finite("the formula", targets, observation)
         return (targets - self._stance) / self._robot.action_scale
 
     def balance(self, observations: torch.Tensor) -> None:
-        """Sets the units by the numbers' effects where a robot goes.
-
-        Args:
-            observations: Samples (m, n_observations).
-
-        Raises:
-            InputError: if a number's effect is not finite there.
-        """
+        """Sets the units by the numbers' effects at observations (m, n_observations)."""
         slopes = self._slopes(observations)
         self._refuse_not_finite("a slope of the formula", slopes, observations)
         blocks = []

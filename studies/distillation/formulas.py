@@ -61,11 +61,7 @@ def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
 
 
 class FormulaVariables:
-    """The variables of formulas: observations in the robot's units, then definitions.
-
-    Attributes:
-        vocabulary: Their names.
-    """
+    """The variables of formulas: observations in the robot's units, then definitions."""
 
     def __init__(self, robot: Robot, names: tuple[str, ...]) -> None:
         self.vocabulary = Vocabulary(names, known_definitions(robot, names))
@@ -101,12 +97,7 @@ def samples_of_joints(samples: TrainingSet) -> FormulaSamples:
 
 
 def written_places(vocabulary: Vocabulary, mirror: Sequence[int] | None) -> tuple[Place, ...]:
-    """Lists the formulas of a policy that are not mirror images of earlier ones.
-
-    Args:
-        vocabulary: What the formulas may hold.
-        mirror: State that each state is in the mirror; None for a policy without a mirror image.
-    """
+    """Lists the formulas of a policy that are not mirror images of earlier ones."""
     n_states = len(indices_of("machine state", vocabulary.names))
     every = [(state, joint) for state in range(n_states) for joint in range(quadruped.N_JOINTS)]
     if mirror is None:
@@ -118,13 +109,8 @@ def written_places(vocabulary: Vocabulary, mirror: Sequence[int] | None) -> tupl
 def samples_by_state(
     samples: TrainingSet, vocabulary: Vocabulary, mirror: Sequence[int] | None
 ) -> list[FormulaSamples]:
-    """Sorts samples by the state whose formulas they serve; with a mirror, each counts twice.
-
-    Args:
-        samples: Observations and the expert's actions.
-        vocabulary: What the formulas may hold.
-        mirror: State that each state is in the mirror; None for a policy without a mirror image.
-    """
+    """Sorts samples by the state whose formulas they serve; with a mirror, each counts twice."""
+    # Add the mirror images.
     if mirror is not None:
         reflect = reflect_observation(samples.observation_names, mirror)
         samples = replace(
@@ -133,14 +119,16 @@ def samples_by_state(
             actions=np.concatenate([samples.actions, REFLECT_JOINTS(samples.actions)]),
             starts=np.tile(samples.starts, 2),
         )
+
+    # Sort by state, the targets by the formulas that are written.
     targets = samples.robot.joint_targets(samples.actions)
     places, parts = written_places(vocabulary, mirror), []
     for state, mine in enumerate(samples.by_state()):
         here = tuple(place for place in places if place[0] == state)
         if here:
             joints = [joint for _, joint in here]
-            observations = samples.observations[mine]
-            parts.append(FormulaSamples(here, observations, targets[mine][:, joints]))
+            part = samples.observations[mine], targets[mine][:, joints]
+            parts.append(FormulaSamples(here, *part))
     return parts
 
 
@@ -150,14 +138,12 @@ def formula_policy(
     formulas: Mapping[Place, Expression],
     mirror: tuple[int, ...] | None = None,
 ) -> FormulaPolicy:
-    """Makes the policy that acts by formulas and, with a mirror, by their images.
-
-    Definitions that no formula uses are left out.
-    """
+    """Makes the policy that acts by formulas and, with a mirror, by their images."""
     if mirror is not None:
         formulas = FormulaMirror.of(vocabulary, mirror).complete(formulas)
     robot = samples.robot
     file = FormulaFile(samples.gait, vocabulary, formulas, mirror, robot=robot.name)
+    # This leaves out definitions that no formula uses.
     return FormulaPolicy.from_file(file.with_formulas(formulas), robot)
 
 
@@ -168,12 +154,7 @@ def readings_of(gait: Gait, robot: Robot, names: tuple[str, ...], observations: 
 
 
 def settled(formula: Expression, names: Sequence[str], state: int) -> Expression:
-    """Replaces the entries of the machine's state in a formula by their values in that state.
-
-    Args:
-        names: Names of the observations, which are the formula's first variables.
-        state: Index of the state.
-    """
+    """Replaces the entries of the machine's state in a formula by their values in that state."""
     known = {index: float(i == state) for i, index in enumerate(indices_of("machine state", names))}
     return _settled(formula, known)
 
@@ -190,21 +171,18 @@ def _settled(formula: Expression, known: Mapping[int, float]) -> Expression:
 
 
 def readable(formulas: Sequence[Expression], values: Array, targets: Array) -> list[Expression]:
-    """Rounds formulas to the digits that are shown, and corrects their constants.
+    """Rounds k formulas to the digits that are shown, and corrects their constants.
 
-    Args:
-        formulas: The formulas (k).
-        values: Samples of all variables (m, n).
-        targets: What the formulas are fitted to (m, k).
+    Values are samples of all variables (m, n), and targets (m, k) what formulas are fitted to.
     """
     short = [rounded(formula) for formula in formulas]
     bias = (targets - Tape(short, values.shape[1])(values)).mean(axis=0)
     return [rounded(_raised(formula, float(b))) for formula, b in zip(short, bias, strict=True)]
 
 
-def rounded(formula: Expression, digits: int = DIGITS) -> Expression:
-    """Rounds the numbers of a formula to so many significant digits, in canonical form."""
-    short = (float(f"{number:.{digits}g}") for number in numbers_of(formula))
+def rounded(formula: Expression) -> Expression:
+    """Rounds the numbers of a formula to the digits that are shown, in canonical form."""
+    short = (float(f"{number:.{DIGITS}g}") for number in numbers_of(formula))
     return canonical(with_numbers(formula, short))
 
 

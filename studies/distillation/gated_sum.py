@@ -17,10 +17,10 @@ from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, constant, plus, scaled, variable
 
 SPREAD = 1e-12
-"""A term of a smaller standard deviation says nothing."""
+"""Least standard deviation of a term."""
 
 EQUAL = 1e-9
-"""Two terms are equal whose correlation differs from 1 or -1 by less."""
+"""Two terms are equal if their correlation differs from 1 or -1 by less."""
 
 PENALTY = 0.003
 """Ridge penalty on the weights of standardised observations, for each sample.
@@ -47,11 +47,6 @@ class PossibleTerms:
     values: Array
     opened: Array
 
-    @property
-    def count(self) -> int:
-        """Number of possible terms, n (g + 1)."""
-        return self.values.shape[1] * (1 + self.opened.shape[1])
-
     def blocks(self) -> Iterator[tuple[slice, Array]]:
         """Yields which samples, and their terms (b, n (g + 1)): by gate, without one first."""
         for start in range(0, len(self.values), BLOCK):
@@ -62,7 +57,7 @@ class PossibleTerms:
     @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Mean and standard deviation of each term."""
-        nothing = np.zeros(self.count)
+        nothing = np.zeros(self.values.shape[1] * (1 + self.opened.shape[1]))
         mean = sum((block.sum(axis=0) for _, block in self.blocks()), nothing) / len(self.values)
         squares = (((block - mean) ** 2).sum(axis=0) for _, block in self.blocks())
         return mean, np.sqrt(sum(squares, nothing) / len(self.values))
@@ -84,9 +79,6 @@ def fit_gated_sums(
         gates: Bounded functions of the variables; none for a plain weighted sum.
         max_length: Bound on `Expression.length`.
         weighted: Number of the first variables that sums may hold; all by default.
-
-    Returns:
-        The j formulas.
     """
     n = values.shape[1] if weighted is None else weighted
     terms = PossibleTerms(values[:, :n], Tape(gates, values.shape[1])(values))
@@ -107,14 +99,12 @@ def fit_gated_sums(
 def weight_paths(terms: PossibleTerms, targets: Array, max_terms: int) -> list[Array]:
     """Chooses terms one after the other, by orthogonal matching pursuit with a ridge penalty.
 
-    Args:
-        terms: Samples of what may be a term.
-        targets: What to fit (m, j), a sum a column.
-        max_terms: Greatest number of terms of a sum, its constant not counted.
+    Targets (m, j) have a sum a column; a sum's constant, which makes its mean the target's, is not
+    counted as a term.
 
     Returns:
         For each of the j sums the weights of its terms (terms + 1, k), before the first and after
-        each. Together with them, a sum has the constant that makes its mean the target's.
+        each.
     """
     # Standardise the terms, and accumulate their products block by block.
     mean, spread = terms.moments
@@ -136,7 +126,7 @@ def weight_paths(terms: PossibleTerms, targets: Array, max_terms: int) -> list[A
     paths = []
     for product in products.T:
         found = _pursue(gram, product, max_terms)
-        path = np.zeros((len(found), terms.count))
+        path = np.zeros((len(found), len(mean)))
         path[:, usable] = found / spread[usable]
         paths.append(path)
     return paths
@@ -146,8 +136,7 @@ def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
     """Returns the weights before the first term and after each (terms + 1, candidates)."""
     from sklearn.linear_model import orthogonal_mp_gram
 
-    none = np.zeros((1, len(gram)))
-    count = min(len(gram), max_terms)
+    none, count = np.zeros((1, len(gram))), min(len(gram), max_terms)
     if count == 0:
         return none
     with warnings.catch_warnings():
@@ -158,24 +147,17 @@ def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
 
 
 def gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
-    """Writes a gated sum.
-
-    Args:
-        gates: The gates (g).
-        weights: Weights of the variables (g + 1, n): those that count always, then by gate.
-        intercept: The constant.
-    """
+    """Writes a gated sum by its weights (g + 1, n): those that count always, then by gate."""
     total = constant(float(intercept))
     for gate, row in zip((None, *gates), weights, strict=True):
-        terms = [(float(row[i]), variable(int(i))) for i in np.flatnonzero(row)]
-        if gate is None:
-            parts = [scaled(term, weight) for weight, term in terms]
-        elif len(terms) == 1:
-            ((weight, term),) = terms
-            parts = [Expression("mul", (scaled(gate, weight), term))]
-        else:
-            inner = [scaled(term, weight) for weight, term in terms]
-            parts = [Expression("mul", (gate, reduce(plus, inner)))] if inner else []
+        columns = np.flatnonzero(row).tolist()
+        parts = [scaled(variable(i), float(row[i])) for i in columns]
+        if gate is not None and len(parts) == 1:
+            # A single weight stands before the gate.
+            (i,) = columns
+            parts = [Expression("mul", (scaled(gate, float(row[i])), variable(i)))]
+        elif gate is not None and parts:
+            parts = [Expression("mul", (gate, reduce(plus, parts)))]
         for part in parts:
             total = Expression("add", (total, part))
     return total

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from tensordict import TensorDict
-from torch import nn
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -60,10 +59,7 @@ class RefinementRun(LearningRun):
                 where robots walk.
         """
         policy.refuse_other_machine(gait)
-        self._refinement = config
-        self._expert = expert
-        self._policy = policy
-        self._name = name
+        self._refinement, self._expert, self._policy, self._name = config, expert, policy, name
         law = alone(policy, expert).joint_law
         training = config.training(gait.name, policy.robot.source, law)
         super().__init__(training, gait, folder, resume=resume)
@@ -83,11 +79,9 @@ class RefinementRun(LearningRun):
         return policy.with_estimator_of(self._expert)
 
     def write_result(self) -> None:
-        """Writes formulas, record and curve: the current formulas, and in the end the best.
-
-        Noise and worlds of learning say little of how formulas walk without the expert, and more
-        learning may make them worse. So the candidates walk, and the best of them is the result.
-        """
+        """Writes formulas, record and curve: the current formulas, and in the end the best."""
+        # Noise and worlds of learning say little of how formulas walk without the expert, and more
+        # learning may make them worse. So the candidates walk, and the best of them is the result.
         finished = self.n_updates >= self.config.updates
         best = self._best_candidate() if finished else self.policy()
         self._write_learned(best, self._name, self._refinement)
@@ -123,7 +117,7 @@ class RefinementRun(LearningRun):
         # The expert's estimator no longer learns.
         estimator = self._expert.estimator
         if not isinstance(estimator, Odometry):
-            estimator = _Frozen(estimator)
+            estimator = _in_torch(estimator)
         generator = np.random.default_rng(self.config.seed)
         imu = self._policy.layout.imu
         environment = Environment(self.config, self.gait, estimator, generator, observes_imu=imu)
@@ -144,19 +138,13 @@ class RefinementRun(LearningRun):
             return self._network(observed_by_actor(observations))
 
         with torch.inference_mode():
-            seen = [
-                observed_by_actor(observed) for observed, _ in environment.play(act, SEEN_STEPS)
-            ]
-        every = torch.cat(seen)
+            played = environment.play(act, SEEN_STEPS)
+            every = torch.cat([observed_by_actor(observed) for observed, _ in played])
         return every[generator.permutation(len(every))[:N_BALANCED]].clone()
 
 
-class _Frozen(nn.Module):
-    """An expert's estimator, as its robots are deployed with it."""
+def _in_torch(estimator: Callable[[Array], Array]) -> Callable[[torch.Tensor], torch.Tensor]:
+    def estimate(proprioception: torch.Tensor) -> torch.Tensor:
+        return torch.from_numpy(estimator(proprioception.numpy().astype(float))).float()
 
-    def __init__(self, estimator: Callable[[Array], Array]) -> None:
-        super().__init__()
-        self._estimator = estimator
-
-    def forward(self, proprioception: torch.Tensor) -> torch.Tensor:
-        return torch.from_numpy(self._estimator(proprioception.numpy().astype(float))).float()
+    return estimate

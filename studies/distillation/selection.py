@@ -49,12 +49,6 @@ def rank_alone(
 ) -> pd.DataFrame:
     """Rolls every candidate out without the expert, and ranks them by return.
 
-    Args:
-        candidates: Students by label.
-        expert: The expert, for its estimator.
-        n_steps: Control steps of a rollout.
-        n_jobs: Candidates that are rolled out at once.
-
     Returns:
         A row for each candidate, the best first, with its means over 52 robots, half of them in the
         training scenario and half in a rough one.
@@ -63,12 +57,7 @@ def rank_alone(
     runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]
     # Roll out all candidates in both scenarios, some at once.
     work = (
-        delayed(roll_out)(
-            gait,
-            alone(candidates[label], expert),
-            world,
-            replace(config, seed=seed),
-        )
+        delayed(roll_out)(gait, alone(candidates[label], expert), world, replace(config, seed=seed))
         for label, seed, world in runs
     )
     scores = [
@@ -82,11 +71,8 @@ def rank_alone(
 def simplest_of_the_best(ranked: pd.DataFrame, complexity: Mapping[str, Any]) -> str:
     """Chooses a student: falls count before simplicity, and simplicity before a little return.
 
-    Of equally complex ones it is the one that earns most.
-
-    Args:
-        ranked: What `rank_alone` returned.
-        complexity: How complex each candidate is, of any type that has an order.
+    Of equally complex ones it is the one that earns most. Complexities are of any type that has an
+    order, and `ranked` is what `rank_alone` returned.
     """
     # First drop those that earn too little, then those that fall more, then the complex ones.
     able = _within(ranked, WORTH_A_FALL)

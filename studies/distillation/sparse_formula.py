@@ -32,15 +32,11 @@ from glassgait.studies.distillation.formulas import (
     settled,
     written_places,
 )
-from glassgait.studies.distillation.gated_sum import (
-    PossibleTerms,
-    gated_expression,
-    weight_paths,
-)
+from glassgait.studies.distillation.gated_sum import PossibleTerms, gated_expression, weight_paths
 from glassgait.studies.distillation.students import StudentSettings
 
 LONGEST = 40
-"""Greatest number of terms of one formula, its constant not counted."""
+"""Greatest number of terms of a formula without its constant."""
 
 LOOKED_AHEAD = 4
 """Terms that are weighed together: two may help where one does not."""
@@ -67,9 +63,9 @@ class SparseFormulaSettings(StudentSettings):
 
     def refuse_for(self, gait: Gait) -> None:
         """Refuses fewer terms than a gait has formulas, or more than they may have."""
-        vocabulary = Vocabulary(ObservationLayout(gait.n_states).names)
+        names = ObservationLayout(gait.n_states).names
         mirror = mirrored_states(gait) if self.mirrored else None
-        n_formulas = len(written_places(vocabulary, mirror))
+        n_formulas = len(written_places(Vocabulary(names), mirror))
         most = n_formulas * (1 + LONGEST)
         if not n_formulas <= self.terms <= most:
             raise InputError(
@@ -80,13 +76,7 @@ class SparseFormulaSettings(StudentSettings):
 
 @dataclass(frozen=True)
 class _Growth:
-    """The growth of a formula with its terms.
-
-    Attributes:
-        weights: Weights after each number of terms but the constant (terms + 1, g + 1, n).
-        intercepts: Constants (terms + 1).
-        errors: Mean squared errors (terms + 1; rad²).
-    """
+    """A formula after each number of terms: weights, constants, mean squared errors (rad²)."""
 
     weights: Array
     intercepts: Array
@@ -114,8 +104,7 @@ def fit_sparse_formula(
         sums = []
         for growth in growths:
             count = next(counts)
-            weights, intercept = growth.weights[count], growth.intercepts[count]
-            written = gated_expression(opened, weights, intercept)
+            written = gated_expression(opened, growth.weights[count], growth.intercepts[count])
             sums.append(settled(written, vocabulary.names, part.places[0][0]))
         found = readable(sums, variables(part.observations), part.targets)
         formulas |= zip(part.places, found, strict=True)

@@ -24,9 +24,6 @@ class Student:
     """A kind of student, as tables and figures show it.
 
     Attributes:
-        title: Its name in tables and figures.
-        color: Colour of its line.
-        marker: Marker of its line.
         collector: The student that collects its samples; itself by default.
         brevity: Rank among the students whose actions are sums of terms, 1 for the shortest; None
             where they are not such sums.
@@ -80,8 +77,9 @@ else:
 
 def policy_title(name: str) -> str:
     """Returns the title of the expert or a student; other policies are called by their name."""
-    titles = {"expert": "Neural expert"} | {kind: STUDENTS[kind].title for kind in STUDENTS}
-    return titles.get(name, name)
+    if name == "expert":
+        return "Neural expert"
+    return STUDENTS[name].title if name in STUDENTS else name
 
 
 def paper_students() -> tuple[str, ...]:
@@ -107,11 +105,7 @@ class StudentSettings(Settings):
     alone_episodes: ClassVar[int | None] = None
 
     def refuse_for(self, gait: Gait) -> None:
-        """Refuses a gait that cannot be fitted, before any of its samples is collected.
-
-        Raises:
-            InputError: if it cannot.
-        """
+        """Refuses a gait that cannot be fitted, before any of its samples is collected."""
 
     def for_rounds(self) -> Self:
         """Returns the settings of the students that collect samples: small models, soon made."""
@@ -130,11 +124,7 @@ class StudentSettings(Settings):
 
 
 def samples_folder(folder: Path, kind: str) -> Path:
-    """Returns where a run keeps the samples that a student is fitted to.
-
-    Raises:
-        InputError: if the folder holds a run of something else, or its settings are damaged.
-    """
+    """Returns where a run keeps the samples that a student is fitted to."""
     collector = STUDENTS[kind].collector or kind
     if (folder / CONFIG_NAME).exists():
         settings = read_run(folder, "distill")["settings"]
@@ -143,11 +133,7 @@ def samples_folder(folder: Path, kind: str) -> Path:
 
 
 def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
-    """Loads the students of a run, by kind.
-
-    Raises:
-        InputError: if the folder holds none, or a student does not fit the expert.
-    """
+    """Loads the students of a run, by kind."""
     kinds = [kind for kind in STUDENTS if policy_path(folder, kind).exists()]
     if not kinds:
         raise InputError(
@@ -175,11 +161,7 @@ class OnePolicy(OneGait):
 
 
 def default_student(found: Policies) -> str:
-    """Names the student of a gait that is explained by default.
-
-    Raises:
-        InputError: if there is no student whose actions are sums of terms.
-    """
+    """Names the student that is taken by default: the shortest sum of terms of those found."""
     for kind in sums_of_terms():
         if kind in found.files:
             return kind

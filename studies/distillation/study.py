@@ -61,23 +61,17 @@ SHUFFLED_TEST_SHARE = 0.2
 """Share of the steps that the paper's split holds out."""
 
 
-def r2_table(r2: pd.DataFrame, gait: str) -> pd.DataFrame:
-    """Formats the scores for reading, the paper's beside ours."""
-    paper = [STUDENTS[kind].paper_r2.get(gait, float("nan")) for kind in r2["student"]]
-    return pd.DataFrame(
+def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
+    """Writes the scores, the paper's beside ours, as metrics.json, r2.csv and r2.md."""
+    table = pd.DataFrame(
         {
             "student": [policy_title(kind) for kind in r2["student"]],
             "R² (episodes held out)": r2["r2"].round(4),
             "R² (paper's shuffled split)": r2["r2_shuffled_split"].round(4),
-            "paper": paper,
+            "paper": [STUDENTS[kind].paper_r2.get(gait, np.nan) for kind in r2["student"]],
             "worst joint": r2.filter(regex="^r2_.._").min(axis=1).round(4),
         }
     )
-
-
-def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
-    """Writes the scores as metrics.json, r2.csv and r2.md, and returns the table."""
-    table = r2_table(r2, gait)
     write_table(table, folder / "r2")
     # Wall time is left out: equal runs give equal metrics.
     metrics = r2.drop(columns="minutes").set_index("student").to_dict(orient="index")
@@ -98,17 +92,14 @@ def distill(
     Each round's samples and each finished student are written at once, and every round draws from
     a generator of its own: a run that was killed and resumed ends as if it had not been.
 
-    Args:
-        folder: Where the run is kept.
-        resume: Whether to continue the run that the folder holds.
-
     Returns:
-        The R² table: a row for each student.
+        R² with a row for each student.
 
     Raises:
         InputError: if the folder cannot be claimed for this run (see `open_run`), or holds a file
             that is damaged; or a student's file does not act as the student.
     """
+    # The settings, and what the run reads.
     config = config.for_gait(gait)
     inputs = {"gait": gait.digest(), "expert": expert.digest()}
     worlds: DomainRandomization | Scenario = config.worlds
@@ -143,7 +134,7 @@ def distill(
 
 @dataclass(frozen=True)
 class _Distillation:
-    """The parts of a run that its students share."""
+    """What the students of a run share."""
 
     config: DistillationConfig
     gait: Gait

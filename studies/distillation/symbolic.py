@@ -48,9 +48,8 @@ class SymbolicSettings(StudentSettings):
 
     Attributes:
         engine: `operon` works everywhere; `pysr` is the paper's and needs Julia.
-        max_length: Greatest length of a formula in nodes, the paper's overall complexity (pysr).
-            Lengths are as the engine counts: to Operon a weighted observation is one node, to PySR
-            it is three.
+        max_length: Greatest length of a formula in nodes, the paper's overall complexity (pysr). A
+            weighted observation is one node to Operon and three to PySR.
         operator_complexity: Greatest length of the arguments of a function or a product, in nodes;
             sums are free (pysr).
         iterations: Iterations of the search (pysr).
@@ -88,7 +87,6 @@ class SymbolicSettings(StudentSettings):
                 )
 
     def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
-        """Returns every shape with every weight of the starts."""
         found: dict[str, tuple[Self, tuple[int, ...]]] = {}
         if self.engine == "pysr":
             return found
@@ -117,11 +115,8 @@ class StatewiseSymbolicSettings(SymbolicSettings):
 
     mirrored: bool = True
 
-    shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = (
-        (90, 90),
-        (150, 150),
-        (250, 250),
-        (400, 400),
+    shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = tuple(
+        (n, n) for n in (90, 150, 250, 400)
     )
 
 
@@ -176,13 +171,7 @@ def fit_formulas(
 ) -> list[Expression]:
     """Searches the formula of each place, with the digits that are shown.
 
-    Args:
-        part: Samples, and the values that the formulas should have there.
-        variables: The variables that formulas may hold.
-        opened: The gates; see `fit_gated_sums`.
-        settings: Engine and budget; the first of several shapes counts.
-        seed: Seed of the search.
-        n_jobs: Formulas that are searched at once.
+    Of several shapes in the settings the first counts; `opened` are the gates.
 
     Raises:
         InputError: if the engine is PySR and Julia cannot start, or its search fails.
@@ -196,6 +185,7 @@ def fit_formulas(
             for target, each in zip(targets.T, seeds, strict=True)
         )
         return readable(list(run_parallel(searches, n_jobs)), values, targets)
+
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
     sum_length, length = settings.shapes[0]
@@ -256,12 +246,10 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
 
 
 def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
-    """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations.
-
-    PySR's `constraints` bound the size of an operator's arguments, not of a formula. The paper's
-    «maximum operator complexity» is therefore the size of what a function or a product is applied
-    to. Sums are free, or no formula could have the paper's 90 nodes.
-    """
+    """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations."""
+    # PySR's `constraints` bound the size of an operator's arguments, not of a formula. The paper's
+    # «maximum operator complexity» is therefore the size of what a function or a product is applied
+    # to. Sums are free, or no formula could have the paper's 90 nodes.
     limit = settings.operator_complexity
     return {
         "unary_operators": list(PYSR_UNARY_OPERATORS),
@@ -279,10 +267,8 @@ def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
 
 
 def pysr_starts() -> bool:
-    """Returns whether PySR and its Julia start here; missing ones are fetched first.
-
-    They start in another process: one that holds both PyTorch and Julia may crash.
-    """
+    """Returns whether PySR and its Julia start here; missing ones are fetched first."""
+    # They start in another process: one that holds both PyTorch and Julia may crash.
     started = subprocess.run(
         [sys.executable, "-c", "import pysr"], capture_output=True, check=False
     )

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from tensordict import TensorDict
-from torch import nn
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.domain_randomization import at_hardship
@@ -27,7 +26,7 @@ OBSERVATION_GROUPS = {
     "actor": ["proprioception", "estimate"],
     "critic": ["proprioception", "body_state", "privileged"],
 }
-"""What the actor and the critic observe. The critic, which is not deployed, sees the truth."""
+"""Observations of the actor and the critic, which is not deployed and sees the truth."""
 
 
 def observed_by_actor(observations: TensorDict) -> torch.Tensor:
@@ -41,8 +40,7 @@ class TrainingStep(NamedTuple):
     Attributes:
         observations: Observation groups (n, ...).
         rewards: Scaled rewards (n,).
-        dones: Whether the episode ended (n,). It also ends in a sink of the reward machine, where
-            nothing more can be earned.
+        dones: Whether the episode ended (n,).
         time_outs: Whether it ended only by its length (n,).
         task: The simulator's report of the step.
     """
@@ -61,16 +59,16 @@ class Environment:
         self,
         config: TrainingConfig,
         gait: Gait,
-        estimator: nn.Module | Odometry,
+        estimator: Callable[[torch.Tensor], torch.Tensor] | Odometry,
         generator: np.random.Generator,
         *,
         observes_imu: bool = False,
     ) -> None:
-        """
+        """Makes the robots.
+
         Args:
             estimator: Odometry, or a network that maps proprioception (n, k) to its estimate of
                 trunk and feet (n, 7).
-            generator: Source of randomness.
             observes_imu: Whether gravity and angular velocity are observed.
         """
         self._reward_scale = config.ppo.reward_scale
@@ -216,21 +214,19 @@ class Environment:
     def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Returns the state for a checkpoint: named arrays, and values that JSON can hold."""
         arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
-        values = {
-            "difficulty": self.simulator.difficulty,
+        return arrays, {
+            "difficulty": self.difficulty,
             "hardship": self.hardship,
             "ground_hardship": self._ground_hardship,
             "generator": self.generator.bit_generator.state,
         }
-        return arrays, values
 
     def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
         """Continues from what `to_arrays` returned."""
         self._lay_ground(values["ground_hardship"])
         self.simulator.restore(TaskState.from_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
-        self.simulator.difficulty = values["difficulty"]
-        self.hardship = values["hardship"]
+        self.difficulty, self.hardship = values["difficulty"], values["hardship"]
         self.generator.bit_generator.state = values["generator"]
 
 

@@ -68,11 +68,7 @@ class StateEstimator(nn.Module):
         return self.mlp(proprioception) * self.scale
 
     def fit(self, observations: TensorDict, optimizer: torch.optim.Optimizer) -> float:
-        """Regresses on observation groups (n, ...) that PPO collected.
-
-        Returns:
-            Mean squared error, in the units that the network learns.
-        """
+        """Regresses on observation groups (n, ...), and returns the mean squared error."""
         inputs, targets = observations["proprioception"], observations["body_state"]
         losses = []
         for _ in range(self._config.epochs):
@@ -128,7 +124,7 @@ def act_by(actor: MLPModel, network: nn.Module) -> MLPModel:
 
 
 class Learner:
-    """Owns every learned number and every optimizer."""
+    """Holds every learned number and every optimizer."""
 
     def __init__(
         self,
@@ -137,12 +133,7 @@ class Learner:
         actor: MLPModel,
         estimator: StateEstimator | None = None,
     ) -> None:
-        """
-        Args:
-            observations: Observation groups of all robots, for their sizes.
-            actor: The policy that acts.
-            estimator: The estimator that the environment observes with, if it learns.
-        """
+        """Makes the critic and the optimizers; observations (n, ...) are for their sizes."""
         # PPO's networks, storage and optimizer.
         ppo = config.ppo
         self._config = ppo
@@ -188,15 +179,13 @@ class Learner:
     def update(self, last_observations: TensorDict, number: int) -> dict[str, float]:
         """Learns from the stored steps and returns the losses by name.
 
-        Args:
-            last_observations: Observation groups after the last stored step.
-            number: Updates done before this one.
+        Observations follow the last stored step, and `number` updates were done before.
         """
         # The entropy's weight and the divergence follow their schedules.
         ppo = self._config
-        decay = np.interp(number, ppo.entropy_decay, (ppo.entropy, ppo.final_entropy))
-        self.ppo.entropy_coef = float(decay)
-        self.ppo.desired_kl = float(np.interp(number, ppo.kl_decay, (ppo.desired_kl, ppo.final_kl)))
+        weights, divergences = (ppo.entropy, ppo.final_entropy), (ppo.desired_kl, ppo.final_kl)
+        self.ppo.entropy_coef = float(np.interp(number, ppo.entropy_decay, weights))
+        self.ppo.desired_kl = float(np.interp(number, ppo.kl_decay, divergences))
 
         # The estimator learns from the same steps, which PPO's update clears.
         with torch.inference_mode():
@@ -225,6 +214,7 @@ class Learner:
 
     def restore(self, arrays: dict[str, NDArray[Any]], values: dict[str, Any]) -> None:
         """Continues from what `to_arrays` returned."""
+        # The weights, and the optimizers' state of each of them.
         tensors = {key: torch.from_numpy(value.copy()) for key, value in arrays.items()}
         for name, module in self._modules.items():
             module.load_state_dict({key: tensors[f"{name}/{key}"] for key in module.state_dict()})
@@ -236,6 +226,8 @@ class Learner:
                     index, _, key = rest.partition("/")
                     state["state"].setdefault(int(index), {})[key] = value
             optimizer.load_state_dict(state)
+
+        # The rate that PPO adapts, and the generator.
         self.ppo.learning_rate = values["learning_rate"]
         for group in self.ppo.optimizer.param_groups:
             group["lr"] = values["learning_rate"]

@@ -32,14 +32,7 @@ def _filled(values: Any, defaults: Any) -> Any:
 
 
 def read_config(path: Path) -> TrainingConfig:
-    """Reads from an expert's record how it was trained; keys that it lacks have their defaults.
-
-    A relative path of the expert that it began as is looked for from the record's folder, too, so
-    that shipped records can be followed from anywhere.
-
-    Raises:
-        InputError: if the file is not such a record.
-    """
+    """Reads from an expert's record how it was trained; keys that it lacks have their defaults."""
     record = read_yaml(path)
     if not isinstance(record, dict) or "config" not in record:
         raise InputError(f"{path}: is not an expert's record; it has no key 'config'")
@@ -48,6 +41,7 @@ def read_config(path: Path) -> TrainingConfig:
     start = config.warm_start
     if start is None or Path(start).exists():
         return config
+    # Shipped records can be followed from anywhere: paths are looked for from their folder, too.
     beside = path.parent / start
     # The run's result may have the name of the expert that it began as.
     is_result = beside.with_suffix(path.suffix) == path
@@ -55,13 +49,6 @@ def read_config(path: Path) -> TrainingConfig:
 
 
 def trainings(path: Path) -> list[Path]:
-    """Lists the records of an expert's trainings, the first one first.
-
-    Args:
-        path: The expert's record, which is the last.
-
-    Raises:
-        InputError: if one of them is not such a record.
-    """
+    """Lists the records of an expert's trainings from the first one to its record, the last."""
     start = read_config(path).warm_start
     return [*([] if start is None else trainings(Path(start).with_suffix(".yaml"))), path]

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections import defaultdict
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -47,12 +48,14 @@ LINES_EVERY = 10
 RECENT_UPDATES = 20
 """Updates that the final values of a record are averaged over."""
 
+PACKAGES = ("drake", "torch", "rsl-rl-lib", "numpy")
+"""The software that a record names."""
+
 
 class LearningRun(ABC):
     """A run in its folder, from the first update or from its checkpoint.
 
     Attributes:
-        n_updates: Updates done.
         seconds: Wall time spent (s), over all parts of an interrupted run.
         curve: The learning curve, a row for each update.
     """
@@ -63,19 +66,11 @@ class LearningRun(ABC):
     def __init__(
         self, config: TrainingConfig, gait: Gait, folder: Path, *, resume: bool = False
     ) -> None:
-        """
-        Args:
-            config: Settings; a resumed run must have the same, except for more updates.
-            gait: The gait that they name.
-            folder: Where checkpoint, curve and TensorBoard events go.
-            resume: Whether to continue from the folder's checkpoint.
+        """Begins a run, or continues from the folder's checkpoint.
 
-        Raises:
-            InputError: if there is nothing to resume, or it is damaged.
+        A resumed run must have the same settings, except for more updates.
         """
-        self.config = config
-        self.gait = gait
-        self.folder = folder
+        self.config, self.gait, self.folder = config, gait, folder
         self.n_updates = 0
         self.seconds = 0.0
         self.curve: list[dict[str, float]] = []
@@ -93,11 +88,7 @@ class LearningRun(ABC):
         """Writes what was learned so far, with its record."""
 
     def run(self) -> None:
-        """Learns to the end, and reports progress.
-
-        Raises:
-            InputError: if the run has more updates already than its settings name.
-        """
+        """Learns to the end, and reports progress."""
         updates, every = self.config.updates, self.config.checkpoint_updates
         if self.n_updates > updates:
             raise InputError(
@@ -173,25 +164,17 @@ class LearningRun(ABC):
 
     def save(self) -> None:
         """Writes weights, optimizers, every robot and all generators, and the result so far."""
-        arrays, values = {}, {}
+        arrays: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for name, part in (("environment", self.environment), ("learner", self.learner)):
             part_arrays, values[name] = part.to_arrays()
             arrays |= {f"{name}:{key}": value for key, value in part_arrays.items()}
-        header = {
-            "update": self.n_updates,
-            "seconds": self.seconds,
-            "curve": self.curve,
-            **values,
-        }
-        save_arrays(self.folder / CHECKPOINT_NAME, arrays, header)
+        values |= {"update": self.n_updates, "seconds": self.seconds, "curve": self.curve}
+        save_arrays(self.folder / CHECKPOINT_NAME, arrays, values)
         self.write_result()
 
     def restore(self) -> None:
-        """Continues from the folder's checkpoint.
-
-        Raises:
-            InputError: if it is missing or damaged, or does not fit the run's settings.
-        """
+        """Continues from the folder's checkpoint."""
         path = self.folder / CHECKPOINT_NAME
         arrays, header = load_arrays(path)
         try:
@@ -209,10 +192,7 @@ class LearningRun(ABC):
     def _write_learned(self, policy: Policy, name: str, study: Settings | None = None) -> None:
         """Writes a policy, its record `<name>.yaml` and its curve `<name>.csv`, each atomically.
 
-        Args:
-            policy: The policy that learned.
-            name: Name of the files.
-            study: Settings of a study that does more than train, for the record.
+        The record holds the settings of a study that does more than train, too.
         """
         # The record: how the policy was trained, and how it did at the end.
         curve = pd.DataFrame(self.curve)
@@ -230,9 +210,7 @@ class LearningRun(ABC):
                 key: round(float(recent[key]), 4)
                 for key in ("plain_reward", "reward", "rhythm", "failure_rate", "difficulty")
             },
-            "software": {
-                package: version(package) for package in ("drake", "torch", "rsl-rl-lib", "numpy")
-            }
+            "software": {package: version(package) for package in PACKAGES}
             | {"python": platform.python_version()},
             **({} if study is None else {study.title: to_plain(study)}),
             "config": recipe(self.config),
@@ -240,10 +218,9 @@ class LearningRun(ABC):
 
         # The files.
         policy.save(self.folder / f"{name}{policy.suffix}")
-        text = yaml.safe_dump(record, sort_keys=False)
-        write_atomically(self.folder / f"{name}.yaml", text)
-        text = curve.to_csv(index=False, float_format="%.6g")
-        write_atomically(self.folder / f"{name}.csv", text)
+        write_atomically(self.folder / f"{name}.yaml", yaml.safe_dump(record, sort_keys=False))
+        table = curve.to_csv(index=False, float_format="%.6g")
+        write_atomically(self.folder / f"{name}.csv", table)
 
 
 class TrainingRun(LearningRun):
@@ -291,13 +268,12 @@ class TrainingRun(LearningRun):
 
 def _means_over_robots(step: TrainingStep) -> dict[str, float]:
     task = step.task
-    terms = {f"terms/{name}": task.terms[:, i] for i, name in enumerate(REWARD_TERMS)}
     values = {
         "reward": task.reward,
         "plain_reward": task.plain_reward,
         "rhythm": task.served_dwell,
         "failure_rate": task.terminated,
-        **terms,
+        **{f"terms/{name}": task.terms[:, i] for i, name in enumerate(REWARD_TERMS)},
     }
     return {name: float(value.mean()) for name, value in values.items()}
 
