@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.physics import Physics, PhysicsStep
-from glassgait.diagrams.task_config import TaskConfig
-from glassgait.diagrams.task_state import TaskState, measured
+from glassgait.diagrams.task import TaskConfig, TaskState, measured
 from glassgait.models.arrays import Array
 from glassgait.models.control import BoolArray, ControlStep
 from glassgait.models.estimation.sensors import N_IMU, measure_imu, read_contacts
@@ -37,7 +36,7 @@ class BatchStep(NamedTuple):
         terms: Weighted terms of the reward (n, 12).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
-        failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 7).
+        failures: Flags in the order of `FAILURES` (n, 7).
         terminated: Whether any failure showed (n,).
         truncated: Whether the episode reached its end (n,).
     """
@@ -53,14 +52,7 @@ class BatchStep(NamedTuple):
 
 
 class _Moved(NamedTuple):
-    """Result of a control period of physics; robots that are lost stay as they were.
-
-    Attributes:
-        plant: Plant states (n, 37).
-        touching: Whether each foot touches (n, 4).
-        action: Actions that joints followed (n, 12).
-        failures: Flags in the order of `FAILURES` (n, 7).
-    """
+    """Result of a control period of physics; robots that are lost stay as they were."""
 
     plant: Array
     touching: BoolArray
@@ -87,22 +79,18 @@ class BatchSimulator:
     ) -> None:
         """
         Args:
-            task: The task.
-            physics: The stepper.
-            n_robots: Number of robots.
             generator: Source of all randomness.
             estimator: Estimator of the body state, see `ControlStep`; None to observe the true one.
                 That of a policy is `estimator_in_loop`.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
         """
-        self.task = task
-        self.n_robots = n_robots
-        self.generator = generator
-        self.estimator = estimator
-        self.difficulty = difficulty
+        self.task, self.n_robots, self.generator = task, n_robots, generator
+        self.estimator, self.difficulty = estimator, difficulty
         self.push_share = 1.0
         """Factor on the speed of pushes."""
+
+        # The control step, of all robots at once.
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(task.gait.n_states, imu=task.observes_imu)
         if (limits := task.joint_law.limits) is not None:
@@ -110,6 +98,8 @@ class BatchSimulator:
         self.control = ControlStep(
             task.robot, self.machine, task.joint_law, estimator, task.observes_imu
         )
+
+        # The robots at the start of their first episode.
         self._is_commanded = False
         self._all_robots = np.arange(n_robots)
         self._stand_on(physics)
@@ -163,12 +153,7 @@ class BatchSimulator:
             self._state = self._state.with_robots(index, self._fresh(index))
 
     def start_at(self, plant: Array, command: Command) -> None:
-        """Starts a new episode for all robots in given states and with given commands.
-
-        Args:
-            plant: Plant states x (n, 37).
-            command: Velocities (n, 2) and dwells (n,).
-        """
+        """Starts a new episode for all robots in plant states x (n, 37), with given commands."""
         self._state = self._begin(self._all_robots, plant, command)
 
     def set_command(self, command: Command) -> None:
@@ -188,11 +173,7 @@ class BatchSimulator:
         return body_state(self.task.robot, self._state.plant, self._ground)
 
     def observe(self) -> Array:
-        """Observes everything, the body state by the estimator or else by its true values.
-
-        Returns:
-            Observations (n, 47 + n_states), in the order of `layout`.
-        """
+        """Observes everything (n, 47 + n_states), in the order of `layout`."""
         s, body = self._state, self.body_state() if self.estimator is None else None
         return self.control.observation(s.memory, s.sensors(), s.command, body)
 
@@ -254,13 +235,7 @@ class BatchSimulator:
         )
 
     def _moved(self, s: TaskState, action: Array, is_finite: BoolArray) -> _Moved:
-        """Moves robots by limited actions (n, 12) and looks for failures.
-
-        Args:
-            s: The state before.
-            action: The actions.
-            is_finite: Whether the actions that were asked for are finite (n,).
-        """
+        """Moves robots by limited actions (n, 12), asked for as finite ones or not (n,)."""
         stepped = self._followed(s, action)
         shown = failures(
             self.task.robot,
@@ -283,6 +258,7 @@ class BatchSimulator:
 
     def _followed(self, s: TaskState, action: Array) -> PhysicsStep:
         """Lets the joints follow actions (n, 12) as late as they come, for a control period."""
+        # An action that is more than a period late comes in the period after this one.
         very_late = s.latency > CONTROL_PERIOD
         last = s.memory.action
         coming = np.where(very_late[:, None], last, action)
@@ -295,7 +271,7 @@ class BatchSimulator:
         )
 
     def _rewarded(self, s: TaskState, moved: _Moved, command: Command, feet: FootSense) -> Reward:
-        """Rewards the step from a state to where robots have moved."""
+        # By the new command, which holds from the end of the step on.
         return step_reward(
             self.task.robot,
             state=moved.plant,
@@ -320,14 +296,7 @@ class BatchSimulator:
     def _read_imu(
         self, plant: Array, before: Array, bias: Array, index: NDArray[np.int64]
     ) -> Array:
-        """Reads the IMU (n, 9) of the robots at `index`, and draws its noise.
-
-        Args:
-            plant: Plant states (n, 37).
-            before: Plant states one control step before (n, 37).
-            bias: Constant errors (n, 21).
-            index: The robots.
-        """
+        """Reads the IMU (n, 9) of the robots at `index` in states now and a control step before."""
         velocity = before[:, quadruped.LINEAR_VELOCITY]
         reading = measure_imu(plant, velocity, self.gravity[index])
         reading += self.task.randomization.imu_noise(len(index), self.generator)
@@ -353,12 +322,10 @@ class BatchSimulator:
 
     def _fresh(self, index: NDArray[np.int64]) -> TaskState:
         """Draws states and commands of robots at an episode's start."""
-        count = len(index)
-        ground = self._ground.of_robots(index)
-        plant = self.task.randomization.initial_states(
-            self.task.robot, count, self.generator, ground
-        )
-        return self._begin(index, plant, self._draw_commands(count))
+        robot, ground = self.task.robot, self._ground.of_robots(index)
+        draw = self.task.randomization.initial_states
+        plant = draw(robot, len(index), self.generator, ground)
+        return self._begin(index, plant, self._draw_commands(len(index)))
 
     def _begin(self, index: NDArray[np.int64], plant: Array, command: Command) -> TaskState:
         """Returns robots at an episode's start."""

@@ -66,14 +66,11 @@ class DrawnCommands(Settings):
 
 @checked
 class SliderCommand(Settings):
-    """Commands from sliders in Meshcat.
-
-    Attributes:
-        sliders: Distinguishes it from other commands in a file.
-    """
+    """Commands from sliders in Meshcat."""
 
     title: ClassVar[str] = "command"
 
+    # Distinguishes it from other commands in a file.
     sliders: Literal[True] = True
 
     def check(self, gait: Gait) -> None:
@@ -98,6 +95,8 @@ def AddCommand(  # noqa: N802
         InputError: if the gait is not made for the command, or sliders have no Meshcat.
     """
     config.check(gait)
+
+    # The source of the scenario's commands.
     match config:
         case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
             sources = [ConstantVectorSource([speed, yaw_rate]), ConstantVectorSource([dwell])]
@@ -114,6 +113,8 @@ def AddCommand(  # noqa: N802
                 raise InputError("locomotion: commands from sliders need a Meshcat; give one")
             source = builder.AddNamedSystem("command", MeshcatCommand(gait, meshcat))
             drawn = [source.GetOutputPort(name) for name in NAMES]
+
+    # A planner's commands, where it is connected, come before them.
     given = builder.AddNamedSystem("given_command", GivenCommand(gait))
     builder.Connect(drawn[0], given.GetInputPort("drawn_command"))
     builder.Connect(drawn[1], given.GetInputPort("drawn_dwell"))

@@ -16,6 +16,7 @@ from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import FLATTEST, Kind, Terrain
 
 Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
+Share = Annotated[float, Ge(0.0), Le(1.0)]
 
 HARSH = Randomization(
     heading=180.0,
@@ -30,9 +31,6 @@ HARSH = Randomization(
     latency=(0.0, 0.03),
 )
 """Differences between robots and episodes of training."""
-
-
-Kinds = Annotated[tuple[Kind, ...], FEW, MinLen(1)]
 
 
 @checked
@@ -51,12 +49,19 @@ class TerrainRanges(Settings):
 
     title: ClassVar[str] = "terrains"
 
-    share: Annotated[float, Ge(0.0), Le(1.0)] = 0.75
-    kinds: Kinds = ("plane", "blocks", "plane", "steps", "plane", "uneven")
+    share: Share = 0.75
+    kinds: Annotated[tuple[Kind, ...], FEW, MinLen(1)] = (
+        "plane",
+        "blocks",
+        "plane",
+        "steps",
+        "plane",
+        "uneven",
+    )
     slope: Annotated[float, Ge(0.0), Le(45.0)] = 25.0
     amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
     height: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
-    patches: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
+    patches: Share = 0.0
 
     def draw(self, ground: Terrain, count: int, generator: np.random.Generator) -> list[Terrain]:
         """Draws the ground of `count` groups; without a share of them nothing is drawn."""
@@ -68,6 +73,7 @@ class TerrainRanges(Settings):
         return [grounds[i] if i < drawn else ground for i in order]
 
     def _draw_one(self, i: int, count: int, generator: np.random.Generator) -> Terrain:
+        # The kind goes round.
         turn, n_kinds = divmod(i, len(self.kinds))
         kind = self.kinds[n_kinds]
         # As with the other ranges, each group draws from another part, the greatest first.
@@ -121,11 +127,14 @@ class GroupRanges(Settings):
             shares = (generator.permutation(count) + generator.random(count)) / count
             return (least + (greatest - least) * shares).tolist()
 
+        # The order of draws is part of a seed's meaning.
         masses, strengths = spread(*self.payload), spread(*self.motor_strength)
         stiffness, damping = spread(*self.gains), spread(*self.gains)
         rotors, relaxation_times = spread(*self.armature), spread(*self.relaxation_time)
         x, y = (spread(-self.payload_offset, self.payload_offset) for _ in range(2))
         grounds = self.terrains.draw(station.terrain, count, generator)
+
+        # Gains vary around those of the station.
         nominal_stiffness, nominal_damping = station.gains(robot)
         return [
             replace(
@@ -192,6 +201,8 @@ class DomainRandomization(Settings):
             replace(station, time_step=step)
             for station, step in zip(drawn, self.fine_steps, strict=False)
         ]
+
+        # MuJoCo has no relaxation time, and all bodies collide in it at no great cost.
         others = drawn[len(fine) :]
         mujoco = [
             replace(

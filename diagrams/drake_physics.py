@@ -25,10 +25,6 @@ class DrakeEngine(Engine):
     def __init__(
         self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
     ) -> None:
-        """
-        Raises:
-            InputError: if a plant's period does not divide the control period.
-        """
         super().__init__(stations)
         self._groups = [_Group(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
@@ -41,7 +37,6 @@ class DrakeEngine(Engine):
         self._order = sorted(range(len(stations)), key=lambda i: stations[i].time_step)
 
     def set_friction(self, friction: Array) -> None:
-        """Sets the friction (n_groups,) of each group's ground."""
         for group, value in zip(self._groups, friction, strict=True):
             group.set_friction(float(value))
 
@@ -68,10 +63,13 @@ class _Group:
         self._terrain = station.terrain
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
+
         # Drake's batch copies the context at every call, which of many boxes takes longer than
         # hundreds of steps; a simulator keeps it.
-        self._clock = None if station.terrain.is_plane else _Clock(self._diagram, self._context)
-        self._time_step = station.time_step
+        self._clock = _Clock(self._diagram, self._context, station.time_step)
+        self._in_batch = station.terrain.is_plane
+
+        # The input, in the order of the actuators.
         port = self._diagram.GetInputPort("desired_state")
         self._desired = port.FixValue(self._context, np.zeros(2 * quadruped.N_JOINTS))
         self._actuator_order = [
@@ -89,6 +87,7 @@ class _Group:
         try:
             return self._evaluate(states, held, parallelism)
         except RuntimeError:
+            # Drake does not say which robot it cannot advance: halve until it stands alone.
             if len(states) == 1:
                 return np.full_like(states, np.nan)
             half = len(states) // 2
@@ -112,7 +111,7 @@ class _Group:
     ) -> Array:
         desired = np.zeros((len(states), 2 * quadruped.N_JOINTS))
         desired[:, : quadruped.N_JOINTS] = targets[:, self._actuator_order]
-        if self._clock is not None or parallelism is None or len(states) <= FEW_ROBOTS:
+        if not self._in_batch or parallelism is None or len(states) <= FEW_ROBOTS:
             pairs = zip(states, desired, strict=True)
             return np.array([self._advance_one(state, own, n_steps) for state, own in pairs])
         return BatchEvalUniquePeriodicDiscreteUpdate(
@@ -128,36 +127,27 @@ class _Group:
 
     def _advance_one(self, state: Array, desired: Array, n_steps: int) -> Array:
         self._desired.GetMutableData().get_mutable_value().SetFromVector(desired)
-        if self._clock is not None:
-            self._clock.advance(state, n_steps, self._time_step)
-            return np.array(self._context.get_discrete_state_vector().value())
-        for _ in range(n_steps):
-            self._context.SetDiscreteState(state)
-            update = self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context)
-            state = np.array(update.get_vector(0).get_value())
-        return state
+        self._clock.advance(state, n_steps)
+        return np.array(self._context.get_discrete_state_vector().value())
 
 
 class _Clock:
     """Advances a context by steps of its plant, from any state, whatever its time is."""
 
-    def __init__(self, diagram: Diagram, context: Context) -> None:
-        self._diagram, self._context = diagram, context
+    def __init__(self, diagram: Diagram, context: Context, time_step: float) -> None:
+        self._diagram, self._context, self._time_step = diagram, context, time_step
         self._sound = np.array(context.get_discrete_state_vector().value())
         self._start()
 
-    def advance(self, state: Array, n_steps: int, time_step: float) -> None:
-        """Advances a state x (37) by steps of a time step (s).
-
-        Raises:
-            RuntimeError: if the contact solver cannot advance it.
-        """
+    def advance(self, state: Array, n_steps: int) -> None:
+        """Advances a state x (37); a RuntimeError says that the contact solver cannot."""
         self._context.SetDiscreteState(state)
         self._steps += n_steps
         try:
             # Between two updates, so that rounding of times neither adds one nor leaves one out.
-            self._simulator.AdvanceTo((self._steps - 0.5) * time_step, interruptible=False)
+            self._simulator.AdvanceTo((self._steps - 0.5) * self._time_step, interruptible=False)
         except RuntimeError:
+            # The state that failed must not stay in the simulator.
             self._start()
             raise
 

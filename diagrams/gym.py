@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.station import StationConfig
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.control import BoolArray
 from glassgait.models.errors import InputError, shown
@@ -84,7 +84,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             gait: The gait, its name or its file.
             robot: Name of a robot that ships, or path of a `robot.yaml`.
             stations: Physics of each group of robots; by default all robots form one group.
-            randomization: What differs between robots and episodes.
+            randomization: Differences between robots and episodes.
             senses: "true" to observe the true velocity and heights of the feet, "odometry" for
                 their estimates, "imu" for that, gravity's direction and the angular velocity.
             max_episode_steps: Control steps after which an episode is truncated.
@@ -98,6 +98,8 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             )
         observes_imu, estimator = SENSES[senses]
         gait = gait if isinstance(gait, Gait) else find_gait(gait)
+
+        # The spaces.
         self.num_envs = num_envs
         size = ObservationLayout(gait.n_states, imu=observes_imu).size
         self.single_observation_space = Box(-np.inf, np.inf, (size,), np.float64)
@@ -105,6 +107,8 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.single_action_space = Box(-ACTION_BOUND, ACTION_BOUND, actions, np.float64)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
+
+        # The task. Its generator changes with the seed of a reset.
         self._simulator = BatchSimulator(
             TaskConfig(
                 gait,
@@ -147,7 +151,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         return self._simulator.observe(), outcome.reward, terminated, truncated, info
 
     def _info(self, failures: BoolArray, plain_reward: Array) -> dict[str, Any]:
-        """Returns what is known of the robots, with gymnasium's masks."""
+        # Gymnasium's vectors have a mask beside each entry, of the robots that it is of.
         names = np.empty(self.num_envs, dtype=object)
         names[:] = [tuple(np.array(FAILURES)[row].tolist()) for row in failures]
         info = {
@@ -174,21 +178,11 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         station: StationConfig | None = None,
         **settings: Any,
     ) -> None:
-        """
-        Args:
-            gait: The gait, its name or its file.
-            station: Physics; its friction is drawn anew for each episode.
-            settings: `robot`, `randomization` and `senses`, as `LocomotionVectorEnv` takes them.
-
-        Raises:
-            InputError: if there is no such gait, robot or senses.
-        """
+        """Takes `robot`, `randomization` and `senses` as `LocomotionVectorEnv` does."""
+        stations = [station or StationConfig()]
+        # Only a `TimeLimit` may truncate an episode.
         self._envs = LocomotionVectorEnv(
-            1,
-            gait,
-            stations=[station or StationConfig()],
-            max_episode_steps=2**31,
-            **settings,
+            1, gait, stations=stations, max_episode_steps=2**31, **settings
         )
         self.action_space = self._envs.single_action_space
         self.observation_space = self._envs.single_observation_space
@@ -196,7 +190,6 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Starts an episode."""
         super().reset(seed=seed)
         observations, info = self._envs.reset(seed=seed)
         return observations[0], _first(info)
@@ -208,7 +201,6 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
 
 
 def _first(info: dict[str, Any]) -> dict[str, Any]:
-    """Returns the first robot's values."""
     return {name: values[0] for name, values in info.items() if not name.startswith("_")}
 
 

@@ -55,7 +55,7 @@ OUTPUTS = (
     *("rm_state", "rm_iterations", "served_dwell", "foot_contact", "foot_height"),
     *("command", "commanded_dwell", "state", "imu"),
 )
-"""Names of the diagram's outputs; some are only there if they are needed."""
+"""The diagram's outputs; some are only there if they are needed."""
 
 S = TypeVar("S", bound=System)
 
@@ -93,7 +93,7 @@ def MakeLocomotion(  # noqa: N802
         gait: The gait whose reward machine runs.
         scenario: The scenario; that of training by default.
         policy: The controller. Without one the true body state is observed.
-        meshcat: Shows robot, contacts and machine state there.
+        meshcat: Shows robot, contacts and machine state.
 
     Raises:
         InputError: if the policy or the command does not fit the gait or the scenario.
@@ -149,12 +149,7 @@ def MakeLocomotion(  # noqa: N802
 def _taken(
     policy: "Controller | Policy", *, true_body_state: bool
 ) -> tuple["Controller", "Estimator | None"]:
-    """Returns the controller of a policy, and its estimator.
-
-    Raises:
-        InputError: if it is a controller that no system here acts as, or has no estimator, and the
-            true body state is not asked for.
-    """
+    """Returns the controller of a policy, and its estimator where there is one to use."""
     # Imported here: a robot without a policy needs none of them.
     from glassgait.models.policies.controller import (  # noqa: PLC0415
         Controller,
@@ -214,12 +209,7 @@ def _add_sensors(
     *,
     imu: bool,
 ) -> Ports:
-    """Adds sensors of joints, feet and trunk.
-
-    Returns:
-        joints (24), foot_contact (4), foot_height (4), touching (4) as the contact sensors read it
-        and, with an IMU, imu (9).
-    """
+    """Adds sensors of joints, feet and trunk; returns what they measure."""
     add = partial(_add, builder)
     joints = JointSensor(scenario.sensor_noise)
     noise, bias = errors.get("sensor_noise"), errors.get("encoder_bias")
@@ -255,12 +245,10 @@ def _add_observation(
     *,
     limited: bool,
 ) -> Ports:
-    """Adds contacts, reward machine and estimator, and what is observed of them.
-
-    Returns:
-        observations, and the outputs of the reward machine.
-    """
+    """Adds contacts, machine and estimator; returns observations and the machine's outputs."""
     add = partial(_add, builder)
+
+    # Contacts, the reward machine that follows them, and what needs no estimate.
     trust = add("contact_trust", ContactTrustSystem(), touching=ports["touching"])
     machine = RewardMachineSystem(gait)
     believed, dwell = trust.GetOutputPort("believed_contact"), ports["commanded_dwell"]
@@ -302,6 +290,7 @@ def _add_observation(
     builder.Connect(height, machine.GetInputPort("foot_height"))
     builder.Connect(expected or height, trust.GetInputPort("foot_height"))
 
+    # The whole observation.
     observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
     builder.AddNamedSystem("observation", observation)
     builder.Connect(proprioception.get_output_port(), observation.get_input_port(0))
@@ -317,11 +306,8 @@ def _add_policies(
     law: JointLaw,
     ports: Ports,
 ) -> OutputPort:
-    """Adds a controller's policies, a switch between them, and the limits that come last.
-
-    Returns:
-        The action (12).
-    """
+    """Adds policies, a switch between them, and the limits that come last; returns the action."""
+    # Drake's switch evaluates only the policy that acts.
     switch = builder.AddNamedSystem("alternation", PortSwitch(quadruped.N_JOINTS))
     indices: dict[str, InputPortIndex] = {}
     for name, policy in controller.policies.items():
@@ -340,6 +326,8 @@ def _add_policies(
     builder.Connect(schedule.get_output_port(), switch.get_port_selector_input_port())
     if law.limits is None:
         return switch.get_output_port()
+
+    # Limits hold, whoever acts.
     return _add(
         builder,
         "target_limits",
@@ -354,11 +342,7 @@ def _add_policies(
 def _add_task(
     builder: DiagramBuilder, robot: Robot, scenario: Scenario, law: JointLaw, ports: Ports
 ) -> Ports:
-    """Adds the reward and the fall monitor.
-
-    Returns:
-        reward (1), plain_reward (1), reward_terms (12) and failures (7).
-    """
+    """Adds the reward and the fall monitor; returns what they find."""
     moved = {
         "state": ports["state"],
         "action": ports["held_action"],

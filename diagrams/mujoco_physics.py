@@ -30,22 +30,15 @@ class MujocoEngine(Engine):
     def __init__(
         self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
     ) -> None:
-        """
-        Raises:
-            InputError: if a plant's period does not divide the control period.
-        """
         super().__init__(stations)
         self._n_steps = [station.plant_steps() for station in stations]
         self._models = [make_model(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
         self._data = [[mujoco.MjData(model) for _ in range(n_threads)] for model in self._models]
         self._rollout = Rollout(nthread=n_threads)
-        joints = [self._models[0].joint(name) for name in quadruped.JOINTS]
-        self._q = [joint.qposadr[0] for joint in joints]
-        self._v = [joint.dofadr[0] for joint in joints]
+        self._order = _order_of_state(self._models[0])
 
     def set_friction(self, friction: Array) -> None:
-        """Sets the friction (n_groups,) of each group's ground."""
         for model, station, value in zip(self._models, self.stations, friction, strict=True):
             _set_friction(model, station.terrain, value)
 
@@ -54,15 +47,25 @@ class MujocoEngine(Engine):
     ) -> tuple[Array, BoolArray]:
         touching = np.zeros((len(states), quadruped.N_LEGS), dtype=bool)
         sound = np.concatenate(members)
-        # All groups' models have the same joints.
-        given = np.full((len(states), self._models[0].nq + self._models[0].nv), np.nan)
-        given[sound] = self._to_mujoco(states[sound])
+
+        # The turning of a free joint is expressed in the body's frame, as nothing else is.
+        first = self._models[0].nq + 3
+        turning = slice(first, first + 3)
+        given = np.full_like(states, np.nan)
+        given[sound] = states[sound][:, self._order]
+        given[sound, turning] = kinematics.base_velocity(states[sound])[1]
+
+        # One group after another, each on all threads.
         for group, mine in enumerate(members):
             if len(mine):
                 targets = self._at_steps(group, held.of(mine))
                 given[mine], touching[mine] = self._roll_out(group, given[mine], targets)
+
+        # Back to Drake's order, and to the world's frame.
         after = np.full_like(states, np.nan)
-        after[sound] = self._from_mujoco(given[sound])
+        after[:, self._order] = given
+        to_world = kinematics.rotation_matrix(after[:, quadruped.QUATERNION])
+        after[:, quadruped.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, given[:, turning])
         return after, touching
 
     def _at_steps(self, group: int, held: Held) -> Array:
@@ -72,6 +75,7 @@ class MujocoEngine(Engine):
         return np.where(waiting[..., None], held.late[:, None], held.targets[:, None])
 
     def _roll_out(self, group: int, given: Array, targets: Array) -> tuple[Array, BoolArray]:
+        # The first entry of MuJoCo's state is time.
         model = self._models[group]
         before = np.zeros((len(given), mujoco.mj_stateSize(model, _STATE)))
         before[:, 1 : 1 + given.shape[1]] = given
@@ -80,29 +84,18 @@ class MujocoEngine(Engine):
         moved = after[:, -1, 1 : 1 + given.shape[1]]
         return moved, sensed[:, -1] > self.stations[group].contact_force
 
-    def _to_mujoco(self, states: Array) -> Array:
-        model = self._models[0]
-        _, angular = kinematics.base_velocity(states)
-        given = np.zeros((len(states), model.nq + model.nv))
-        q, v = given[:, : model.nq], given[:, model.nq :]
-        q[:, :3], q[:, 3:7] = states[:, quadruped.POSITION], states[:, quadruped.QUATERNION]
-        q[:, self._q] = states[:, quadruped.JOINT_POSITION]
-        # The turning of a free joint is expressed in the body's frame, as nothing else is.
-        v[:, :3], v[:, 3:6] = states[:, quadruped.LINEAR_VELOCITY], angular
-        v[:, self._v] = states[:, quadruped.JOINT_VELOCITY]
-        return given
 
-    def _from_mujoco(self, given: Array) -> Array:
-        n_positions = self._models[0].nq
-        q, v = given[:, :n_positions], given[:, n_positions:]
-        states = np.zeros((len(given), quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
-        states[:, quadruped.POSITION], states[:, quadruped.QUATERNION] = q[:, :3], q[:, 3:7]
-        states[:, quadruped.JOINT_POSITION] = q[:, self._q]
-        to_world = kinematics.rotation_matrix(states[:, quadruped.QUATERNION])
-        states[:, quadruped.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, v[:, 3:6])
-        states[:, quadruped.LINEAR_VELOCITY] = v[:, :3]
-        states[:, quadruped.JOINT_VELOCITY] = v[:, self._v]
-        return states
+def _order_of_state(model: mujoco.MjModel) -> IntArray:
+    """Returns where each entry of MuJoCo's positions and velocities stands in a plant state x."""
+    index = np.arange(quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
+    order, q, v = index.copy(), slice(0, model.nq), slice(model.nq, None)
+    joints = [model.joint(name) for name in quadruped.JOINTS]
+    order[q][:3], order[q][3:7] = index[quadruped.POSITION], index[quadruped.QUATERNION]
+    order[q][[joint.qposadr[0] for joint in joints]] = index[quadruped.JOINT_POSITION]
+    order[v][:3] = index[quadruped.LINEAR_VELOCITY]
+    order[v][3:6] = index[quadruped.ANGULAR_VELOCITY]
+    order[v][[joint.dofadr[0] for joint in joints]] = index[quadruped.JOINT_VELOCITY]
+    return order
 
 
 def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
@@ -112,6 +105,8 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
         InputError: if MuJoCo refuses the robot's description.
     """
     station.terrain.check(robot)
+
+    # The description, and how it is integrated.
     spec = mujoco.MjSpec.from_string(_plain_description(robot))
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -120,6 +115,8 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     # What it cannot advance MuJoCo would set back to the start, as if nothing had been.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     spec.option.gravity = station.terrain.gravity
+
+    # Ground, load, motors and sensors.
     for geometry in spec.geoms:
         # The robot meets the ground, and not itself.
         meets = not station.feet_only or geometry.name.endswith("_foot")
@@ -187,6 +184,7 @@ def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:
     mass = station.payload
     if mass == 0:
         return
+    # A solid box.
     squares = np.square(PAYLOAD_BOX)
     trunk.add_body(
         pos=station.payload_position,
@@ -198,6 +196,8 @@ def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:
 
 
 def _add_motors(spec: mujoco.MjSpec, robot: Robot, station: StationConfig) -> None:
+    # A motor's force is affine in its joint's position and velocity: the PD law, whose damping
+    # MuJoCo then integrates implicitly.
     strength = station.motor_strength
     stiffness, damping = (strength * gain for gain in station.gains(robot))
     for name, effort in zip(quadruped.JOINTS, robot.effort, strict=True):

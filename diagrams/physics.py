@@ -18,12 +18,7 @@ from glassgait.models.task.terrain import Terrain
 
 
 class PhysicsStep(NamedTuple):
-    """Result of a control period of physics, robots along the first axis.
-
-    Attributes:
-        states: Plant states x (n, 37).
-        touching: Whether each foot presses on the ground (n, 4).
-    """
+    """Plant states x (n, 37) after a control period, and which feet press on the ground (n, 4)."""
 
     states: Array
     touching: BoolArray
@@ -33,11 +28,7 @@ class Physics:
     """Advances many robots by control periods; they stand in groups, each on its ground."""
 
     def __init__(self, robot: Robot, engines: Sequence[Engine]) -> None:
-        """
-        Args:
-            robot: The robot.
-            engines: Engines of the first groups, of the next ones, and so on.
-        """
+        """Takes the engines of the first groups, of the next ones, and so on."""
         self.robot, self._engines = robot, engines
         self._terrains = [own.terrain for engine in engines for own in engine.stations]
         self.n_groups = len(self._terrains)
@@ -79,8 +70,7 @@ class Physics:
             targets: Joint position targets (n, 12; rad), held over the period.
             previous_targets: Targets of the period before (n, 12; rad), which hold until the new
                 ones come; needed with a latency.
-            latency: Time from the period's start until the new targets come (n,; s), rounded to
-                the plant's steps; by default none.
+            latency: Time until the new targets come (n,; s), rounded to the plant's steps.
         """
         late = targets if previous_targets is None else previous_targets
         latency = np.zeros(len(states)) if latency is None else latency
@@ -98,13 +88,16 @@ class Physics:
 
     def _advance(self, engine: Engine, states: Array, held: Held) -> PhysicsStep:
         """Advances the sound robots of an engine, each on the tile of ground that is laid."""
+        # One robot that is not finite would stop Drake's batch.
         values = np.concatenate([states, held.targets, held.late], axis=1)
         sound = np.all(np.isfinite(values), axis=1)
         terrains = tuple(station.terrain for station in engine.stations)
-        ground = _ground(terrains, len(states))
-        away = ground.periods(states)
         groups = _members(len(states), len(terrains))
         members = [group[sound[group]] for group in groups]
+
+        # Ground repeats: physics sees robots on the middle tile, and the caller where they are.
+        ground = _ground(terrains, len(states))
+        away = ground.periods(states)
         after, touching = engine.advance(kinematics.moved_by(states, -away), held, members)
         after = kinematics.moved_by(after, away)
         return PhysicsStep(
@@ -113,12 +106,9 @@ class Physics:
 
 
 def make_physics(robot: Robot, *stations: StationConfig, n_threads: int | None = None) -> Physics:
-    """Makes the physics of groups of robots.
+    """Makes the physics of groups of robots, by default on all cores.
 
-    Args:
-        robot: The robot.
-        stations: Physics of each group; those of an engine stand side by side.
-        n_threads: Number of threads; all cores by default.
+    Groups of one engine stand side by side.
 
     Raises:
         InputError: if a plant's period does not divide the control period.

@@ -30,7 +30,6 @@ KEPT_STEPS = 3000
 """Control steps that a recording without an end keeps (one minute), the latest ones."""
 
 FALL_MONITOR = "fall_monitor"
-"""Name of the fall monitor."""
 
 _INSTANT_TOLERANCE = 1e-9
 """Rounding error of times that are sums of control periods (s)."""
@@ -68,7 +67,7 @@ def make_simulator(
 
     Args:
         diagram: The outermost diagram.
-        seed: Seed of all that the diagram draws at random except the robot's state.
+        seed: Seed of all that is drawn at random except the robot's state.
         state: The plant's initial state x (37); standing at rest by default.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
 
@@ -104,8 +103,8 @@ def begin_anew(simulator: Simulator, *, seed: int = 0, state: Array | None = Non
 def stop_at_falls(simulator: Simulator) -> None:
     """Ends `Simulator.AdvanceTo` at the first control instant that shows a failure.
 
-    The status that `AdvanceTo` then returns has the reason `kReachedTerminationCondition` and names
-    the failure. The simulator's monitor is replaced.
+    The status then has the reason `kReachedTerminationCondition` and names the failure. The
+    simulator's monitor is replaced.
     """
     locomotion = find_locomotion(simulator.get_system())
     port = locomotion.GetOutputPort("failures")
@@ -138,12 +137,13 @@ def record(
             and the last `KEPT_STEPS` are kept.
         stop_on_failure: Whether to end at the first failure.
         stopped: Asked after every step whether to end now. A monitor that ends the simulator's
-            advance between two control instants ends the recording as well.
+            advance ends the recording as well.
 
     Raises:
         InputError: if n_steps is negative, the simulator is between two control instants, or its
             diagram does not hold exactly one robot.
     """
+    # Check where the simulator is.
     if n_steps is not None and n_steps < 0:
         raise InputError(f"record: n_steps is {shown(n_steps)}; it must be 0 or more")
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
@@ -154,14 +154,15 @@ def record(
             f"record: the simulator is at {root.get_time():g} s; advance it to a multiple of "
             f"{CONTROL_PERIOD} s"
         )
-    ports = {
-        name: locomotion.GetOutputPort(name)
-        for name in RECORDED_PORTS
-        if locomotion.HasOutputPort(name)
-    }
+
+    # Without a policy there are no actions to record.
+    names = filter(locomotion.HasOutputPort, RECORDED_PORTS)
+    ports = {name: locomotion.GetOutputPort(name) for name in names}
     kept = None if n_steps is not None else KEPT_STEPS + 1
     recorded: dict[str, deque[Array]] = {name: deque(maxlen=kept) for name in ports}
     times: deque[float] = deque(maxlen=kept)
+
+    # Step. Only ground that repeats asks for moving a robot back.
     repeats = locomotion.HasSubsystemNamed(WORLD_STATE)
     for step in count() if n_steps is None else range(n_steps + 1):
         # AdvanceTo handles updates that are due where it starts and leaves those where it ends, so
@@ -189,11 +190,7 @@ def _control_step(context: Context) -> int | None:
 
 
 def find_locomotion(diagram: Diagram) -> Diagram:
-    """Finds the diagram that `MakeLocomotion` built: this one, or a part of it at any depth.
-
-    Raises:
-        InputError: if there is none, or more than one.
-    """
+    """Finds the diagram that `MakeLocomotion` built: this one, or the only such part of it."""
     found = list(_locomotions(diagram))
     if len(found) != 1:
         raise InputError(
@@ -228,8 +225,7 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
 def recenter(diagram: Diagram, context: Context) -> None:
     """Moves a robot that has left the middle period of its ground back by whole periods.
 
-    What the diagram's outputs show stays as it is. On a plane nothing happens. The root context is
-    at a control instant.
+    The diagram's outputs stay as they are. The root context is at a control instant.
     """
     robot = _Robot(diagram, context)
     if robot.world is None:

@@ -35,8 +35,7 @@ SCENARIO_GROUPS = {
     "grounds": SCENARIO_DIRECTORY / "ground",
     "harsh": SCENARIO_DIRECTORY / "harsh",
 }
-"""Folders of the scenarios that ship: `all` for those that differ in one thing on level ground,
-other grounds, and lives harder than those."""
+"""Folders of the scenarios that ship."""
 
 LONGEST_NAME = LONGEST_TITLE = 80
 """Greatest length of a scenario's name, which stands in names of files (bytes), and of a title."""
@@ -76,6 +75,7 @@ class Scenario(Disturbances):
     robot: Annotated[str, MaxLen(1000)] | None = None
 
     def __post_init__(self) -> None:
+        # A robot that is not named is of the policy; the shipped one stands for it here.
         self.station.terrain.check(load_robot() if self.robot is None else load_robot(self.robot))
         if problem := self._problem():
             raise InputError(f"{self.refused_as()}: {problem}")
@@ -110,11 +110,7 @@ class Scenario(Disturbances):
         )
 
     def robot_of(self, policy: "Controller | Policy | None" = None) -> Robot:
-        """Returns the robot that a policy moves here; without one, that of the scenario.
-
-        Raises:
-            InputError: if the policy was made for another robot.
-        """
+        """Returns the robot that a policy moves here; refuses a policy of another robot."""
         if self.robot is None:
             return load_robot() if policy is None else policy.robot
         robot = load_robot(self.robot)
@@ -147,13 +143,9 @@ class Scenario(Disturbances):
         friction, latency = self.station.friction, self.latency
         return replace(NOMINAL, friction=(friction, friction), latency=(latency, latency), **shared)
 
-    def to_plain(self) -> dict[str, Any]:
-        """Returns every setting as values that YAML and JSON can hold."""
-        return json.loads(json.dumps(asdict(self)))
-
     def digest(self) -> str:
         """Returns a digest of every setting."""
-        return hashlib.sha256(json.dumps(self.to_plain()).encode()).hexdigest()[:16]
+        return hashlib.sha256(json.dumps(asdict(self)).encode()).hexdigest()[:16]
 
 
 def scenario_names(group: str = "all") -> tuple[str, ...]:
@@ -163,25 +155,17 @@ def scenario_names(group: str = "all") -> tuple[str, ...]:
 
 
 def scenario_name(scenario: str | Path) -> str:
-    """Returns what a scenario is called: one that ships by its name, a file by its own.
-
-    Raises:
-        InputError: if there is no such scenario, or its file cannot be called so.
-    """
+    """Returns what a scenario is called: one that ships by its name, a file by its own."""
     return _path(scenario).stem
 
 
 def load_scenario(scenario: str | Path) -> Scenario:
-    """Loads a scenario by its name, or from a YAML file of one's own.
+    """Loads a scenario by its name, or from a path that ends in .yaml.
 
     A file names only what differs from the training world.
 
-    Args:
-        scenario: Name of a scenario that ships, or path of a file that ends in .yaml.
-
     Raises:
-        InputError: if there is no such scenario, or its file breaks a rule; the message names the
-            file, the key and the remedy.
+        InputError: if there is no such scenario, or its file breaks a rule.
     """
     # As Drake's hardware_sim loads one: a dataclass of defaults, and a file that overrides some.
     # `pydrake.common.yaml.yaml_load_typed` would serve, were it not that it sets the fields of a
@@ -198,11 +182,7 @@ def load_scenario(scenario: str | Path) -> Scenario:
 
 
 def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
-    """Loads scenarios by their names.
-
-    Args:
-        scenarios: Names or paths, as `load_scenario` takes them, or names of groups that ship:
-            `all`, `grounds`, `harsh`.
+    """Loads scenarios by their names or paths, or by names of groups: `all`, `grounds`, `harsh`.
 
     Raises:
         InputError: as `load_scenario` does, or if two that differ have one name, or one title.
@@ -216,6 +196,8 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
                     f"{each}: is another scenario than the one before that is called {name!r}; "
                     "give the file another name"
                 )
+
+    # Tables show titles.
     titles = [scenario.title for scenario in found.values()]
     for name, scenario in found.items():
         if titles.count(scenario.title) > 1:

@@ -166,10 +166,7 @@ class StationConfig(Settings):
         return n_steps
 
     def gains(self, robot: Robot, law: JointLaw = OWN_LAW) -> tuple[float, float]:
-        """Returns stiffness and damping of a robot's joints, without the motors' factor.
-
-        A law gives those that the station leaves out.
-        """
+        """Returns stiffness and damping of a robot's joints; a law gives those left out here."""
         stiffness, damping = law.gains_of(robot)
         return (
             stiffness if self.stiffness is None else self.stiffness,
@@ -188,18 +185,9 @@ def AddStation(  # noqa: N802
     """Adds the finalized plant, on its ground, and its scene graph to a diagram.
 
     The PD law lives in the joints' actuators, where the contact solver treats it implicitly and
-    limits it to the motors' effort. Output ports are live, so that the plant moves in the discrete
-    phase of an instant, after a controller's unrestricted updates.
-
-    In a default context the robot stands at rest. In a random one, as `SetRandomContext` makes it,
+    limits it to the motors' effort. In a default context the robot stands at rest. In a random one
     each joint is drawn as evaluations draw it, and the trunk is level, `RANDOM_LIFT` above where it
-    stands.
-
-    Args:
-        builder: The diagram's builder.
-        robot: The robot.
-        config: Physics.
-        reach: Reach of ground other than a plane around the middle period (m).
+    stands. Ground other than a plane reaches `reach` (m) around the middle period.
 
     Returns:
         The plant, the scene graph and the robot's model instance. The instance's `desired_state`
@@ -214,6 +202,9 @@ def AddStation(  # noqa: N802
             "needs Drake, so leave engine out"
         )
     config.terrain.check(robot)
+
+    # Output ports are live, so that the plant moves in the discrete phase of an instant, after a
+    # controller's unrestricted updates.
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=config.time_step,
@@ -223,7 +214,13 @@ def AddStation(  # noqa: N802
         ),
         builder,
     )
-    _take_no_part_in_deformable_contact(scene_graph)
+    # Drake registers what has a hint of resolution for contact with deformable bodies, and warns
+    # that half spaces cannot be. Nothing here deforms, and point contact needs no hint.
+    graph_config = SceneGraphConfig()
+    graph_config.default_proximity_properties.resolution_hint = None
+    scene_graph.set_config(graph_config)
+
+    # Bodies and motors.
     (instance,) = Parser(plant).AddModels(str(robot.urdf_path))
     _add_payload(plant, instance, config)
     _add_ground(plant, config.terrain, reach)
@@ -231,9 +228,10 @@ def AddStation(  # noqa: N802
     plant.mutable_gravity_field().set_gravity_vector(config.terrain.gravity)
     plant.Finalize()
     _set_initial_poses(plant, robot, config.terrain)
-    _exclude_self_collision(plant, scene_graph, instance)
-    if config.feet_only or not config.terrain.is_plane:
-        _let_only_feet_collide(plant, scene_graph, instance)
+
+    # Contact, with the ground only.
+    feet_only = config.feet_only or not config.terrain.is_plane
+    _limit_collisions(plant, scene_graph, instance, feet_only=feet_only)
     _set_compliance(plant, scene_graph, config)
     set_friction(plant, scene_graph, config.friction, terrain=config.terrain)
     return plant, scene_graph, instance
@@ -264,10 +262,7 @@ def set_friction(
     *,
     terrain: Terrain = PLANE,
 ) -> None:
-    """Sets the friction of every contact between robot and ground; patches keep theirs.
-
-    It changes the scene graph's context or, without one, the model's default.
-    """
+    """Sets the friction of robot and ground, less patches, in a context or the model's default."""
     ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
     inspector = scene_graph.model_inspector()
     feet = 2.0 * max(friction, terrain.patch_friction) if terrain.patches else friction
@@ -309,14 +304,6 @@ def _set_motors(plant: MultibodyPlant, robot: Robot, config: StationConfig) -> N
         actuator.set_default_rotor_inertia(config.armature)
 
 
-def _take_no_part_in_deformable_contact(scene_graph: SceneGraph) -> None:
-    # Drake registers what has a hint of resolution for contact with deformable bodies, and warns
-    # that half spaces cannot be. Nothing here deforms, and point contact needs no hint.
-    config = SceneGraphConfig()
-    config.default_proximity_properties.resolution_hint = None
-    scene_graph.set_config(config)
-
-
 def _set_initial_poses(plant: MultibodyPlant, robot: Robot, terrain: Terrain) -> None:
     standing = Ground([terrain]).stand(robot, kinematics.standing_state(robot))
     positions = standing[: quadruped.N_POSITIONS]
@@ -343,29 +330,26 @@ def _add_payload(
     plant.WeldFrames(plant.GetFrameByName("trunk"), payload.body_frame(), place)
 
 
-def _exclude_self_collision(
-    plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex
+def _limit_collisions(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    instance: ModelInstanceIndex,
+    *,
+    feet_only: bool,
 ) -> None:
-    geometries = GeometrySet()
-    for body in plant.GetBodyIndices(instance):
-        geometries.Add(plant.GetCollisionGeometriesForBody(plant.get_body(body)))
-    scene_graph.collision_filter_manager().Apply(
-        CollisionFilterDeclaration().ExcludeWithin(geometries)
-    )
-
-
-def _let_only_feet_collide(
-    plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex
-) -> None:
-    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
-    for body in plant.GetBodyIndices(instance):
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body)):
-            if not inspector.GetName(geometry).endswith("_foot"):
-                scene_graph.RemoveRole(source, geometry, Role.kProximity)
+    geometries = [
+        geometry
+        for body in plant.GetBodyIndices(instance)
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
+    ]
+    none_within = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
+    scene_graph.collision_filter_manager().Apply(none_within)
+    for geometry in geometries if feet_only else ():
+        if not scene_graph.model_inspector().GetName(geometry).endswith("_foot"):
+            scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kProximity)
 
 
 def _add_ground(plant: MultibodyPlant, terrain: Terrain, reach: float) -> None:
-    """Adds a half space, or the boxes of a tile."""
     world, friction = plant.world_body(), CoulombFriction(1.0, 1.0)
     if terrain.is_plane:
         plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", friction)
@@ -377,7 +361,6 @@ def _add_ground(plant: MultibodyPlant, terrain: Terrain, reach: float) -> None:
 
 
 def _set_compliance(plant: MultibodyPlant, scene_graph: SceneGraph, config: StationConfig) -> None:
-    """Sets how soft every contact between robot and ground is."""
     # The two bodies of a contact add their relaxation times up, and a body without one counts as
     # 0.1 s.
     ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))

@@ -15,8 +15,7 @@ from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.physics import Physics, make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import TaskConfig
-from glassgait.diagrams.task_state import TaskState
+from glassgait.diagrams.task import TaskConfig, TaskState
 from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.policies.controller import (
     Controller,

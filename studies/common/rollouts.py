@@ -19,7 +19,7 @@ from glassgait.diagrams.commands import DrawnCommands, SliderCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, push, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import NO_SLIDERS
+from glassgait.diagrams.task import NO_SLIDERS
 from glassgait.diagrams.visualization import save_replay
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller

@@ -8,7 +8,7 @@ from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, refuse_other_machine

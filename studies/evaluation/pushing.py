@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_state import TaskState
+from glassgait.diagrams.task import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import kinematics, quadruped
@@ -132,12 +132,9 @@ class _Caught(Observer):
         self._initial = initial
         self._phases = np.arange(n_phases) / n_phases
         self._entries = np.full((n_phases, 2), -1)
-        self._states: dict[str, Any] = {}
+        self._state: TaskState | None = None
 
     def observe(self, step: ControlStep) -> None:
-        if not self._states:
-            before = step.before.as_arrays()
-            self._states = {name: values.copy() for name, values in before.items()}
         entries, number = self._entries, step.step
         # A stride lasts from one entry of the initial state to the next.
         entered = step.outcome.fired & (step.after.memory.machine.state == self._initial)
@@ -146,8 +143,9 @@ class _Caught(Observer):
         entries[came & (entries[:, 0] < 0), 0] = number
         due = entries[:, 1] + np.rint(self._phases * (entries[:, 1] - entries[:, 0]))
         now = (entries[:, 1] >= 0) & (number >= due) & ~step.fallen & ~self.there
-        for name, values in step.after.as_arrays().items():
-            self._states[name][now] = values[now]
+        caught = np.flatnonzero(now)
+        before = step.before if self._state is None else self._state
+        self._state = before.with_robots(caught, step.after.of_robots(caught))
         self.there |= now
         self.done = bool((self.there | step.fallen).all())
 
@@ -156,7 +154,8 @@ class _Caught(Observer):
         """The robots in these instants."""
         # The next command comes when the episode is some seconds older than all that follows.
         steps = np.ones(len(self.there), dtype=np.int64)
-        return TaskState.from_arrays(self._states | {"steps": steps})
+        assert self._state is not None
+        return self._state._replace(steps=steps)
 
 
 class _Survival(Observer):

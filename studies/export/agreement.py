@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
-from glassgait.diagrams.task_state import TaskState
+from glassgait.diagrams.task import TaskState
 from glassgait.models import GRAVITY
 from glassgait.models.arrays import Array
 from glassgait.models.control import ControlStep, Sensors

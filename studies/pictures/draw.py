@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
-from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import TRAINING, Scenario
+from glassgait.diagrams.visualization import Camera
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts

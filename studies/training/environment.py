@@ -10,8 +10,7 @@ from tensordict import TensorDict
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.domain_randomization import at_hardship
 from glassgait.diagrams.physics import make_physics
-from glassgait.diagrams.task_config import TaskConfig
-from glassgait.diagrams.task_state import TaskState
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.estimation.sensors import ImuReading, measure_imu
@@ -224,7 +223,7 @@ class Environment:
     def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
         """Continues from what `to_arrays` returned."""
         self._lay_ground(values["ground_hardship"])
-        self.simulator.restore(TaskState.from_arrays(arrays))
+        self.simulator.restore(self.simulator.state.with_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
         self.difficulty, self.hardship = values["difficulty"], values["hardship"]
         self.generator.bit_generator.state = values["generator"]

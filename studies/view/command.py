@@ -125,7 +125,7 @@ class View(PolicySource):
             ending = "fell" if rollout.failed else "stayed up"
 
         # The settings stand beside the replay, so that it can be made again.
-        record = {**to_plain(self), "scenario": scenario.to_plain()}
+        record = {**to_plain(self), "scenario": to_plain(scenario)}
         write_atomically(Path(f"{stem}.yaml"), yaml.safe_dump(record, sort_keys=False))
         title = f"{gait.name}, {self.policy}" + f", ratio {ratio}" * (self.ratio is not None)
         save_figure(gait_figure(rollout, gait, title), stem)

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.rollout import Rollout
+from glassgait.diagrams.visualization import Camera
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.drawing import state_colors

@@ -6,7 +6,7 @@ import pytest
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import load_scenario
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.control import Sensors
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots.library import load_robot

@@ -13,7 +13,7 @@ from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.rollout import make_simulator, push
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.estimation.sensors import IMU_NOISE, ImuErrors
 from glassgait.models.policies.controller import estimator_in_loop
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_student

@@ -10,8 +10,7 @@ from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderComma
 from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.diagrams.task_config import TaskConfig
-from glassgait.diagrams.task_state import TaskState
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
@@ -213,7 +212,7 @@ def test_the_same_seed_gives_the_same_rollout(trot, make_policy):
 
 def test_state_survives_being_taken_apart(trot):
     simulator = make_simulator(trot)
-    again = TaskState.from_arrays(simulator.state.as_arrays())
+    again = simulator.state.with_arrays(simulator.state.as_arrays())
     for name, values in simulator.state.as_arrays().items():
         assert again.as_arrays()[name] is values
 

@@ -12,7 +12,7 @@ from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.rollout import make_simulator, recenter, record, set_plant_state
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.robots import kinematics, quadruped

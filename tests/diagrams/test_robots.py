@@ -11,7 +11,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import kinematics, quadruped

@@ -9,11 +9,11 @@ import pytest
 from matplotlib.text import Text
 
 import glassgait.studies.view.stills
-from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.visualization import Camera
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.policy import Contributions

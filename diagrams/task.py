@@ -1,14 +1,85 @@
-"""What the batch simulator's task remembers of every robot."""
+"""The task that the batch simulator plays, and what it remembers of every robot."""
 
-from typing import Any, NamedTuple, get_type_hints
+from dataclasses import field
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.control import BoolArray, Memory, Sensors
+from glassgait.models.errors import InputError
+from glassgait.models.policies.controller import Controller, expert_of, refuse_other_machine
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
+from glassgait.models.settings import Settings, checked
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.command import Command
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.termination import TerminationLimits
+
+NO_SLIDERS = "command is of sliders, which only a robot in Meshcat has; give a speed"
+
+
+@checked
+class TaskConfig(Settings):
+    """The task that the batch simulator plays.
+
+    Attributes:
+        episode_steps: Control steps of an episode.
+        observes_imu: Whether gravity's direction and the angular velocity are observed.
+    """
+
+    title: ClassVar[str] = "task"
+
+    gait: Gait
+    randomization: Randomization = field(default_factory=Randomization)
+    weights: RewardWeights = field(default_factory=RewardWeights)
+    limits: TerminationLimits = field(default_factory=TerminationLimits)
+    episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
+    command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
+    joint_law: JointLaw = OWN_LAW
+    robot: Robot = field(default_factory=load_robot)
+    observes_imu: bool = False
+
+    @classmethod
+    def of_scenario(
+        cls,
+        gait: Gait,
+        scenario: Scenario,
+        policy: Controller | Policy | None = None,
+        *,
+        episode_steps: int = EPISODE_STEPS,
+    ) -> "TaskConfig":
+        """Returns the task of a gait in a scenario, with a policy's joints and observation.
+
+        Raises:
+            InputError: if commands come from sliders, or the gait is not made for them, or the
+                policy holds another machine.
+        """
+        command = scenario.command
+        if isinstance(command, SliderCommand):
+            raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
+        command.check(gait)
+        refuse_other_machine(policy, gait)
+        return cls(
+            gait,
+            scenario.randomization(),
+            weights=scenario.weights,
+            limits=scenario.limits,
+            episode_steps=episode_steps,
+            command=command,
+            joint_law=scenario.joint_law(policy),
+            robot=scenario.robot_of(policy),
+            observes_imu=policy is not None and expert_of(policy).layout.imu,
+        )
 
 
 class TaskState(NamedTuple):
@@ -51,10 +122,10 @@ class TaskState(NamedTuple):
         """Returns every array by name, robots along the first axis."""
         return dict(_named(self))
 
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, NDArray]) -> "TaskState":
-        """Rebuilds the state that `as_arrays` took apart."""
-        return _built(cls, arrays)
+    def with_arrays(self, arrays: dict[str, NDArray]) -> "TaskState":
+        """Returns the state that `as_arrays` took apart."""
+        names = iter(self.as_arrays())
+        return map_arrays(lambda _: arrays[next(names)], self)
 
     def of_robots(self, index: NDArray[np.int64]) -> "TaskState":
         """Returns the state of the robots at `index`."""
@@ -65,11 +136,7 @@ class TaskState(NamedTuple):
         return map_arrays(lambda values, new: _put(values, index, new), self, others)
 
     def sensors(self, touching: BoolArray | None = None) -> Sensors:
-        """Returns what the controllers read.
-
-        Args:
-            touching: Readings of the contact sensors (n, 4); by default the last ones.
-        """
+        """Returns what the controllers read; contacts (n, 4) are the last ones by default."""
         read = self.memory.trust.reading == 1 if touching is None else touching
         return measured(self.plant, self.joint_noise, read, self.imu)
 
@@ -109,11 +176,3 @@ def _named(value: Any, name: str = "") -> list[tuple[str, NDArray]]:
     prefix = f"{name}_" if name else ""
     parts = value._asdict().items()  # type: ignore[attr-defined]
     return [found for key, part in parts for found in _named(part, prefix + key)]
-
-
-def _built(kind: Any, arrays: dict[str, NDArray], name: str = "") -> Any:
-    """Rebuilds named tuples from what `_named` listed."""
-    if not hasattr(kind, "_fields"):
-        return arrays[name]
-    prefix, hints = f"{name}_" if name else "", get_type_hints(kind)
-    return kind(*(_built(hints[key], arrays, prefix + key) for key in kind._fields))
