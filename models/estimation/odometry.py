@@ -27,19 +27,12 @@ SLIP = 1.0  # speed over the ground at which a foot does not stand (m/s)
 
 
 class OdometryState(NamedTuple):
-    """The state of odometry between two control steps.
+    """The state of odometry between two control steps, in the trunk's frame."""
 
-    Attributes:
-        velocity: The trunk's velocity (..., 3; m/s, trunk frame).
-        footholds: Places where the feet stand, or stood last (..., 4, 3; m, trunk frame).
-        touching: Which feet seemed to press on the ground (..., 4).
-        turning: The trunk's angular velocity (..., 3; rad/s, trunk frame).
-    """
-
-    velocity: Array
-    footholds: Array
-    touching: NDArray[np.bool_]
-    turning: Array
+    velocity: Array  # the trunk's (..., 3; m/s)
+    footholds: Array  # places where the feet stand, or stood last (..., 4, 3; m)
+    touching: NDArray[np.bool_]  # which feet seemed to press on the ground (..., 4)
+    turning: Array  # the trunk's angular velocity (..., 3; rad/s)
 
 
 @checked
@@ -62,9 +55,8 @@ class Odometry(Settings):
     def begin(self, robot: Robot, joint_position: Array) -> OdometryState:
         """Returns the state of robots at rest on all feet, from joint positions (..., 12; rad)."""
         feet = kinematics.foot_positions(robot, joint_position)
-        nowhere = np.zeros(feet.shape[:-1], dtype=bool)
         rest = np.zeros((*feet.shape[:-2], 3))
-        return OdometryState(rest, feet, nowhere, rest)
+        return OdometryState(rest, feet, np.zeros(feet.shape[:-1], dtype=bool), rest)
 
     def advance(
         self,
@@ -82,15 +74,13 @@ class Odometry(Settings):
         moves, and if it is nearly at rest by the predicted velocity, unless no foot is: a foot that
         swings or slips does not stand, though its sensor reads a contact.
 
-        Args:
-            joint_position: Measured joint positions (..., 12; rad).
-            joint_velocity: Measured joint velocities (..., 12; rad/s).
-            imu: The IMU's reading (..., 9).
-            touching: Which feet seem to press on the ground (..., 4).
+        Measured are joint positions and velocities (..., 12; rad, rad/s), the IMU's reading
+        (..., 9), and which feet seem to press on the ground (..., 4).
         """
         turned_by, change, gravity = imu[..., 0:3], imu[..., 3:6], imu[..., 6:9]
         feet, swept, rolling = kinematics.foot_motion(robot, joint_position, joint_velocity)
-        # What turning does to all of them at once: a call takes longer than its numbers.
+        # Velocities of the soles, relative to the trunk's centre. Turning acts on all vectors at
+        # once, since a call of NumPy takes longer than its numbers.
         vectors = [feet, before.footholds, before.velocity[..., None, :]]
         turned = cross(turned_by[..., None, :], np.concatenate(vectors, axis=-2))
         turning = rolling + turned_by[..., None, :]

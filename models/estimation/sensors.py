@@ -89,7 +89,6 @@ def measure_imu(
         state: The plant's state x (..., 37).
         velocity_before: The trunk's linear velocity one period before (..., 3; m/s, world frame).
         gravity: Acceleration by gravity (..., 3; m/s², world frame).
-        period: Time over which the specific force is summed (s).
     """
     to_trunk = kinematics.rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
     change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - period * gravity
@@ -101,11 +100,9 @@ def measure_imu(
 
 
 class ContactTrust(NamedTuple):
-    """Memory of the contact sensors, which distinguishes stuck sensors from sound ones.
+    """What each sensor read last (..., 4), and for how many control steps it has not changed.
 
-    Attributes:
-        reading: What each sensor read at the step before (..., 4): 0, 1, or `UNREAD`.
-        unchanged: Control steps since it last changed (..., 4), `UNCHANGED_STEPS` at most.
+    Readings are 0, 1 or `UNREAD`. A sensor that does not change for long is taken to be stuck.
     """
 
     reading: NDArray[np.int8]

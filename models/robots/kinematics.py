@@ -48,21 +48,16 @@ def foot_positions(robot: Robot, joint_position: Array) -> Array:
 
 
 class FootMotion(NamedTuple):
-    """Motion of the feet in the trunk's frame, each (..., 4, 3).
+    """Motion of the feet in the trunk's frame, each (..., 4, 3)."""
 
-    Attributes:
-        position: Positions of their centres (m).
-        velocity: Velocities of their centres (m/s).
-        turning: Angular velocities of the shanks, which the feet are fixed to (rad/s).
-    """
-
-    position: Array
-    velocity: Array
-    turning: Array
+    position: Array  # of their centres (m)
+    velocity: Array  # of their centres (m/s)
+    turning: Array  # angular velocities of the shanks, which the feet are fixed to (rad/s)
 
 
 def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> FootMotion:
     """Returns the motion of the feet, from joint positions and velocities (..., 12; rad, rad/s)."""
+    # Velocities in each leg's plane.
     legs = leg_angles(joint_position)
     x, z = _foot(robot, legs, _knee(robot, legs))
     rates = joint_velocity.reshape(*joint_velocity.shape[:-1], quadruped.N_LEGS, 3)
@@ -71,6 +66,7 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
     thigh, calf = robot.thigh_length, robot.calf_length
     v_x = -thigh * legs.cos_thigh * v_thigh - calf * legs.cos_shank * v_shank
     v_z = thigh * legs.sin_thigh * v_thigh + calf * legs.sin_shank * v_shank
+    # The plane swings about the hip's axis.
     swung = _swung(robot, legs, x, z)
     velocity = stacked(
         v_x,
@@ -85,7 +81,6 @@ def rolling_velocity(robot: Robot, turning: Array, down: Array) -> Array:
     """Returns velocities of the feet's lowest points relative to their centres (..., 4, 3; m/s).
 
     Args:
-        robot: The robot.
         turning: Angular velocities of the feet, by the trunk and the joints (..., 4, 3; rad/s).
         down: The world's downward axis (..., 1, 3).
     """
@@ -195,27 +190,18 @@ def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0)
 
 
 class Clearances(NamedTuple):
-    """Heights above the ground of what may touch it and of the trunk, and how upright that is.
+    """Heights above the ground of what may touch it and of the trunk, and how upright that is."""
 
-    Attributes:
-        body: Lowest points of the trunk's, the four thighs' and the four calves' boxes (..., 9; m).
-        feet: Lowest points of the feet (..., 4; m).
-        trunk: Centre of the trunk (...; m).
-        upright: Cosine of the trunk's lean (...).
-    """
-
-    body: Array
-    feet: Array
-    trunk: Array
-    upright: Array
+    body: Array  # lowest points of the trunk's, the thighs' and the calves' boxes (..., 9; m)
+    feet: Array  # lowest points of the feet (..., 4; m)
+    trunk: Array  # centre of the trunk (...; m)
+    upright: Array  # cosine of the trunk's lean (...)
 
 
 def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clearances:
     """Measures the lowest points of the collision boxes, which must never touch, and of the feet.
 
-    Args:
-        positions: The plant's positions q (..., 19), or its state x (..., 37).
-        shank_share: Share of the calf's box, from the knee down, that is measured.
+    `shank_share` is the share of the calf's box, from the knee down, that is measured.
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
     base_height = positions[..., quadruped.POSITION][..., 2]
@@ -260,9 +246,7 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
 def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     """Returns states x (..., 37) of level robots at the origin, at rest on their lowest foot.
 
-    Args:
-        robot: The robot.
-        joint_position: Joint positions (..., 12; rad); the default stance by default.
+    Joint positions (..., 12; rad) are those of the default stance unless they are given.
     """
     if joint_position is None:
         joint_position = robot.default_stance

@@ -27,10 +27,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
-    """Loads a robot by its name, or from a `robot.yaml` of one's own, once a process and edit.
-
-    Args:
-        robot: Name of a robot that ships, or path of a file that ends in .yaml.
+    """Loads a robot that ships by its name, or another from its file, once a process and edit.
 
     Raises:
         InputError: if there is no such robot, or its files break a rule.
@@ -50,15 +47,11 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
 
 
 def robot_of(path: Path, name: object, robot: Robot | None = None) -> Robot:
-    """Returns the robot that a file is of.
+    """Returns the robot that a file is of, and refuses a file of another.
 
     Args:
-        path: The file.
         name: What its key "robot" holds; None where it has none, and is of the default robot.
         robot: The robot that it has to be of; by default any that ships.
-
-    Raises:
-        InputError: if it is of another robot, or of one that does not ship.
     """
     name = DEFAULT_ROBOT if name is None else name
     if robot is None:
@@ -86,7 +79,7 @@ def _load(path: Path, _edited: int) -> Robot:
     found = read_yaml(path)
     if not isinstance(found, dict) or not isinstance(found.get("description"), str):
         raise InputError(f"{path}: lacks the key 'description'; name the URDF beside the file")
-    measured = read_urdf(path.parent / found["description"])
+    measured = _Urdf(path.parent / found["description"]).fields()
     if twice := sorted({*found} & {*measured, "path"}):
         raise InputError(f"{path}: key {twice[0]!r} is what the URDF says; remove it")
     robot = Robot.from_plain({**found, **measured, "path": str(path)}, str(path))
@@ -101,17 +94,8 @@ def _load(path: Path, _edited: int) -> Robot:
 copyreg.pickle(Robot, lambda robot: (load_robot, (robot.path,)))
 
 
-def read_urdf(path: Path) -> dict[str, Any]:
-    """Reads the fields of a robot that its URDF holds.
-
-    Raises:
-        InputError: if the file cannot be read or describes another kind of robot.
-    """
-    return _Urdf(path).fields()
-
-
 class _Urdf:
-    """A parsed URDF."""
+    """A parsed URDF, and the fields of a robot that it holds."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -131,6 +115,7 @@ class _Urdf:
                 f"its moving joints are {', '.join(map(str, moving))}; name and order them "
                 f"{', '.join(JOINTS)}"
             )
+
         # Sizes of the front left leg, which the other legs have to share.
         first, *others = [self._leg(leg) for leg in LEGS]
         for leg, other in zip(LEGS[1:], others, strict=True):

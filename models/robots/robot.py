@@ -201,11 +201,8 @@ class Robot(Settings):
 
         The plant integrates the same law implicitly; this is its value at one instant.
 
-        Args:
-            target: Joint position targets (..., 12; rad).
-            position: Joint positions (..., 12; rad).
-            velocity: Joint velocities (..., 12; rad/s).
-            gains: Stiffness and damping (N·m/rad, N·m·s/rad).
+        Targets and positions are in rad, velocities in rad/s (..., 12 each); gains are stiffness
+        and damping (N·m/rad, N·m·s/rad).
         """
         stiffness, damping = gains
         torque = stiffness * (target - position) - damping * velocity

@@ -63,8 +63,7 @@ class Formula:
     @property
     def swing_feet(self) -> tuple[bool, ...]:
         """The feet (4) that are in the air in every stance where the formula holds."""
-        holds = np.array(self.table)
-        return tuple(bool(foot) for foot in ~np.any(STANCES[holds], axis=0))
+        return tuple(map(bool, ~np.any(STANCES[np.array(self.table)], axis=0)))
 
 
 def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -82,7 +81,10 @@ def parse_formula(text: str) -> Formula:
         )
     # Python's parser, which reads whole programs, should never see anything else.
     if foreign := _FOREIGN.search(text):
-        raise _foreign(foreign[0])
+        raise InputError(
+            f"{shown(foreign[0])} does not belong in a formula; "
+            "use foot names with & (and), | (or), ~ (not) and parentheses"
+        )
     try:
         table = _evaluate(ast.parse(text, mode="eval").body)
     except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
@@ -91,14 +93,7 @@ def parse_formula(text: str) -> Formula:
         ) from error
     if not table.any():
         raise InputError(f"formula {shown(text)} can never hold; remove a contradiction from it")
-    return Formula(text, tuple(bool(value) for value in table))
-
-
-def _foreign(text: str) -> InputError:
-    return InputError(
-        f"{shown(text)} does not belong in a formula; "
-        "use foot names with & (and), | (or), ~ (not) and parentheses"
-    )
+    return Formula(text, tuple(table.tolist()))
 
 
 def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
@@ -114,7 +109,7 @@ def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
         case ast.BinOp(left=left, op=ast.BitOr(), right=right):
             return _evaluate(left) | _evaluate(right)
         case _:
-            raise _foreign(ast.unparse(node))
+            raise InputError(f"{shown(ast.unparse(node))} does not belong in a formula; remove it")
 
 
 def _name(name: str) -> str:
@@ -237,15 +232,9 @@ def load_gait(gait: str | Path) -> Gait:
     """Loads a gait that ships by its name, or a gait from the path of a YAML file.
 
     Raises:
-        InputError: if there is no such gait, or its file breaks a rule; the message names the
-            file, the key and the remedy.
+        InputError: if there is no such gait, or its file breaks a rule.
     """
     path = Path(gait)
-    if path.suffix == ".formulas":
-        raise InputError(
-            f"{path}: a formula file's machine is for the policy that it holds, whose 'machine' it "
-            "is in Python; for others copy the section to a .yaml file with a name of its own"
-        )
     if path.suffix not in (".yaml", ".yml"):
         if str(gait) not in gait_names():
             raise InputError(

@@ -21,19 +21,13 @@ FARTHEST = 1e9  # number of the farthest cell from the origin
 
 
 class Ground:
-    """Terrains that robots stand on, each robot on one of them.
+    """Terrains that robots stand on, each robot on the one whose number `which` (n,) holds.
 
-    Robots stand along the first axes of all arrays; with one terrain for all, whatever they are.
-
-    Attributes:
-        is_level: Whether all are planes, whose height is 0 everywhere.
+    Without these numbers, all stand on the first. Robots are along the first axes of all arrays.
+    `is_level` says whether all terrains are planes, whose height is 0 everywhere.
     """
 
     def __init__(self, terrains: Sequence[Terrain], which: NDArray[np.int64] | None = None) -> None:
-        """
-        Args:
-            which: Number of each robot's terrain (n,); without it the first is of all.
-        """
         self._terrains = terrains
         self._which = np.zeros((), dtype=np.int64) if which is None else which
         self.is_level = all(terrain.is_plane for terrain in terrains)
@@ -89,10 +83,7 @@ class Ground:
         """Returns the distance (..., k; m) of spheres from the ground, negative inside of it.
 
         It is exact for spheres that touch or nearly do, if they are smaller than half a cell.
-
-        Args:
-            centres: Their centres (..., k, 3; m).
-            radius: Their radius (m).
+        Centres are (..., k, 3; m), the radius is in m.
         """
         if self.is_level:
             return centres[..., 2] - radius
@@ -220,16 +211,11 @@ LEVEL_GROUND = Ground([PLANE])  # a plane, normal to the world's z axis
 
 
 class FootSense(NamedTuple):
-    """Contacts and heights of the feet at one instant.
+    """Contacts and heights of the feet at one instant."""
 
-    Attributes:
-        contact: Whether each foot touches now or did at the previous step (..., 4).
-        height: Height of each foot's lowest point above the ground (..., 4; m).
-    """
-
-    touching: NDArray[np.bool_]
-    contact: NDArray[np.bool_]
-    height: Array
+    touching: NDArray[np.bool_]  # which feet press on the ground (..., 4)
+    contact: NDArray[np.bool_]  # which feet do now or did at the previous step (..., 4)
+    height: Array  # of each foot's lowest point above the ground (..., 4; m)
 
 
 def sense_feet(
@@ -239,11 +225,9 @@ def sense_feet(
     touching: NDArray[np.bool_] | None = None,
     ground: Ground = LEVEL_GROUND,
 ) -> FootSense:
-    """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
+    """Senses contacts, by the pose unless they are given, and heights, from q or x.
 
-    Args:
-        positions: The plant's positions q (..., 19), or its state x (..., 37).
-        touching: Whether each foot presses on the ground (..., 4); by its pose by default.
+    The memory of one step bridges a bouncing touch-down.
     """
     height = ground.foot_heights(robot, positions)
     if touching is None:

@@ -59,24 +59,16 @@ _FACTORS: dict[Group, float] = {
 
 @dataclass(frozen=True)
 class ObservationEntry:
-    """One number of the observation.
+    """One number of the observation."""
 
-    Attributes:
-        name: Its name in policy files and tables, such as "DoF Vel FL Hip".
-        group: The quantity. Joint positions and previous actions count from the default stance.
-        symbol: Short symbol, such as "dq.FL_hip"; `latex` is the same for LaTeX.
-        merged_name: The name without its leg and without the number of the machine's state.
-        mirror_sign: -1 if the quantity changes its sign when left and right are exchanged, else 1.
-    """
-
-    name: str
-    group: Group
+    name: str  # as policy files and tables have it, such as "DoF Vel FL Hip"
+    group: Group  # the quantity; joint positions and previous actions count from the stance
     unit: str
-    symbol: str
+    symbol: str  # such as "dq.FL_hip"
     latex: str
-    merged_name: str
+    merged_name: str  # the name without its leg, and without the number of the machine's state
     leg: str | None = None
-    mirror_sign: float = 1.0
+    mirror_sign: float = 1.0  # -1 if the quantity changes its sign as left and right change places
 
     @property
     def factor(self) -> float:
@@ -193,9 +185,8 @@ def _of_joints(
 
 
 def _machine_state(number: int) -> ObservationEntry:
-    return ObservationEntry(
-        f"RM State {number}", "machine state", "", f"s{number}", f"s_{{{number}}}", "RM State"
-    )
+    name, latex = f"RM State {number}", f"s_{{{number}}}"
+    return ObservationEntry(name, "machine state", "", f"s{number}", latex, "RM State")
 
 
 def _foot_height(leg: str) -> ObservationEntry:

@@ -71,28 +71,19 @@ REWARD_TERMS = tuple(
 
 
 class Reward(NamedTuple):
-    """The reward of one control step, and what the next step needs.
+    """The reward of one control step, and what the next step needs."""
 
-    Attributes:
-        terms: Weighted terms (..., 12), in the order of `REWARD_TERMS`.
-        plain: Their sum times 0.02 s, never below 0 (...).
-        air_time: Time that each foot has been in the air (..., 4; s).
-        tracked: Forward speed and yaw rate that were compared (..., 2; m/s, rad/s).
-    """
-
-    terms: Array
-    plain: Array
-    air_time: Array
-    tracked: Array
+    terms: Array  # weighted terms (..., 12), in the order of `REWARD_TERMS`
+    plain: Array  # their sum times 0.02 s, never below 0 (...)
+    air_time: Array  # time that each foot has been in the air (..., 4; s)
+    tracked: Array  # forward speed and yaw rate that were compared (..., 2; m/s, rad/s)
 
 
 def tracked_speeds(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
     """Averages forward speed and yaw rate (..., 2; m/s, rad/s) by a low-pass of the first order.
 
-    Args:
-        linear, angular: The trunk's velocities (..., 3; m/s, rad/s, trunk frame).
-        before: The result of the control step before.
-        weights: They hold the time of the average.
+    `linear` and `angular` are the trunk's velocities (..., 3; m/s, rad/s, trunk frame); `before` is
+    the result of the control step before.
     """
     now = stacked(linear[..., 0], angular[..., 2])
     if weights.tracking_time == 0.0:
@@ -125,7 +116,6 @@ def step_reward(
         action: Action held during the step; `previous_action` is that of the step before.
         command: Forward speed and yaw rate.
         foot_contact: Whether each foot touches, now or at the previous step.
-        foot_height: Heights of the feet above the ground.
         air_time, tracked: The same of `Reward`, of the step before.
     """
     # How well the command is followed.

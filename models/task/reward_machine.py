@@ -20,33 +20,26 @@ BoolArray = NDArray[np.bool_]
 
 
 class MachineState(NamedTuple):
-    """The state of each robot's machine.
+    """The state of each robot's machine."""
 
-    Attributes:
-        iterations: Control steps spent in the state (...), 0 at the step that entered it.
-        age: Control steps since the episode's start (...).
-    """
-
-    state: IntArray
-    iterations: IntArray
-    age: IntArray
+    state: IntArray  # index among the gait's states (...)
+    iterations: IntArray  # control steps spent in it (...), 0 at the step that entered it
+    age: IntArray  # control steps since the episode's start (...)
 
 
 class MachineStep(NamedTuple):
     """The outcome of one control step.
 
     Attributes:
-        machine: State after this step's propositions.
         served_dwell: Commanded iterations that the fired transition stands for (...; control
             steps), 0 where none fired. Their sum over an episode, divided by its length, is the
             share of the commanded rhythm that the robot kept.
-        multiplier: Factor on the plain reward (...).
     """
 
-    machine: MachineState
-    fired: BoolArray
+    machine: MachineState  # after this step's propositions
+    fired: BoolArray  # whether a transition fired (...)
     served_dwell: Array
-    multiplier: Array
+    multiplier: Array  # factor on the plain reward (...)
 
 
 class RewardMachine:

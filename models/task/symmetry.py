@@ -4,7 +4,6 @@ The mirror is the plane of the robot's forward and upward axes: FL and FR change
 RL and RR.
 """
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -56,10 +55,9 @@ def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> di
 
     A machine is deterministic and reaches all its states, so one pair decides all others.
     """
-    images = {gait.initial: image}
-    frontier = deque(images)
-    while frontier:
-        state = frontier.popleft()
+    images, frontier = {gait.initial: image}, [gait.initial]
+    # The list grows while it is walked through.
+    for state in frontier:
         theirs = {_signature(edge): edge.target for edge in outgoing[images[state]]}
         for edge in outgoing[state]:
             target = theirs.pop(_signature(edge, mirrored=True), None)
@@ -70,6 +68,7 @@ def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> di
                 frontier.append(edge.target)
         if theirs:
             return None
+    # A fault mirrors to a fault, and the image of an image is the state itself.
     faults_agree = all((a in gait.faults) == (b in gait.faults) for a, b in images.items())
     twice_is_none = all(images.get(b) == a for a, b in images.items())
     return images if faults_agree and twice_is_none else None

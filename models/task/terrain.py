@@ -48,25 +48,15 @@ STEEPEST = 1.0  # greatest rise of uneven ground over its run
 
 
 class Grid(NamedTuple):
-    """A period of cells.
+    """A period of cells."""
 
-    Attributes:
-        origin: Corner of the first cell (2; m).
-        cell: Edges of a cell (2; m).
-        top: Height of the middle of each cell's top (nx, ny; m).
-        tilt: Rise of each top over its run, along x and y (nx, ny, 2).
-        patch: Whether a cell has the patches' friction (nx, ny).
-        rise: Rise from a period to the next along x (m).
-        depth: Thickness of the boxes (m).
-    """
-
-    origin: Array
-    cell: Array
-    top: Array
-    tilt: Array
-    patch: NDArray[np.bool_]
-    rise: float
-    depth: float
+    origin: Array  # corner of the first cell (2; m)
+    cell: Array  # edges of a cell (2; m)
+    top: Array  # height of the middle of each cell's top (nx, ny; m)
+    tilt: Array  # rise of each top over its run, along x and y (nx, ny, 2)
+    patch: NDArray[np.bool_]  # whether a cell has the patches' friction (nx, ny)
+    rise: float  # from a period to the next along x (m)
+    depth: float  # thickness of the boxes (m)
 
     @property
     def period(self) -> Array:
@@ -98,6 +88,7 @@ class Grid(NamedTuple):
             for x, y in ((1, 1), (1, -1))
         ]
         heights = [rises[..., 0] + rises[..., 1], rises[..., 0] - rises[..., 1]]
+        # How far these corners are from the middle, along the box's axes.
         reaches = [
             np.abs(np.einsum("...k,...kc->...c", np.dstack([corner, height]), self.rotation))
             for corner, height in zip(corners, heights, strict=True)
@@ -166,15 +157,13 @@ class Terrain(Settings):
                     f"{self.title}: {key.name} is of kind {' and '.join(kinds)}, and kind is "
                     f"{self.kind!r}; leave one of them out"
                 )
-        if self.kind == "uneven":
-            self._check_noise()
         if self.kind == "steps" and (self.height == 0 or (self.height < 0 and not self.endless)):
             raise InputError(
                 f"{self.title}: height is {self.height:g}, but steps begin upward; give a positive "
                 "height, or endless: true with a negative one"
             )
-
-    def _check_noise(self) -> None:
+        if self.kind != "uneven":
+            return
         longest, shortest = self.cell * self.cells, 2 * self.cell
         if not shortest <= self.wavelength <= longest:
             raise InputError(
@@ -202,13 +191,11 @@ class Terrain(Settings):
     def scaled(self, difficulty: float) -> "Terrain":
         """Returns the same ground with its angle and its heights multiplied by a difficulty."""
         heights = {
-            key: max(FLATTEST, difficulty * abs(getattr(self, key))) * np.sign(getattr(self, key))
-            for key in ("amplitude", "height")
+            key: math.copysign(max(FLATTEST, difficulty * abs(full)), full)
+            for key, full in (("amplitude", self.amplitude), ("height", self.height))
             if self.kind in KINDS_OF_KEY[key]
         }
-        return replace(
-            self, slope=difficulty * self.slope, **{key: float(h) for key, h in heights.items()}
-        )
+        return replace(self, slope=difficulty * self.slope, **heights)
 
     def check(self, robot: Robot) -> None:
         """Refuses steps and blocks that are higher than a robot's leg is long."""
