@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator
 from itertools import product as ways
 from operator import add, sub
-from typing import Any, NamedTuple
+from typing import Any
 
 from .files import RefusedError, is_row, parse_yaml, refuse_unless
 from .robot import DEFAULT_ROBOT, JOINTS, LEGS, MIRRORED, TURNED, Box, image_of, symbols
@@ -33,11 +33,20 @@ STANCES = [dict(zip(LEGS, feet, strict=True)) for feet in ways((False, True), re
 """All ways to touch the ground."""
 
 
-class Formula(NamedTuple):
-    """A formula and the names that it holds."""
+class Names:
+    """Arithmetic that only notes which quantities a formula holds."""
 
-    tree: ast.expr
-    names: frozenset[str]
+    def __init__(self) -> None:
+        self.known, self.found = dict[Any, int](), set[str]()
+
+    def quantity(self, name: str) -> int:
+        self.found.add(name)
+        return 0
+
+    def number(self, *_: Any) -> int:
+        return 0
+
+    product = quotient = function = number
 
 
 class FormulaFile:
@@ -72,17 +81,16 @@ class FormulaFile:
             sound = is_row(gains, 2) and 0.0 < gains[0] <= 1000.0 and 0.0 <= gains[1] <= 100.0
             refuse_unless(sound, "the policy's gains are no stiffness and damping")
             self.stiffness = float(gains[0])
-        self.has_images = self.mirror is not None
 
         # Read the definitions, then the formulas.
         self.names = symbols(n_states, said.get("senses") is not None)
         self.readings = ranges_of(said.get("readings") or {}, self.names)
-        self.definitions: dict[str, Formula] = {}
+        self.definitions: dict[str, ast.expr] = {}
         for name, formula in assignments(parts.pop("definitions", [])):
             taken = {*self.names, *self.definitions, *JOINTS, *FUNCTIONS}
             refuse_unless(name not in taken, f"{name[:40]!r} cannot be defined")
             self.definitions[name] = parse(formula)
-        self.formulas: dict[tuple[int, str], Formula] = {}
+        self.formulas: dict[tuple[int, str], ast.expr] = {}
         for title, lines in parts.items():
             states = range(n_states) if title == "every state" else [int(title[6:])]
             refuse_unless(max(states) < n_states, f"there is no {title}")
@@ -96,28 +104,21 @@ class FormulaFile:
         for place in ways(range(n_states), JOINTS):
             self.used(*place)
 
-    def formula(self, state: int, joint: str) -> tuple[Formula, bool, int]:
-        """Returns the formula of a target, whether it is of the image, and its sign there."""
-        found = self.formulas.get((state, joint)), False, 1
-        if found[0] is None and self.has_images and self.mirror:
-            other, sign = image_of(joint, self.mirror)
-            found = self.formulas.get((self.mirror[state], other)), True, sign
-        if found[0] is None:
-            raise RefusedError(f"{joint} has no formula in state {state}")
-        return found
-
-    def named(self, name: str, mirrored: bool) -> tuple[str | Formula, bool, int]:
-        """Returns the quantity or formula of a name, whether it is mirrored, and its sign."""
+    def named(self, name: str, mirrored: bool, algebra: Any) -> Any:
+        """Works out what a name stands for: a quantity or a definition."""
         if name in self.names:
             other, sign = image_of(name, self.mirror or []) if mirrored else (name, 1)
-            return other, mirrored, sign
+            found = algebra.quantity(other)
+            return found if sign > 0 else -found
         if name in self.definitions:
-            return self.definitions[name], mirrored, 1
+            return self.worked_out(self.definitions[name], algebra, mirrored)
+
+        # Of two legs' definitions a file need hold one.
         kind, _, place = name.partition(".")
         other = f"{kind}.{MIRRORED.get(place[:2], '?')}{place[2:]}"
-        known = self.has_images and other in self.definitions
+        known = self.mirror is not None and other in self.definitions
         refuse_unless(known, f"{name[:40]!r} does not belong in a formula")
-        return self.definitions[other], not mirrored, 1
+        return self.worked_out(self.definitions[other], algebra, not mirrored)
 
     def evaluate(self, state: int, joint: str, algebra: Any, mirrored: bool = False) -> Any:
         """Works out a target of quantities, or of their images in the mirror.
@@ -125,8 +126,12 @@ class FormulaFile:
         The algebra has `number`, `quantity`, `product`, `quotient`, `function` and a dictionary
         `known`; sums and negatives are Python's operators.
         """
-        formula, is_image, sign = self.formula(state, joint)
-        found = self.worked_out(formula.tree, algebra, mirrored != is_image)
+        sign = 1
+        if (state, joint) not in self.formulas and self.mirror is not None:
+            joint, sign = image_of(joint, self.mirror)
+            state, mirrored = self.mirror[state], not mirrored
+        refuse_unless((state, joint) in self.formulas, f"{joint} has no formula in state {state}")
+        found = self.worked_out(self.formulas[state, joint], algebra, mirrored)
         return found if sign > 0 else -found
 
     def worked_out(self, node: ast.expr, algebra: Any, mirrored: bool) -> Any:
@@ -136,12 +141,7 @@ class FormulaFile:
             case ast.Name() | ast.Attribute():
                 key = ast.unparse(node), mirrored
                 if key not in algebra.known:
-                    what, turned, sign = self.named(*key)
-                    if isinstance(what, str):
-                        found = algebra.quantity(what)
-                    else:
-                        found = self.worked_out(what.tree, algebra, turned)
-                    algebra.known[key] = found if sign > 0 else -found
+                    algebra.known[key] = self.named(*key, algebra)
                 return algebra.known[key]
             case ast.UnaryOp(op=op, operand=inner):
                 found = self.worked_out(inner, algebra, mirrored)
@@ -158,19 +158,13 @@ class FormulaFile:
                 known = {ast.Add: add, ast.Sub: sub, ast.Mult: multiply, ast.Div: divide}
                 if type(op) in known:
                     return known[type(op)](*parts)
-        raise RefusedError("a formula holds what it must not")
+        raise RefusedError(f"{ast.unparse(node)[:40]!r} does not belong in a formula")
 
     def used(self, state: int, joint: str) -> set[str]:
         """Returns the quantities that a target is written with, also those that cancel out."""
-        formula, is_image, _ = self.formula(state, joint)
-        pending, found = [(name, is_image) for name in formula.names], set[str]()
-        while pending:
-            what, turned, _ = self.named(*pending.pop())
-            if isinstance(what, str):
-                found.add(what)
-            else:
-                pending += [(name, turned) for name in what.names]
-        return found
+        names = Names()
+        self.evaluate(state, joint, names)
+        return names.found
 
     def read(self, box: Box) -> Box:
         """Returns what formulas read of a box: the nearer end of a range where it goes beyond."""
@@ -207,22 +201,19 @@ def assignments(lines: list[str]) -> Iterator[tuple[str, str]]:
         yield found[1], found[2]
 
 
-def parse(text: str) -> Formula:
+def parse(text: str) -> ast.expr:
     """Parses a formula of known tokens."""
-    at, names, text = 0, set[str](), text.strip(" ")
+    at, text = 0, text.strip(" ")
     while at < len(text):
         token = TOKEN.match(text, at)
         if token is None:
             raise RefusedError(f"{text[at : at + 20]!r} does not belong in a formula")
-        at, word = token.end(), token[0].strip(" ")
-        is_function = word in FUNCTIONS and text[at:].lstrip(" ").startswith("(")
-        names |= {word} if re.match(WORD, word) and not is_function else set()
+        at = token.end()
     try:
-        tree = ast.parse(text, mode="eval").body
+        return ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
         # Python's parser gives up at deep nesting in several ways.
         raise RefusedError(f"{text[:40]!r} is no formula") from error
-    return Formula(tree, frozenset(names))
 
 
 def ranges_of(said: Any, names: list[str]) -> dict[str, tuple[float, float]]:
