@@ -22,10 +22,7 @@ from glassgait.models.certificates.checker import RefusedError, check
 from glassgait.models.certificates.checker import robot as restated
 from glassgait.models.files import digest
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.policies.library import (
-    STUDENT_DIRECTORY,
-    shipped_experts,
-)
+from glassgait.models.policies.library import STUDENT_DIRECTORY, shipped_experts
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot, robot_folder, robot_names
 from glassgait.models.task.observation import ObservationLayout
@@ -74,12 +71,6 @@ def test_every_policy_of_formulas_that_ships_has_a_certificate_of_less_than_a_me
     assert not certified
 
 
-def seeds(count, fast):
-    """Lists seeds of which some are enough where time is short."""
-    slow = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(fast, count)]
-    return [*range(fast), *slow]
-
-
 def says_the_same(changed, text):
     # The last of many digits may leave a number as it is; a first 0 leaves no number.
     try:
@@ -88,7 +79,7 @@ def says_the_same(changed, text):
         return False
 
 
-@pytest.mark.parametrize("seed", seeds(25, fast=8))
+@pytest.mark.parametrize("seed", range(8))
 def test_refuses_a_certificate_of_which_one_character_was_changed(tmp_path, seed):
     generator, text = np.random.default_rng(seed), PATH.read_text()
     places = [found.start() for found in re.finditer(r"\d", text)]
@@ -101,92 +92,6 @@ def test_refuses_a_certificate_of_which_one_character_was_changed(tmp_path, seed
     path.write_text(changed)
     with pytest.raises(RefusedError):
         check(path)
-
-
-def lower_bound(content, generator):
-    own = chosen(content, generator)
-    own["bound"] -= 1e-3
-
-
-def turn_claim(content, generator):
-    claims = [own for own in content["claims"] if own["outcome"] != "undecided"]
-    own = claims[generator.integers(len(claims))]
-    own["outcome"] = "refuted" if own["outcome"] == "proved" else "proved"
-
-
-def tighten_claim(content, generator):
-    claims = [c for c in content["claims"] if c["outcome"] == "proved" and "most" in c]
-    claims[generator.integers(len(claims))]["most"] = 1e-3
-
-
-def move_split_out(content, generator):
-    split = [own for own in content["statements"] if own.get("splits")]
-    split[generator.integers(len(split))]["splits"][1] = 1e3
-
-
-def leave_out_what_proves(content, generator):
-    proved = [own for own in content["statements"] if own["of"] in ("slope", "effect")]
-    needed = [own for own in proved if own.get("observation", "").startswith("dq.")]
-    content["statements"].remove(needed[generator.integers(len(needed))])
-
-
-def widen_box(content, generator):
-    low, high = content["box"]["a.FL_hip"]
-    content["box"]["a.FL_hip"] = [low - 1.0, high + float(generator.uniform(1, 2))]
-
-
-def exchange_states(content, generator):
-    """Says of a state what is true of another one alone."""
-    of = {
-        (own["of"], own["state"], own["joint"], own["sign"], own.get("observation")): own
-        for own in content["statements"]
-    }
-    less = [
-        (own, other)
-        for (what, state, *rest), own in of.items()
-        if (other := of.get((what, 1 - state, *rest))) and other["bound"] > own["bound"] + 1e-3
-    ]
-    own, other = less[generator.integers(len(less))]
-    own["state"] = other["state"]
-
-
-def name_another_policy(content, generator):
-    content["policy"]["file"] = "symbolic.formulas"
-
-
-def chosen(content, generator):
-    statements = content["statements"]
-    return statements[generator.integers(len(statements))]
-
-
-CHANGES = (
-    lower_bound,
-    turn_claim,
-    tighten_claim,
-    move_split_out,
-    leave_out_what_proves,
-    widen_box,
-    exchange_states,
-    name_another_policy,
-)
-
-
-# To refuse the others, most bounds of the page are worked out. Certificates of a few claims are
-# changed alike, among the forgeries and those of tables.
-SHORT = (widen_box, name_another_policy)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [pytest.param(own, marks=() if own in SHORT else pytest.mark.slow) for own in CHANGES],
-    ids=lambda change: change.__name__,
-)
-@pytest.mark.parametrize("seed", seeds(3, fast=1))
-def test_refuses_a_changed_certificate_even_where_its_digest_is_made_anew(tmp_path, change, seed):
-    content = deepcopy(CONTENT)
-    change(content, np.random.default_rng(seed))
-    with pytest.raises(RefusedError):
-        check(written(content, tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -211,16 +116,14 @@ def test_says_how_many_claims_are_its_own(tmp_path):
     assert "(1 named by its author only)" in check(written(content, tmp_path))
 
 
-@pytest.mark.parametrize("seed", seeds(50, fast=10))
-def test_refuses_a_policy_of_which_one_digit_was_changed(tmp_path, seed):
-    generator, text = np.random.default_rng(seed), POLICY.read_text()
-    places = [found.start() for found in re.finditer(r"(?<=\.)\d|\d(?=\*)", text)]
-    place = int(generator.choice(places))
-    digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
+def test_refuses_another_policy(tmp_path):
     path = tmp_path / "sparse_formula.formulas"
-    path.write_text(text[:place] + digit + text[place + 1 :])
+    path.write_text(POLICY.read_text().replace("= 0.1", "= 0.2", 1))
     with pytest.raises(RefusedError, match="certified"):
         check(PATH, path)
+    other = {"policy": {**CONTENT["policy"], "file": "statewise_symbolic.formulas"}}
+    with pytest.raises(RefusedError, match="certified"):
+        check(written(CONTENT | other, tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -285,17 +188,13 @@ ROBOT = yaml.safe_load(Path(A1.path).read_text())
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"stiffness": 20.0}, "is not the a1 that ships"),
-        ({"name": "b1"}, "is not the a1 that ships"),
-    ],
+    ("robot", "urdf"), [({"stiffness": 20.0}, ""), ({"name": "b1"}, ""), ({}, "40")]
 )
-def test_refuses_a_file_of_the_robot_that_is_not_the_one_that_ships(tmp_path, changes, message):
-    path = tmp_path / "robot.yaml"
-    shutil.copy(A1.urdf_path, tmp_path)
-    path.write_text(yaml.safe_dump(ROBOT | changes))
-    with pytest.raises(RefusedError, match=message):
+def test_refuses_a_file_of_the_robot_that_is_not_the_one_that_ships(tmp_path, robot, urdf):
+    path, text = tmp_path / "robot.yaml", A1.urdf_path.read_text()
+    path.write_text(yaml.safe_dump(ROBOT | robot))
+    (tmp_path / "a1.urdf").write_text(text.replace('effort="33.5"', f'effort="{urdf or 33.5}"', 1))
+    with pytest.raises(RefusedError, match="is not the a1 that ships"):
         check(PATH, robot=path)
 
 
@@ -335,17 +234,7 @@ def test_refuses_a_urdf_without_sound_limits(tmp_path, old, new):
     path.write_text(yaml.safe_dump(ROBOT | {"name": "mine"}))
     (tmp_path / "a1.urdf").write_text(A1.urdf_path.read_text().replace(old, new, 1))
     with pytest.raises(RefusedError, match=r"a1\.urdf"):
-        check(
-            written({**CONTENT, "robot": "mine"}, tmp_path), POLICY, robot=tmp_path / "robot.yaml"
-        )
-
-
-def test_refuses_a_urdf_that_is_not_the_one_that_ships(tmp_path):
-    shutil.copy(A1.path, tmp_path)
-    text = A1.urdf_path.read_text().replace('effort="33.5"', 'effort="40"', 1)
-    (tmp_path / "a1.urdf").write_text(text)
-    with pytest.raises(RefusedError, match="is not the a1 that ships"):
-        check(PATH, robot=tmp_path / "robot.yaml")
+        check(written({**CONTENT, "robot": "mine"}, tmp_path), POLICY, robot=path)
 
 
 def test_refuses_a_robots_file_that_says_a_key_twice_or_unfolds(tmp_path):

@@ -184,18 +184,7 @@ WORDS = (
     *("change", "rises", "falls", "dq.own", "cmd.v", "s0", "h.FL", "t", "trot", ""),
     *("/etc/passwd", "../trot", "statewise_symbolic", "symbolic", "sparse_formula.formulas"),
 )
-KEYS = (
-    "stuck",
-    "box",
-    "most",
-    "least",
-    "never",
-    "observations",
-    "changes",
-    "joints",
-    "states",
-    "x",
-)
+KEYS = (*Claim.__dataclass_fields__, "x")
 
 
 def places(whole: Any) -> list[tuple[Any, Any]]:
@@ -362,9 +351,14 @@ def proved(content: dict[str, Any], kind: str) -> dict[str, Any]:
     return next(claim for claim in own if claim["outcome"] == "proved")
 
 
-def slope(content: dict[str, Any]) -> dict[str, Any]:
-    """The first statement of a slope."""
-    return next(own for own in content["statements"] if own["of"] == "slope")
+def stated(content: dict[str, Any], of: str, state: int = 0) -> dict[str, Any]:
+    """The first statement of a target, a slope or an effect in a state."""
+    return next(own for own in content["statements"] if (own["of"], own["state"]) == (of, state))
+
+
+def refuted(content: dict[str, Any]) -> dict[str, Any]:
+    """The first claim that was refuted."""
+    return next(claim for claim in content["claims"] if claim["outcome"] == "refuted")
 
 
 def at_a_point(box: dict[str, list[float]]) -> dict[str, list[float]]:
@@ -391,10 +385,18 @@ FALSE = {
     "truth for a number": lambda c: c.update(format=True),
     "a path for a gait": lambda c: c.update(gait="/work/trot"),
     "a claim of a slope of counts": lambda c: proved(c, "never").update(observations=["t"]),
-    "a slope of counts": lambda c: slope(c).update(observation="t"),
+    "a slope of counts": lambda c: stated(c, "slope").update(observation="t"),
     "less than nothing": lambda c: proved(c, "effect").update(most=-1.0),
     "counts beyond the gait": lambda c: c["box"].update(t=[0.0, 60000.0]),
     "a huge number": lambda c: proved(c, "limits").update(most=10**400),
+    "a lower bound": lambda c: c["statements"][0].update(bound=c["statements"][0]["bound"] - 1e-3),
+    "a claim turned to refuted": lambda c: proved(c, "effect").update(outcome="refuted"),
+    "a claim turned to proved": lambda c: refuted(c).update(outcome="proved", witnesses=[]),
+    "a tighter claim": lambda c: proved(c, "effect").update(most=1e-3),
+    "a split that is moved out": lambda c: stated(c, "target")["splits"].__setitem__(1, 1e3),
+    "no statements": lambda c: c.update(statements=[]),
+    "a wider box": lambda c: c["box"].update({f"a.{own}": [-9.0, 9.0] for own in quadruped.JOINTS}),
+    "a bound of another state": lambda c: stated(c, "effect", 1).update(state=0),
 }
 
 
@@ -423,18 +425,6 @@ def test_refuses_what_is_no_regular_file(tmp_path, file):
     for arguments in ((path, None), (certificate_path, path)):
         with pytest.raises(RefusedError, match="no regular file"):
             check(*arguments)
-
-
-def test_states_of_the_machine_are_no_observations_of_a_claim():
-    prover = Prover(load_policy(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"), GAIT)
-    for values in (
-        {"kind": "effect", "observations": ("s0", "s1"), "most": 0.0},
-        {"kind": "effect", "observations": ("s1",), "most": 1.0},
-        {"kind": "change", "changes": {"s0": 1.0}},
-        {"kind": "limits", "stuck": ("s0",)},
-    ):
-        with pytest.raises(InputError, match="state of the machine"):
-            prover.decide(Claim("states", **values))
 
 
 def test_refuses_powers_of_powers(tmp_path):

@@ -105,6 +105,9 @@ def test_refuses_what_is_no_claim(tmp_path, text, message):
         ({"states": ("q9",)}, "has no state 'q9'"),
         ({"stuck": ("h.XX",)}, "no observation is called 'h.XX'"),
         ({"kind": "never", "observations": ("t",), "never": "rises"}, "t counts control steps"),
+        ({"kind": "effect", "observations": ("s0", "s1"), "most": 0.0}, "state of the machine"),
+        ({"kind": "change", "changes": {"s0": 1.0}}, "state of the machine"),
+        ({"stuck": ("s0",)}, "state of the machine"),
     ],
 )
 def test_refuses_names_that_a_gait_does_not_know(values, message):

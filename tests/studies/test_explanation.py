@@ -126,19 +126,6 @@ def test_factors_are_those_of_the_terms(kind, generator):
             np.testing.assert_allclose(value, expected, rtol=1e-9)
 
 
-@pytest.mark.slow
-def test_each_student_has_its_folder(few_students, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    short = ["explain", "page", "--n-steps", "10", "--step", "5"]
-    main([*short, "--policy", "linear", "--source", str(few_students)])
-    page = tmp_path / "runs" / "explain" / "page" / "trot" / "linear" / "index.html"
-    before = page.read_bytes()
-    main([*short, "--policy", "statewise_linear"])
-    assert page.with_name("index.html").read_bytes() == before
-    main([*short, "--policy", "linear", "--source", str(few_students), "--joint", "FR_calf"])
-    assert page.read_bytes() != before
-
-
 def test_a_short_rollout_is_shown_at_its_last_step(few_students, tmp_path, embedded):
     where = ["--source", str(few_students), "--output", str(tmp_path)]
     main(["explain", "page", "--policy", "linear", "--n-steps", "10", *where])

@@ -6,7 +6,7 @@ import pytest
 
 from glassgait.models.formulas.file import write_formulas
 from glassgait.models.formulas.reader import read_formulas
-from glassgait.models.policies.library import load_policy, load_student
+from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -144,13 +144,6 @@ def test_robots_that_fell_or_were_never_there_say_nothing(policy, plain):
     assert np.isnan(mean_angle(claim, fallen)).tolist() == [True, *[False] * 4]
     nobody = type(plain)(plain.quantities, plain.state, plain.angle, np.zeros_like(alive))
     assert claim_of(claim.term, nobody) is None
-
-
-def test_shipped_formulas_speak_of_many_inputs():
-    file = load_student("trot", "sparse_formula").to_file()
-    symbols = file.vocabulary.symbols
-    inputs = {symbols[term.input] for term in readable_terms(file)}
-    assert {"cmd.yaw", "v.z", "w.z", "g.x", "e.v"} <= inputs
 
 
 def test_the_command_writes_a_table_and_the_edited_files(tmp_path, monkeypatch):
