@@ -94,28 +94,6 @@ def test_refuses_a_certificate_of_which_one_character_was_changed(tmp_path, seed
         check(path)
 
 
-@pytest.mark.parametrize(
-    ("left_out", "message"),
-    [(False, "twice"), (True, "says something else than the claim that ships by this name")],
-)
-def test_refuses_a_claim_under_the_name_of_another(tmp_path, left_out, message):
-    content = deepcopy(CONTENT)
-    mirror = next(own for own in content["claims"] if own["kind"] == "mirror")
-    other = next(own["name"] for own in content["claims"] if own["outcome"] == "refuted")
-    if left_out:
-        content["claims"] = [own for own in content["claims"] if own["name"] != other]
-    content["claims"].append(mirror | {"name": other})
-    with pytest.raises(RefusedError, match=message):
-        check(written(content, tmp_path))
-
-
-def test_says_how_many_claims_are_its_own(tmp_path):
-    content = deepcopy(CONTENT)
-    mirror = next(own for own in content["claims"] if own["kind"] == "mirror")
-    content["claims"].append(mirror | {"name": "The robot never falls"})
-    assert "(1 named by its author only)" in check(written(content, tmp_path))
-
-
 def test_refuses_another_policy(tmp_path):
     path = tmp_path / "sparse_formula.formulas"
     path.write_text(POLICY.read_text().replace("= 0.1", "= 0.2", 1))

@@ -72,10 +72,10 @@ def forged_from() -> str:
     return json.dumps(certificate(prover, [one for one in verdicts if one], path))
 
 
-def checked(content: dict[str, Any], policy: Path, folder: Path) -> None:
+def checked(content: dict[str, Any], policy: Path, folder: Path) -> str:
     path = folder / "certificate.json"
     path.write_text(certificate_text({**content, "sha256": content_digest(content)}))
-    check(path, policy)
+    return check(path, policy)
 
 
 def samples(box: ObservationBox, state: int, generator: np.random.Generator) -> np.ndarray:
@@ -103,11 +103,13 @@ class Truth:
         taken = [SYMBOLS.index(name) for name in stuck]
         return samples(self.boxes[box].taking(taken, self.boxes["physical"]), state, self.generator)
 
-    def moved(self, observations: np.ndarray, name: str, box: str, stuck: list[str], state: int):
-        """Returns observations of which one quantity has another value."""
-        index, other = SYMBOLS.index(name), observations.copy()
+    def rise(self, seen: np.ndarray, name: str, joint: int, box: str, stuck: list[str], state: int):
+        """Returns how a target rises with a quantity, and by how much that rises (n,; n,)."""
+        index, other = SYMBOLS.index(name), seen.copy()
         other[:, index] = self.drawn(box, stuck, state)[:, index]
-        return other
+        rise = (self.targets(other) - self.targets(seen))[:, joint]
+        by = (UNITS.quantities(other) - UNITS.quantities(seen))[:, index]
+        return np.where(by < 0.0, -rise, rise), np.abs(by)
 
     def assert_holds(self, content: dict[str, Any]) -> None:
         for own in content["statements"]:
@@ -120,61 +122,50 @@ class Truth:
                     self.assert_claim(claim, state)
 
     def assert_bound(self, own: dict[str, Any]) -> None:
-        joint, stuck = quadruped.joint_index(own["joint"]), own.get("stuck", [])
-        seen = self.drawn(own["box"], stuck, own["state"])
-        reached = self.targets(seen)[:, joint]
-        match own["of"]:
-            case "target":
-                assert np.all(own["sign"] * reached <= own["bound"])
-            case of:
-                name = own["observation"]
-                other = self.moved(seen, name, own["box"], stuck, own["state"])
-                rises = own["sign"] * (self.targets(other)[:, joint] - reached)
-                index = SYMBOLS.index(name)
-                by = (UNITS.quantities(other) - UNITS.quantities(seen))[:, index]
-                if of == "slope":
-                    rises, by = np.where(by < 0.0, -rises, rises), np.abs(by)
-                    assert np.all(rises <= own["bound"] * by + TOLERANCE)
-                else:
-                    assert np.all(rises <= own["bound"])
+        joint, place = quadruped.joint_index(own["joint"]), (own["box"], own.get("stuck", []))
+        seen = self.drawn(*place, own["state"])
+        if own["of"] == "target":
+            assert np.all(own["sign"] * self.targets(seen)[:, joint] <= own["bound"])
+            return
+        rise, by = self.rise(seen, own["observation"], joint, *place, own["state"])
+        if own["of"] == "slope":
+            assert np.all(own["sign"] * rise <= own["bound"] * by + TOLERANCE)
+        else:
+            assert np.all(np.abs(rise) <= own["bound"])
 
     def assert_claim(self, claim: Claim, state: int) -> None:
-        joints, stuck = list(claim.joint_indices()), list(claim.stuck)
-        seen = self.drawn(claim.box, stuck, state)
-        reached = self.targets(seen)
-        for joint in joints:
-            mine = reached[:, joint]
-            assert np.isfinite(mine).all()
-            match claim.kind:
-                case "limits":
+        joints, place = list(claim.joint_indices()), (claim.box, list(claim.stuck))
+        seen = self.drawn(*place, state)
+        reached = self.targets(seen)[:, joints]
+        assert np.isfinite(reached).all()
+        match claim.kind:
+            case "limits":
+                for joint, mine in zip(joints, reached.T, strict=True):
                     low, high = claim.range_of(A1, joint)
                     assert low <= mine.min() <= mine.max() <= high
-                case "never" | "effect" as kind:
+            case "never" | "effect":
+                sign, most = -1.0 if claim.never == "falls" else 1.0, claim.most or 0.0
+                for joint in joints:
                     for index in claim.observations_of(joint, SYMBOLS):
-                        other = self.moved(seen, SYMBOLS[index], claim.box, stuck, state)
-                        rise = self.targets(other)[:, joint] - mine
-                        by = (UNITS.quantities(other) - UNITS.quantities(seen))[:, index]
-                        sign = -1.0 if claim.never == "falls" else 1.0
-                        slope = (claim.most or 0.0) * np.abs(by)
-                        if kind == "never":
-                            rise = sign * np.where(by < 0.0, -rise, rise)
-                            assert np.all(rise <= slope + TOLERANCE)
+                        rise, by = self.rise(seen, SYMBOLS[index], joint, *place, state)
+                        if claim.kind == "never":
+                            assert np.all(sign * rise <= most * by + TOLERANCE)
                         else:
-                            assert np.abs(rise).max() <= (claim.most or 0.0)
-        if claim.kind == "mirror":
-            images = mirrored_states(GAIT)
-            assert images is not None
-            image = REFLECT_JOINTS(self.policy(reflect_observation(LAYOUT.names, images)(seen)))
-            difference = A1.action_scale * np.abs(self.policy(seen) - image)
-            assert difference[:, joints].max() <= TOLERANCE
-        if claim.kind == "change":
-            inside = self.boxes[claim.box].in_state(state)
-            quantities = UNITS.quantities(seen)
-            changes = np.array([claim.change_of(symbol) for symbol in SYMBOLS])
-            signs = self.generator.choice([-1.0, 0.0, 1.0], seen.shape)
-            other = np.clip(quantities + signs * changes, inside.lower, inside.upper)
-            action = self.policy(UNITS.observed(other)) - self.policy(seen)
-            assert np.square(action[:, joints]).sum(axis=-1).max() <= claim.squared_change
+                            assert np.abs(rise).max() <= most
+            case "mirror":
+                images = mirrored_states(GAIT)
+                assert images is not None
+                image = REFLECT_JOINTS(self.policy(reflect_observation(LAYOUT.names, images)(seen)))
+                difference = A1.action_scale * np.abs(self.policy(seen) - image)
+                assert difference[:, joints].max() <= TOLERANCE
+            case "change":
+                inside = self.boxes[claim.box].in_state(state)
+                changes = np.array([claim.change_of(symbol) for symbol in SYMBOLS])
+                other = UNITS.quantities(seen)
+                other += self.generator.choice([-1.0, 0.0, 1.0], seen.shape) * changes
+                other = np.clip(other, inside.lower, inside.upper)
+                action = self.policy(UNITS.observed(other)) - self.policy(seen)
+                assert np.square(action[:, joints]).sum(axis=-1).max() <= claim.squared_change
 
 
 NUMBERS = (0, 1, -1, 0.0, 1e-9, 1e9, 1e300, 10**400, True, "0", None, [], {}, 0.5, 2, 1e18)
@@ -312,7 +303,7 @@ def test_what_forgeries_are_made_from_holds(tmp_path):
     outcomes = {claim["outcome"] for claim in content["claims"]}
     assert {"proved", "refuted"} <= outcomes
     path = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
-    checked(content, path, tmp_path)
+    assert f"({len(CLAIMS)} named by its author only)" in checked(content, path, tmp_path)
     Truth(content, path).assert_holds(content)
 
 
@@ -365,6 +356,8 @@ def at_a_point(box: dict[str, list[float]]) -> dict[str, list[float]]:
     return {name: [least, least] for name, (least, _) in box.items()}
 
 
+SHIPPED_NAME = "Noise of joint sensors alone is never an abrupt action"
+
 FALSE = {
     "states of other names": lambda c: c.update(states=["q0", "stand"]),
     "another mirror": lambda c: c.update(mirror=[0, 1]),
@@ -395,6 +388,8 @@ FALSE = {
     "a tighter claim": lambda c: proved(c, "effect").update(most=1e-3),
     "a split that is moved out": lambda c: stated(c, "target")["splits"].__setitem__(1, 1e3),
     "no statements": lambda c: c.update(statements=[]),
+    "a claim twice": lambda c: c["claims"].append(proved(c, "mirror")),
+    "the name of a claim that ships": lambda c: proved(c, "mirror").update(name=SHIPPED_NAME),
     "a wider box": lambda c: c["box"].update({f"a.{own}": [-9.0, 9.0] for own in quadruped.JOINTS}),
     "a bound of another state": lambda c: stated(c, "effect", 1).update(state=0),
 }
