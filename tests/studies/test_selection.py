@@ -1,13 +1,9 @@
 """The choice among a student's candidates: its seeds, and falls, simplicity and return."""
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.task.gait import load_gait
-from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.experiment import REPORTED_SEEDS, SELECTION_SEEDS
-from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation import selection
 from glassgait.studies.distillation.selection import simplest_of_the_best
@@ -17,31 +13,6 @@ def test_no_reported_seed_selects():
     assert not {*REPORTED_SEEDS} & {*SELECTION_SEEDS}
     assert {seed for seed, _ in selection.SELECTION} <= {*SELECTION_SEEDS}
     assert RolloutConfig().seeds == REPORTED_SEEDS
-
-
-def test_candidates_walk_with_seeds_of_selection_alone(expert, monkeypatch):
-    walked = []
-
-    def stand(gait, policy, scenario, config):
-        walked.extend(config.seeds)
-        sizes = {"velocity": (2,), "command": (2,), "action": (12,)}
-        sizes["failures"] = (len(FAILURES),)
-        flags = ("failures", "expert_acts")
-        return RolloutLog(
-            **{
-                name: np.zeros(
-                    (config.n_steps, 2, *sizes.get(name, ())),
-                    dtype=bool if name in flags else float,
-                )
-                for name in RolloutLog.__annotations__
-            }
-        )
-
-    monkeypatch.setattr(selection, "roll_out", stand)
-    ranked = selection.rank_alone({"a": expert, "b": expert}, load_gait("trot"), expert, n_steps=4)
-    assert ranked["candidate"].tolist() == ["a", "b"]
-    walked = {*walked}
-    assert walked and not walked & {*REPORTED_SEEDS}
 
 
 @pytest.mark.parametrize(

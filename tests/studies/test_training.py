@@ -14,11 +14,10 @@ from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
 from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.models.task.observation import REFLECT_JOINTS, ObservationLayout, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.run import CHECKPOINT_NAME
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig
-from glassgait.studies.training.learner import Mirrored
 from glassgait.studies.training.record import read_config, trainings
 from glassgait.studies.training.run import TrainingRun
 
@@ -118,31 +117,6 @@ def test_an_expert_says_whether_it_learned_with_limited_targets(
     assert expert.joint_law == (law.with_limits(expert.robot) if limited else law)
 
 
-@pytest.mark.parametrize("gait", ["trot", "walk"])
-def test_a_mirrored_network_treats_sides_alike_whatever_its_weights_are(gait, generator):
-    machine = load_gait(gait)
-    names = ObservationLayout(machine.n_states, imu=True).names
-    reflect = reflect_observation(names, mirrored_states(machine))
-    layers = torch.nn.Linear(len(names), 16), torch.nn.ELU(), torch.nn.Linear(16, 12)
-    network = torch.nn.Sequential(*layers).double()
-    mirrored, x = (
-        Mirrored(network, reflect, REFLECT_JOINTS),
-        generator.normal(size=(20, len(names))),
-    )
-
-    def act(module, observations):
-        with torch.no_grad():
-            return module(torch.from_numpy(observations)).numpy()
-
-    np.testing.assert_allclose(
-        REFLECT_JOINTS(act(mirrored, reflect(x))), act(mirrored, x), rtol=1e-6, atol=1e-9
-    )
-    # What treats sides alike already is left as it is; what does not, is not.
-    again = Mirrored(mirrored, reflect, REFLECT_JOINTS)
-    np.testing.assert_allclose(act(again, x), act(mirrored, x), rtol=1e-6, atol=1e-9)
-    assert not np.allclose(act(network, x), act(mirrored, x))
-
-
 def test_a_gait_that_favours_a_side_trains_without_a_mirror(start, tmp_path):
     path = tmp_path / "lopsided.yaml"
     text = (GAIT_DIRECTORY / "walk.yaml").read_text()
@@ -194,16 +168,6 @@ def test_the_ground_grows_with_the_hardship_and_stays_after_a_resume(
     run.save()
     assert height(run) > 2.0 * before > 0.0
     assert height(start(tmp_path, resume=True, **harder)) == height(run)
-
-
-def test_level_ground_is_not_laid_anew(start, tiny_training, tmp_path):
-    level = GroupRanges(terrains=TerrainRanges(share=0.0))
-    worlds = replace(tiny_training.worlds, groups=level)
-    environment = start(tmp_path, worlds=worlds).environment
-    physics = environment.simulator.physics
-    environment.hardship = 0.5
-    environment.draw_worlds()
-    assert environment.simulator.physics is physics
 
 
 def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tiny_training, tmp_path):
@@ -286,10 +250,3 @@ def test_an_actor_begins_as_another_expert_while_its_critic_learns(
 def test_refuses_to_start_from_what_does_not_fit(path, settings, message, start, tmp_path):
     with pytest.raises(InputError, match=message):
         start(tmp_path, warm_start=str(EXPERT_DIRECTORY.parent / path), **settings)
-
-
-def test_a_robot_of_ones_own_learns_on_from_its_own_expert(own_robot, start, tmp_path):
-    run = start(tmp_path, robot=own_robot)
-    run.update()
-    run.write_result()
-    start(tmp_path / "second", robot=own_robot, warm_start=str(tmp_path / "trot.safetensors"))
