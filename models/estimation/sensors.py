@@ -57,21 +57,17 @@ class ImuReading(NamedTuple):
 
 @checked
 class ImuErrors(Settings):
-    """Errors of readings, besides their noise.
-
-    Attributes:
-        gyroscope_bias: Greatest constant error of each angular velocity (rad/s).
-        accelerometer_bias: Greatest constant error of each acceleration (m/s²).
-        attitude_bias: Greatest constant error of each coordinate of gravity's direction.
-        delay: Control steps by which readings are late.
-    """
+    """Errors of readings, besides their noise."""
 
     title: ClassVar[str] = "imu"
 
+    # Greatest constant error of each angular velocity (rad/s).
     gyroscope_bias: Annotated[NotNegative, Le(10.0)] = 0.0
+    # Greatest constant error of each acceleration (m/s²).
     accelerometer_bias: Annotated[NotNegative, Le(100.0)] = 0.0
+    # Greatest constant error of each coordinate of gravity's direction.
     attitude_bias: Annotated[NotNegative, Le(1.0)] = 0.0
-    delay: Annotated[int, Ge(0), Le(MOST_DELAY)] = 0
+    delay: Annotated[int, Ge(0), Le(MOST_DELAY)] = 0  # Control steps by which readings are late.
 
     @property
     def half_widths(self) -> Array:

@@ -31,54 +31,33 @@ class Robot(Settings):
 
     `library.load_robot` makes robots: sizes, mass and limits are from the URDF, the rest is from
     `robot.yaml`. Robots are equal only if they are the same object.
-
-    Attributes:
-        name: Its name, which files of policies hold.
-        full_name: Name for people.
-        description: File of its URDF, beside its own.
-        stance: Joint angles of the default stance by leg: hip, thigh, calf (rad).
-        stiffness: Gain of the joints' position control (N·m/rad).
-        damping: Gain of their velocity control (N·m·s/rad).
-        action_scale: What an action of 1 adds to a joint's target (rad).
-        mass: Mass of the robot (kg).
-        hip_offset: Distance of a hip joint from the trunk's centre, along x and along y (m).
-        thigh_offset: Distance of a thigh joint outward from its hip joint (m).
-        thigh_length: From the thigh joint to the knee (m).
-        calf_length: From the knee to the foot's centre (m).
-        foot_radius: Radius of the feet, which are spheres (m).
-        trunk_box: Sizes of the trunk's collision box (m).
-        thigh_box: Sizes of a thigh's; the first is along the limb (m).
-        calf_box: Sizes of a calf's (m).
-        position_limits: Least and greatest angle of each joint (rad).
-        effort_limits: Greatest torque of each joint (N·m).
-        velocity_limits: Greatest velocity of each joint (rad/s).
-        motor_order: Legs in the order in which the vendor's controller numbers their motors.
-        path: File it was loaded from.
     """
 
     title: ClassVar[str] = "robot"
 
     name: RobotName
-    full_name: Annotated[str, MinLen(1), MaxLen(80)]
-    description: Annotated[str, MinLen(1), MaxLen(200)]
-    stance: dict[str, Triple]
-    stiffness: Positive
-    damping: Positive
-    action_scale: Positive
-    mass: Annotated[float, Gt(0.0), Le(1000.0)]
+    full_name: Annotated[str, MinLen(1), MaxLen(80)]  # Name for people.
+    description: Annotated[str, MinLen(1), MaxLen(200)]  # File of its URDF, beside its own.
+    stance: dict[str, Triple]  # Joint angles of the default stance by leg: hip, thigh, calf (rad).
+    stiffness: Positive  # Gain of the joints' position control (N·m/rad).
+    damping: Positive  # Gain of their velocity control (N·m·s/rad).
+    action_scale: Positive  # What an action of 1 adds to a joint's target (rad).
+    mass: Annotated[float, Gt(0.0), Le(1000.0)]  # kg
+    # Distance of a hip joint from the trunk's centre, along x and along y (m).
     hip_offset: tuple[Length, Length]
-    thigh_offset: Length
-    thigh_length: Length
-    calf_length: Length
-    foot_radius: Length
-    trunk_box: Box
-    thigh_box: Box
-    calf_box: Box
-    position_limits: tuple[Range, ...]
-    effort_limits: tuple[Positive, ...]
-    velocity_limits: tuple[Positive, ...]
+    thigh_offset: Length  # Distance of a thigh joint outward from its hip joint (m).
+    thigh_length: Length  # From the thigh joint to the knee (m).
+    calf_length: Length  # From the knee to the foot's centre (m).
+    foot_radius: Length  # Radius of the feet, which are spheres (m).
+    trunk_box: Box  # Sizes of the trunk's collision box (m).
+    thigh_box: Box  # Sizes of a thigh's; the first is along the limb (m).
+    calf_box: Box  # Sizes of a calf's (m).
+    position_limits: tuple[Range, ...]  # Least and greatest angle of each joint (rad).
+    effort_limits: tuple[Positive, ...]  # Greatest torque of each joint (N·m).
+    velocity_limits: tuple[Positive, ...]  # Greatest velocity of each joint (rad/s).
+    # Legs in the order in which the vendor's controller numbers their motors.
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
-    path: str = ""
+    path: str = ""  # File it was loaded from.
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__
@@ -252,18 +231,16 @@ class TargetLimits(Settings):
       away is met by `reach` a step.
     - **Lean.** Where the trunk leans by more than `lean`, a joint is sent to where it is, or as
       near to it as limits allow, so that its motor damps it and does nothing else.
-
-    Attributes:
-        stiffness: Stiffness that torques at rest are computed with (N·m/rad).
-        margin: Distance of targets from the ends of a joint's range (rad); by default the greatest
-            error of an encoder in training.
-        lean: Angle of the trunk beyond which joints are only damped (°); by default that of a fall.
     """
 
     title: ClassVar[str] = "limits"
 
+    # Stiffness that torques at rest are computed with (N·m/rad).
     stiffness: Annotated[float, Ge(0.01), Le(1000.0)]
+    # Distance of targets from the ends of a joint's range (rad); by default the greatest error of
+    # an encoder in training.
     margin: Annotated[float, Ge(0.0), Le(0.2)] = 0.02
+    # Angle of the trunk beyond which joints are only damped (°); by default that of a fall.
     lean: Annotated[float, Gt(0.0), Le(90.0)] = 60.0
 
     @cached_property
@@ -318,19 +295,15 @@ class TargetLimits(Settings):
 
 @checked
 class JointLaw(Settings):
-    """Gains and limits of the joints that a policy was trained with and needs.
-
-    Attributes:
-        gains: Stiffness and damping (N·m/rad, N·m·s/rad); by default the robot's.
-        limited: Whether joints follow the nearest target within their ranges, which the policy
-            then observes as its previous action.
-        limits: Limits that come last; the policy observes the limited action as its previous one.
-    """
+    """Gains and limits of the joints that a policy was trained with and needs."""
 
     title: ClassVar[str] = "joint_law"
 
-    gains: Gains | None = None
+    gains: Gains | None = None  # Stiffness and damping (N·m/rad, N·m·s/rad); by default the robot's
+    # Whether joints follow the nearest target within their ranges, which the policy then observes
+    # as its previous action.
     limited: bool = False
+    # Limits that come last; the policy observes the limited action as its previous one.
     limits: TargetLimits | None = None
 
     def __post_init__(self) -> None:

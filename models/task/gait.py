@@ -147,53 +147,41 @@ Dwell = Annotated[int, Ge(1), Le(1000)]
 
 @checked
 class Transition(Settings):
-    """An edge of a reward machine. Files call its states "from" and "to".
-
-    Attributes:
-        source: State it leaves.
-        target: State it enters.
-        when: Stance in which it fires; feet that the formula keeps in the air must also clear the
-            ground by the gait's `clearance`.
-        dwell: Fraction of the commanded iterations that the machine must have spent in `source`.
-        grace: Control steps since the episode's start before which it cannot fire.
-    """
+    """An edge of a reward machine. Files call its states "from" and "to"."""
 
     title: ClassVar[str] = "transition"
 
-    source: Annotated[str, Field(validation_alias="from")]
-    target: Annotated[str, Field(validation_alias="to")]
+    source: Annotated[str, Field(validation_alias="from")]  # State it leaves.
+    target: Annotated[str, Field(validation_alias="to")]  # State it enters.
+    # Stance in which it fires; feet that the formula keeps in the air must also clear the ground by
+    # the gait's `clearance`.
     when: Annotated[Formula, BeforeValidator(_formula)]
+    # Fraction of the commanded iterations that the machine must have spent in `source`.
     dwell: Annotated[float, Ge(0.0), Le(1.0)] = 1.0
+    # Control steps since the episode's start before which it cannot fire.
     grace: Annotated[int, Ge(0), Le(100_000)] = 0
 
 
 @checked
 class Gait(Settings):
-    """A gait: the reward machine's definition and the commands it is trained for.
-
-    Attributes:
-        name: Name of the gait and of its file.
-        description: One sentence on the footfall.
-        states: Names of the machine's states; the one-hot observation follows this order.
-        faults: States that earn nothing; neither entering nor leaving one is paid.
-        clearance: Height that swing feet must reach before a transition fires (m).
-        dwell: Least and greatest commanded number of iterations in a state (control steps).
-        max_speed: Greatest commanded forward speed (m/s).
-        max_yaw_rate: Greatest commanded yaw rate (rad/s).
-    """
+    """A gait: the reward machine's definition and the commands it is trained for."""
 
     title: ClassVar[str] = "gait"
 
     name: Annotated[str, AfterValidator(_name)]
-    description: Description
+    description: Description  # One sentence on the footfall.
+    # Names of the machine's states; the one-hot observation follows this order.
     states: Annotated[tuple[StateName, ...], MinLen(2), MaxLen(MOST_STATES), DISTINCT]
     initial: str
+    # States that earn nothing; neither entering nor leaving one is paid.
     faults: Annotated[tuple[str, ...], MaxLen(MOST_STATES), DISTINCT]
     transitions: Annotated[tuple[Transition, ...], MaxLen(MOST_STATES * N_STANCES)]
+    # Height that swing feet must reach before a transition fires (m).
     clearance: Annotated[float, Gt(0.0), Le(1.0)]
+    # Least and greatest commanded number of iterations in a state (control steps).
     dwell: Annotated[tuple[Dwell, Dwell], IN_ORDER]
-    max_speed: Annotated[float, Gt(0.0), Le(100.0)]
-    max_yaw_rate: Annotated[float, Gt(0.0), Le(100.0)]
+    max_speed: Annotated[float, Gt(0.0), Le(100.0)]  # Greatest commanded forward speed (m/s).
+    max_yaw_rate: Annotated[float, Gt(0.0), Le(100.0)]  # Greatest commanded yaw rate (rad/s).
 
     def __post_init__(self) -> None:
         _check_states(self)

@@ -35,56 +35,47 @@ Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
 
 @checked
 class Disturbances(Settings):
-    """Pushes and errors of the sensors, which scenarios and training share.
-
-    Attributes:
-        heading: Greatest angle between the world's x axis, up which slopes and steps lead, and
-            where a robot faces at an episode's start (°), drawn to either side; 180 for any.
-        push_speed: Greatest horizontal velocity that a push adds to the trunk's, along each axis
-            (m/s); 0 for no pushes.
-        push_interval: Mean time between two pushes of a robot (s).
-        sensor_noise: Factor on the noise of the joints' sensors and of the IMU.
-        encoder_bias: Greatest constant error of each measured joint position in an episode (rad).
-        imu: Errors of the IMU's readings besides their noise.
-        contact_flips: Share of the contact sensors' readings that are wrong.
-        stuck_open: Legs whose contact sensors never read a contact.
-        stuck_closed: Legs whose contact sensors always do.
-    """
+    """Pushes and errors of the sensors, which scenarios and training share."""
 
     _: KW_ONLY
+    # Greatest angle between the world's x axis, up which slopes and steps lead, and where a robot
+    # faces at an episode's start (°), drawn to either side; 180 for any.
     heading: Annotated[float, Ge(0.0), Le(180.0)] = 0.0
+    # Greatest horizontal velocity that a push adds to the trunk's, along each axis (m/s); 0 for no
+    # pushes.
     push_speed: NotNegative = 0.0
+    # Mean time between two pushes of a robot (s).
     push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
-    sensor_noise: NotNegative = 1.0
+    sensor_noise: NotNegative = 1.0  # Factor on the noise of the joints' sensors and of the IMU.
+    # Greatest constant error of each measured joint position in an episode (rad).
     encoder_bias: Annotated[NotNegative, Le(1.0)] = 0.0
+    # Errors of the IMU's readings besides their noise.
     imu: ImuErrors = field(default_factory=ImuErrors)
+    # Share of the contact sensors' readings that are wrong.
     contact_flips: Annotated[NotNegative, Le(1.0)] = 0.0
-    stuck_open: Legs = ()
-    stuck_closed: Legs = ()
+    stuck_open: Legs = ()  # Legs whose contact sensors never read a contact.
+    stuck_closed: Legs = ()  # Legs whose contact sensors always do.
 
 
 @checked
 class Randomization(Disturbances):
-    """Ranges from which robots and episodes are drawn.
-
-    Attributes:
-        joint_scale: Factors on the default stance, least and greatest, at an episode's start.
-        base_velocity: Greatest initial base velocity along and about each axis (m/s, rad/s).
-        friction: Least and greatest friction of the ground.
-        stuck_share: Share of the episodes in which one more sensor is stuck, open or closed.
-        straight: Share of the commands that ask for no turn.
-        latency: Least and greatest time from an observation until its action reaches the joints
-            (s), drawn for each episode.
-    """
+    """Ranges from which robots and episodes are drawn."""
 
     title: ClassVar[str] = "randomization"
 
+    # Greatest horizontal velocity that a push adds to the trunk's, along each axis (m/s).
     push_speed: NotNegative = 1.0
+    # Factors on the default stance, least and greatest, at an episode's start.
     joint_scale: Range = (0.5, 1.5)
+    # Greatest initial base velocity along and about each axis (m/s, rad/s).
     base_velocity: NotNegative = 0.5
+    # Least and greatest friction of the ground.
     friction: Annotated[tuple[Friction, Friction], IN_ORDER] = (0.5, 1.25)
+    # Share of the episodes in which one more sensor is stuck, open or closed.
     stuck_share: Annotated[NotNegative, Le(1.0)] = 0.0
-    straight: Annotated[NotNegative, Le(1.0)] = 0.0
+    straight: Annotated[NotNegative, Le(1.0)] = 0.0  # Share of the commands that ask for no turn.
+    # Least and greatest time from an observation until its action reaches the joints (s), drawn for
+    # each episode.
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
 
     def initial_states(

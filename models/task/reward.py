@@ -22,41 +22,31 @@ AIR_TIME_MIN_SPEED = 0.1  # commanded speed above which air time counts (m/s)
 
 @checked
 class RewardWeights(Settings):
-    """Weights of the terms, each per control step before the factor of 0.02 s, and their width.
-
-    Attributes:
-        forward_tracking: Weight of going at the commanded forward speed, a Gaussian of the error.
-        yaw_tracking: Weight of turning at the commanded yaw rate, a Gaussian of the error.
-        vertical_velocity: Weight of the trunk's squared vertical velocity (s²/m²).
-        roll_pitch_rate: Weight of the squared roll and pitch rates (s²/rad²).
-        torque: Weight of the squared joint torques (1/(N·m)²).
-        joint_acceleration: Weight of the squared joint accelerations (s⁴/rad²).
-        action_change: Weight of the squared change of the action.
-        joint_limits: Weight of the angles beyond nine tenths of the joints' ranges (1/rad).
-        air_time: Weight of the time in the air of the feet that land, above its target (1/s).
-        high_swing: Weight of the feet's heights above what costs nothing (1/m).
-        tilt: Weight of the squared lean of the trunk over the ground, the sine of its angle.
-        slip: Weight of the squared speeds of the feet that are on the ground (s²/m²).
-        tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²).
-        tracking_time: Time constant with which speeds are averaged before they are compared with
-            the command (s); 0 compares those of the instant.
-    """
+    """Weights of the terms, each per control step before the factor of 0.02 s, and their width."""
 
     title: ClassVar[str] = "reward weights"
 
+    # Weight of going at the commanded forward speed, a Gaussian of the error.
     forward_tracking: float = 1.0
+    # Weight of turning at the commanded yaw rate, a Gaussian of the error.
     yaw_tracking: float = 0.5
-    vertical_velocity: float = -2.0
-    roll_pitch_rate: float = -0.05
-    torque: float = -2e-4
-    joint_acceleration: float = -2.5e-7
-    action_change: float = -0.01
+    vertical_velocity: float = -2.0  # Weight of the trunk's squared vertical velocity (s²/m²).
+    roll_pitch_rate: float = -0.05  # Weight of the squared roll and pitch rates (s²/rad²).
+    torque: float = -2e-4  # Weight of the squared joint torques (1/(N·m)²).
+    joint_acceleration: float = -2.5e-7  # Weight of the squared joint accelerations (s⁴/rad²).
+    action_change: float = -0.01  # Weight of the squared change of the action.
+    # Weight of the angles beyond nine tenths of the joints' ranges (1/rad).
     joint_limits: float = -10.0
+    # Weight of the time in the air of the feet that land, above its target (1/s).
     air_time: float = 1.0
-    high_swing: float = 0.0
+    high_swing: float = 0.0  # Weight of the feet's heights above what costs nothing (1/m).
+    # Weight of the squared lean of the trunk over the ground, the sine of its angle.
     tilt: float = 0.0
-    slip: float = 0.0
+    slip: float = 0.0  # Weight of the squared speeds of the feet that are on the ground (s²/m²).
+    # Squared width of the Gaussians of both errors ((m/s)², (rad/s)²).
     tracking_width: Positive = 0.25
+    # Time constant with which speeds are averaged before they are compared with the command (s); 0
+    # compares those of the instant.
     tracking_time: NotNegative = 0.0
 
     @cached_property

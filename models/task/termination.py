@@ -26,26 +26,21 @@ FAILURES = (
 
 @checked
 class TerminationLimits(Settings):
-    """Bounds that a robot must keep.
-
-    Attributes:
-        trunk_height: Least height of the trunk's centre above the mean ground under the feet (m).
-        action_change: Greatest squared change of the action in one step.
-        foot_height: Greatest height of a foot (m).
-        joint_overrun: Greatest angle of a joint beyond its range (rad); the plant's limits give way
-            a little.
-        shank_share: Share of the calf, from the knee down, whose contact is a failure; the rest may
-            brush the edge of a step.
-        lean: Greatest angle of the trunk to the mean ground (°); 180 is no bound.
-    """
+    """Bounds that a robot must keep."""
 
     title: ClassVar[str] = "limits"
 
+    # Least height of the trunk's centre above the mean ground under the feet (m).
     trunk_height: Annotated[float, Ge(0)] = 0.20
+    # Greatest squared change of the action in one step.
     action_change: Annotated[float, Gt(0)] = 60.0
-    foot_height: Annotated[float, Gt(0)] = 0.25
+    foot_height: Annotated[float, Gt(0)] = 0.25  # Greatest height of a foot (m).
+    # Greatest angle of a joint beyond its range (rad); the plant's limits give way a little.
     joint_overrun: Annotated[float, Ge(0)] = 0.05
+    # Share of the calf, from the knee down, whose contact is a failure; the rest may brush the edge
+    # of a step.
     shank_share: Annotated[float, Interval(ge=0, le=1)] = 0.5
+    # Greatest angle of the trunk to the mean ground (°); 180 is no bound.
     lean: Annotated[float, Interval(gt=0, le=180)] = 180.0
 
 

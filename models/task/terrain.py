@@ -110,44 +110,32 @@ class GroundBox(NamedTuple):
 
 @checked
 class Terrain(Settings):
-    """The ground.
-
-    Attributes:
-        kind: `plane`; `blocks`, a grid of cells of random heights; `steps` along x, up to a landing
-            and down again; `uneven`, noise of long wavelengths, whose cells are tilted.
-        slope: Angle at which the whole ground rises (°).
-        direction: Where it rises to, counted from the world's x axis, to the left (°).
-        cell: Edge of a cell (m).
-        cells: Cells along a period's edge.
-        amplitude: Height of the highest cell above the lowest (m).
-        wavelength: Shortest wavelength of the noise (m).
-        height: Height of a step (m); with `endless`, a negative one leads down.
-        run: Depth of a step (m).
-        flight: Steps between two landings.
-        landing: Depth of a landing at least (m); robots start in the middle of one.
-        endless: Whether every flight leads on, instead of up and then down.
-        patches: Share of the cells, or of the steps, with another friction.
-        patch_friction: Coulomb friction there.
-        seed: Seed of what is random.
-    """
+    """The ground."""
 
     title: ClassVar[str] = "terrain"
 
+    # `plane`; `blocks`, a grid of cells of random heights; `steps` along x, up to a landing and
+    # down again; `uneven`, noise of long wavelengths, whose cells are tilted.
     kind: Kind = "plane"
-    slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0
+    slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0  # Angle at which the whole ground rises (°).
+    # Where it rises to, counted from the world's x axis, to the left (°).
     direction: Annotated[float, Ge(-360.0), Le(360.0)] = 0.0
-    cell: Annotated[float, Ge(0.1), Le(2.0)] = 0.25
-    cells: Annotated[int, Ge(2), Le(12)] = 8
+    cell: Annotated[float, Ge(0.1), Le(2.0)] = 0.25  # Edge of a cell (m).
+    cells: Annotated[int, Ge(2), Le(12)] = 8  # Cells along a period's edge.
+    # Height of the highest cell above the lowest (m).
     amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.04
-    wavelength: Annotated[float, Gt(0.0), Le(24.0)] = 1.0
+    wavelength: Annotated[float, Gt(0.0), Le(24.0)] = 1.0  # Shortest wavelength of the noise (m).
+    # Height of a step (m); with `endless`, a negative one leads down.
     height: Annotated[float, Ge(-1.0), Le(1.0)] = 0.05
-    run: Annotated[float, Ge(0.1), Le(2.0)] = 0.3
-    flight: Annotated[int, Ge(1), Le(20)] = 4
+    run: Annotated[float, Ge(0.1), Le(2.0)] = 0.3  # Depth of a step (m).
+    flight: Annotated[int, Ge(1), Le(20)] = 4  # Steps between two landings.
+    # Depth of a landing at least (m); robots start in the middle of one.
     landing: Annotated[float, Ge(0.1), Le(5.0)] = 1.2
-    endless: bool = False
+    endless: bool = False  # Whether every flight leads on, instead of up and then down.
+    # Share of the cells, or of the steps, with another friction.
     patches: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
-    patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4
-    seed: Seed = 0
+    patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4  # Coulomb friction there.
+    seed: Seed = 0  # Seed of what is random.
 
     def __post_init__(self) -> None:
         for key in fields(self):
