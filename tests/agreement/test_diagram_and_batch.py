@@ -136,7 +136,7 @@ def batch_beside(gait, policy, scenario, drawn, state):
     task = TaskConfig.of_scenario(gait, scenario, policy)
     simulator = BatchSimulator(
         SimpleNamespace(**(vars(task) | {"randomization": drawn})),
-        make_physics(A1, scenario.station_of(policy)),
+        make_physics(policy.robot, scenario.station_of(policy)),
         n_robots=1,
         generator=np.random.default_rng(0),
         estimator=estimator_in_loop(policy, true_body_state=scenario.true_body_state),
@@ -148,7 +148,7 @@ def batch_beside(gait, policy, scenario, drawn, state):
 def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed=True):
     """Steps both side by side, with a push; returns how often the machine's state changed."""
     ground = scenario.station.ground
-    (state,) = NOMINAL.initial_states(A1, 1, np.random.default_rng(seed), ground)
+    (state,) = NOMINAL.initial_states(policy.robot, 1, np.random.default_rng(seed), ground)
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     running = make_simulator(diagram, state=state, seed=seed)
     context = running.get_mutable_context()
@@ -234,6 +234,12 @@ def test_they_agree_in_every_scenario(scenario, trot):
 @pytest.mark.parametrize("scenario", slow_but(("quiet", "slope", "all at once"), ("all at once",)))
 def test_they_agree_where_the_imu_is_observed(scenario, trot, imu_expert):
     assert_agreement(trot, imu_expert, SCENARIOS[scenario])
+
+
+def test_they_agree_on_another_robot(trot, make_policy):
+    other = make_policy(trot)
+    other.robot = load_robot("go2")
+    assert_agreement(trot, other, TRUE)
 
 
 def test_they_agree_with_a_learned_estimator(trot, learned_expert):

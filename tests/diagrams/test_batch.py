@@ -87,12 +87,6 @@ def test_reset_starts_the_given_robots_alone(trot, generator):
     assert not simulator.state.memory.action[[1, 4]].any()
 
 
-def test_episodes_are_truncated_at_their_length(trot):
-    simulator = make_simulator(trot, episode_steps=3)
-    truncated = [simulator.step(np.zeros((6, 12))).truncated.any() for _ in range(3)]
-    assert truncated == [False, False, True]
-
-
 def test_commands_are_drawn_anew_every_ten_seconds(trot):
     simulator = make_simulator(trot)
     ages = np.array([COMMAND_STEPS - 1, 1, 2, 3, 4, 5])
@@ -101,18 +95,6 @@ def test_commands_are_drawn_anew_every_ten_seconds(trot):
     simulator.step(np.zeros((6, 12)))
     changed = np.any(simulator.state.command.velocity != before, axis=1)
     assert changed.tolist() == [True, False, False, False, False, False]
-
-
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ({"episode_steps": 0}, "episode_steps is 0"),
-        ({"command": SliderCommand()}, "is SliderCommand"),
-    ],
-)
-def test_tasks_that_cannot_be_played_are_refused(trot, setting, message):
-    with pytest.raises(InputError, match=f"task: .*{message}"):
-        TaskConfig(trot, **setting)
 
 
 def test_a_state_once_taken_stays_as_it_is(trot, generator):
@@ -198,18 +180,6 @@ def test_pushes_add_to_the_base_velocity(trot):
     np.testing.assert_array_equal(difference[:, 2], 0)
 
 
-def test_the_same_seed_gives_the_same_rollout(trot, make_policy):
-    policy = make_policy(trot)
-    rollouts = []
-    for _ in range(2):
-        simulator = make_simulator(trot, randomization=Randomization(), n_groups=2, seed=9)
-        for _ in range(30):
-            step = simulator.step(policy(simulator.observe()))
-            simulator.reset(np.flatnonzero(step.terminated))
-        rollouts.append(simulator.state.plant)
-    np.testing.assert_array_equal(*rollouts)
-
-
 def test_state_survives_being_taken_apart(trot):
     simulator = make_simulator(trot)
     again = simulator.state.with_arrays(simulator.state.as_arrays())
@@ -255,12 +225,6 @@ def test_latencies_are_drawn_for_each_episode(trot):
     assert (simulator.state.latency != before).tolist() == [False, False, True] + 3 * [False]
 
 
-def test_contacts_are_misread_at_the_share_that_was_asked_for(generator):
-    wrong = replace(NOMINAL, contact_flips=0.01).wrong_contacts(4000, generator)
-    assert np.mean(wrong) == pytest.approx(0.01, abs=0.004)
-    assert not NOMINAL.wrong_contacts(4000, generator).any()
-
-
 def test_a_sensor_is_stuck_in_the_share_of_episodes_that_was_asked_for(generator):
     assert not NOMINAL.stuck_contacts(9, generator).any()
     stuck = replace(NOMINAL, stuck_share=0.1).stuck_contacts(4000, generator)
@@ -271,13 +235,3 @@ def test_a_sensor_is_stuck_in_the_share_of_episodes_that_was_asked_for(generator
     }
     named = replace(NOMINAL, stuck_open=("FR",)).stuck_contacts(2, generator)
     assert named.tolist() == 2 * [[0, -1, 0, 0]]
-
-
-def test_a_stuck_sensor_stays_so(trot):
-    stuck = make_simulator(trot, randomization=replace(NOMINAL, stuck_open=("FL",)))
-    touched = False
-    for _ in range(20):
-        stuck.step(np.zeros((6, 12)))
-        touched |= stuck.state.touching[:, 0].any()
-        assert not stuck.state.sensors().touching[:, 0].any()
-    assert touched and stuck.state.sensors().touching[:, 1:].any()

@@ -43,27 +43,6 @@ def test_groups_cover_every_range_evenly(name, least, greatest):
     np.testing.assert_array_equal(np.floor(parts), np.arange(len(values)))
 
 
-def test_loads_lie_about_the_trunks_centre():
-    places = np.array([station.payload_position for station in drawn(DomainRandomization())])
-    assert np.all(np.abs(places[:, :2]) <= 0.08)
-    assert np.all(places[:, :2].min(axis=0) < -0.05) and np.all(places[:, :2].max(axis=0) > 0.05)
-    assert not places[:, 2].any()
-
-
-def test_one_quantity_says_nothing_of_another():
-    stations = drawn(DomainRandomization(n_groups=200))
-    values = np.array([[s.payload, s.motor_strength, s.stiffness, s.damping] for s in stations])
-    assert np.abs(np.corrcoef(values.T) - np.eye(4)).max() < 0.25
-
-
-def test_fine_steps_are_of_one_group_each():
-    worlds = DomainRandomization(mujoco_share=0.0, fine_steps=(0.005, 0.0025))
-    steps = [station.time_step for station in drawn(worlds)]
-    assert steps == [0.01] * 14 + [0.005, 0.0025]
-    whole = replace(worlds, fine_steps=())
-    assert {station.time_step for station in drawn(whole)} == {0.01}
-
-
 def test_the_first_groups_are_of_mujoco():
     stations = drawn(DomainRandomization(mujoco_share=0.2, fine_steps=(0.005,)))
     engines = [(station.engine, station.time_step) for station in stations]
@@ -119,11 +98,6 @@ def test_hardship_scales_the_ground_alone():
     assert any(own.terrain.kind == "steps" for own in whole)
     assert all(np.ptp(grid_of(own.terrain).top) < 1e-2 for own in level)
     assert not any(own.terrain.slope for own in level)
-
-
-def test_unknown_kinds_of_ground_are_refused():
-    with pytest.raises(InputError, match="kinds"):
-        TerrainRanges(kinds=("ice",))
 
 
 @pytest.mark.parametrize(

@@ -106,21 +106,6 @@ def test_robots_many_periods_away_move_alike(name, engine, generator):
     np.testing.assert_allclose(moved, near, atol=1e-8)
 
 
-def test_a_robot_that_the_solver_cannot_advance_is_lost_alone():
-    physics = make_physics(A1, station(ROUGH["blocks"]))
-    states, targets = started(physics.ground(4), 4)
-    alone = physics.step(states, targets).states
-    states[2, 19:] = 1e200
-    after = physics.step(states, targets).states
-    assert not np.isfinite(after[2]).all()
-    np.testing.assert_array_equal(after[[0, 1, 3]], alone[[0, 1, 3]])
-    # And what comes next is as if nothing had been.
-    fresh = make_physics(A1, station(ROUGH["blocks"]))
-    np.testing.assert_array_equal(
-        physics.step(alone, targets).states, fresh.step(alone, targets).states
-    )
-
-
 def walked(gait, terrain, n_steps):
     scenario = replace(CALM, station=StationConfig(terrain=terrain))
     expert = load_expert("trot")
@@ -198,11 +183,6 @@ def test_ground_grows_under_robots_that_go_on(trot):
 def test_ground_too_high_for_the_robot_is_refused(engine):
     with pytest.raises(InputError, match="amplitude"):
         make_physics(A1, station(Terrain("blocks", amplitude=0.5), engine))
-
-
-def test_continuous_plants_do_not_stand_on_ground_that_repeats():
-    with pytest.raises(InputError, match="terrain"):
-        Scenario(station=StationConfig(0.0, terrain=ROUGH["blocks"]), accuracy=1e-5)
 
 
 def test_the_force_of_a_contact_is_mujocos():

@@ -5,7 +5,6 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium import wrappers
 from gymnasium.utils.env_checker import check_env
 
 from glassgait.diagrams.gym import ENVIRONMENT_ID, LocomotionEnv, LocomotionVectorEnv
@@ -83,15 +82,3 @@ def test_an_episode_is_truncated_after_its_steps():
     envs.reset(seed=0)
     truncated = [envs.step(np.zeros((2, 12)))[3].tolist() for _ in range(4)]
     assert truncated == [[False] * 2, [False] * 2, [True] * 2, [False] * 2]
-
-
-def test_wrappers_of_vectors_work():
-    envs = gymnasium.make_vec(ENVIRONMENT_ID, num_envs=3, max_episode_steps=2)
-    envs = wrappers.vector.RecordEpisodeStatistics(envs)
-    envs = wrappers.vector.RescaleAction(envs, -1.0, 1.0)
-    envs = wrappers.vector.NormalizeObservation(envs)
-    envs.reset(seed=0)
-    for _ in range(2):
-        observations, *_, info = envs.step(np.zeros((3, 12)))
-    assert info["episode"]["l"].tolist() == [2, 2, 2]
-    assert abs(observations).max() < 10

@@ -1,7 +1,5 @@
 """The second simulator: the same robot, behind the same face."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
@@ -69,11 +67,6 @@ def test_both_engines_move_a_flying_robot_alike(change, random_states, generator
     np.testing.assert_allclose(ours[:, 19:], theirs[:, 19:], atol=0.08)
 
 
-def test_feet_in_the_air_do_not_touch():
-    states, targets = standing(2, lift=0.3)
-    assert not after(STATION, states, targets).touching.any()
-
-
 def test_what_cannot_be_advanced_does_not_start_anew():
     states, targets = standing(2)
     states[1, 19:] = 1e200
@@ -120,40 +113,6 @@ def test_an_expert_trots_there(trot):
         assert not step.terminated.any()
         fired += step.fired
     assert fired.min() > 10
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"contact_solver": "similar"}, "contact_solver is Drake's"),
-        ({"relaxation_time": 0.02}, "relaxation_time is Drake's"),
-        ({"ground_stiffness": 5000.0}, "ground_stiffness is Drake's"),
-        ({"dissipation": 1.0}, "dissipation is Drake's"),
-        ({"time_step": 0.0}, "only Drake's plants are continuous"),
-    ],
-)
-def test_what_is_drakes_alone_is_refused(settings, message):
-    with pytest.raises(InputError, match=message):
-        StationConfig(**{"time_step": 0.002, "engine": "mujoco"} | settings)
-
-
-def test_feet_sink_less_into_ground_of_a_shorter_time():
-    """And odometry, for which a foot that touches stands, sees less of them rise."""
-    deepest, rising = [], []
-    for time in (0.02, 0.01, 0.005):
-        physics = make_physics(A1, replace(STATION, contact_time=time))
-        state = kinematics.standing_state(A1)[None]
-        state[:, quadruped.LINEAR_VELOCITY.stop - 1] = -1.0
-        heights = []
-        for _ in range(5):
-            state = physics.step(state, A1.default_stance[None]).states
-            heights.append(kinematics.foot_heights(A1, state)[0].mean())
-        deepest.append(-min(heights))
-        rising.append(np.diff(heights).max())
-    assert deepest[0] > 2 * deepest[1] > 4 * deepest[2] > 0.0
-    assert rising[0] > rising[1] > rising[2]
-    solref = make_model(A1, STATION).geom_solref
-    np.testing.assert_array_equal(solref, np.tile([0.01, 1.0], (len(solref), 1)))
 
 
 def test_a_diagram_is_drakes(trot):

@@ -34,15 +34,6 @@ def test_records_every_control_step_without_drift(trot, make_policy):
     assert rollout["state"].shape == (31, 37)
 
 
-def test_stops_at_the_first_failure(trot):
-    diagram = MakeLocomotion(trot, CALM)
-    simulator = make_simulator(diagram)
-    diagram.GetInputPort("actions").FixValue(simulator.get_mutable_context(), np.full(12, 10.0))
-    rollout = record(simulator, 100)
-    assert rollout.failed
-    assert len(rollout.time) < 20
-
-
 def test_stops_at_a_monitors_request(trot, make_policy):
     diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot))
     answers = iter([False, False, True])

@@ -84,12 +84,6 @@ def test_robot_does_not_collide_with_itself(station):
     assert not any(inspector.CollisionFiltered(a, b) is False for a in own for b in own if a != b)
 
 
-def test_payload_weighs_on_the_trunk():
-    builder = DiagramBuilder()
-    plant, *_ = AddStation(builder, A1, StationConfig(payload=2.0))
-    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(14.776)
-
-
 def make_station(config=None):
     builder = DiagramBuilder()
     plant, _, instance = AddStation(builder, A1, config or StationConfig())

@@ -1,8 +1,5 @@
 """Meshcat: live display and standalone replay."""
 
-import logging
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -35,27 +32,6 @@ def test_replay_is_one_page_with_the_robot_and_the_machines_state(trot, make_pol
     for leg in ("FL", "RR"):
         assert meshcat.HasPath(f"/drake/visualizer/a1/{leg}_calf")
     assert meshcat.HasPath("/drake/gait/state/1")
-
-
-def test_names_of_states_are_no_paths(trot, make_policy):
-    states = ("a", "a/<b></script>")
-    edges = [
-        replace(edge, source=states[k], target=states[1 - k])
-        for k, edge in enumerate(trot.transitions)
-    ]
-    gait = replace(trot, name="own", states=states, initial="a", transitions=tuple(edges))
-    meshcat = open_meshcat()
-    MakeLocomotion(gait, CALM, policy=make_policy(gait), meshcat=meshcat)
-    assert [meshcat.HasPath(f"/drake/gait/state/{k}") for k in range(3)] == [True, True, False]
-    assert not meshcat.HasPath("/drake/gait/state/a")
-
-
-def test_opening_meshcat_says_nothing_and_leaves_drakes_log_as_it_is(caplog):
-    log = logging.getLogger("drake")
-    with caplog.at_level(logging.INFO, logger="drake"):
-        open_meshcat()
-        assert log.level == logging.INFO
-    assert not caplog.messages
 
 
 def test_sliders_command_the_robot(trot, make_policy):

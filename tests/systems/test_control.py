@@ -12,14 +12,12 @@ from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import JointLaw
-from glassgait.models.task.observation import ObservationLayout, proprioception
 from glassgait.systems.control import (
     ActionHold,
     AlternationSchedule,
     ContactTrustSystem,
     JointTargets,
     PolicySystem,
-    Proprioception,
     RewardMachineSystem,
     TargetLimitsSystem,
 )
@@ -89,39 +87,6 @@ def test_the_reward_machine_shows_this_instants_propositions(trot, fix_inputs, l
     half = RewardMachineSystem(replace(trot, transitions=(replace(first, dwell=0.5), *others)))
     context = fix_inputs(half, **FL_RR, commanded_dwell=2)
     assert half.GetOutputPort("served_dwell").Eval(context) == [1.0]
-
-
-@pytest.mark.parametrize("imu", [None, np.arange(9.0)])
-def test_proprioception_is_the_models(imu, fix_inputs):
-    system = Proprioception(A1, ObservationLayout(4, imu=imu is not None))
-    reading = {} if imu is None else {"imu": imu}
-    found = system.get_output_port().Eval(fix_inputs(system, **OBSERVED, **reading))
-    expected = proprioception(
-        A1,
-        joint_position=OBSERVED["joints"][:12],
-        joint_velocity=OBSERVED["joints"][12:],
-        imu=imu,
-        **{name: np.array(value) for name, value in OBSERVED.items() if name != "joints"},
-    )
-    np.testing.assert_array_equal(found, expected)
-
-
-def test_limited_targets_are_observed_as_joints_followed_them(fix_inputs):
-    layout = ObservationLayout(4)
-    system = Proprioception(A1, layout, limited=True)
-    asked = np.resize([1e30, -1e30, 0.5, np.nan], 12)
-    context = fix_inputs(system, **OBSERVED | {"previous_action": asked})
-    entries = [i for i, entry in enumerate(layout.entries) if entry.group == "previous action"]
-    followed = A1.joint_targets(system.get_output_port().Eval(context)[entries])
-    np.testing.assert_allclose(followed, A1.joint_targets(asked, limited=True), atol=1e-15)
-
-
-def test_a_policy_acts(trot, make_policy, fix_inputs, generator):
-    policy = make_policy(trot)
-    system = PolicySystem(policy)
-    for observation in (generator.normal(size=49), np.full(49, np.nan)):
-        found = system.get_output_port().Eval(fix_inputs(system, observation=observation))
-        np.testing.assert_array_equal(found, policy(observation))
 
 
 def test_an_action_that_is_not_finite_is_an_error(trot, make_policy, fix_inputs):

@@ -227,20 +227,6 @@ def test_names_sizes_and_feedthrough(system, documented):
     }
 
 
-@pytest.mark.parametrize(
-    "documented",
-    [documented for documented, ports in PORTS.items() if any(ports.inputs.values())],
-    indirect=True,
-    ids=lambda documented: documented.__name__,
-)
-def test_vectors_that_are_too_short_or_too_long_are_refused(system):
-    context = system.CreateDefaultContext()
-    for port in input_ports(system):
-        for size in (port.size() - 1, port.size() + 1) if port.size() else ():
-            with pytest.raises(RuntimeError, match=f"port '{port.get_name()}'"):
-                port.FixValue(context, np.zeros(size))
-
-
 def test_docstrings_list_the_ports(system, documented):
     block = re.search(r"\.\. pydrake_system::\n\n((?: {4}.*\n)+)", inspect.getdoc(documented) or "")
     assert block

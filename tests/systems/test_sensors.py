@@ -22,13 +22,11 @@ from glassgait.models.estimation.sensors import (
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.ground import body_state
 from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.terrain import Terrain
 from glassgait.systems.control import JointTargets
 from glassgait.systems.sensors import (
-    BodyStateSensor,
     ContactSensor,
     FootSensor,
     ImuSensor,
@@ -107,13 +105,6 @@ def test_biases_are_the_seeds_and_hold(fix_inputs):
     np.testing.assert_allclose(greatest[12:], BIASED.half_widths, rtol=0.05)
     none = SensorBias(NOMINAL)
     assert not none.GetOutputPort("imu_bias").Eval(fix_inputs(none, seed=1.0)).any()
-
-
-def test_true_values_are_those_of_the_state(random_states, fix_inputs):
-    (state,) = random_states(1)
-    system = BodyStateSensor(A1)
-    found = system.get_output_port().Eval(fix_inputs(system, state=state))
-    np.testing.assert_array_equal(found, body_state(A1, state))
 
 
 def test_a_robot_that_was_moved_back_is_where_it_has_gone_to(standing, fix_inputs):
