@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
+from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import ObservationLayout
@@ -14,13 +15,14 @@ from glassgait.models.task.observation import ObservationLayout
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
 
-# Kinds that say whether a file must be refused, must be taken, or may be either.
 BAD, GOOD, EITHER = "must be refused", "must be taken", "either"
+
+LONGEST_REFUSAL = 500
 
 NESTED = "@nested@"
 """Stands for lists that are nested deeper than Python writes them."""
 
-JUNK = (
+NO_TEXT = (
     None,
     True,
     0,
@@ -28,18 +30,14 @@ JUNK = (
     10**400,
     1e308,
     float("nan"),
-    float("inf"),
-    "",
-    "x" * 100_000,
-    "two\nlines",
-    "\ud800",
     [],
     [0],
     [["x0"]],
     {},
     {"a": {"b": [1]}},
-    NESTED,
 )
+
+JUNK = (*NO_TEXT, "", "x" * 100_000, "two\nlines", "\ud800", NESTED)
 
 Contents = tuple[dict[str, np.ndarray], dict[str, Any]]
 
@@ -63,21 +61,8 @@ def to_bytes(arrays: dict[str, np.ndarray], header: Any) -> bytes:
     return save(whole, metadata={"header": text})
 
 
-# Mutations: each changes contents in place, or returns bytes, and says what must become of it.
-
-
-def damage_bytes(generator: np.random.Generator, contents: Contents) -> tuple[str, str, bytes]:
-    data = bytearray(to_bytes(*contents))
-    # Most bytes are of the arrays; half of the damage goes to what stands before them.
-    end = len(data) if generator.random() < 0.5 else min(len(data), 3000)
-    for at in generator.integers(end, size=generator.integers(1, 9)):
-        data[at] = generator.integers(256)
-    return "bytes changed", EITHER, bytes(data)
-
-
-def cut_bytes(generator: np.random.Generator, contents: Contents) -> tuple[str, str, bytes]:
-    data = to_bytes(*contents)
-    return "cut short", BAD, data[: generator.integers(len(data))]
+# Mutations: each changes arrays or header in place, and returns what it did and what must become
+# of the file.
 
 
 def forge_header(generator: np.random.Generator, contents: Contents) -> tuple[str, str]:
@@ -96,25 +81,17 @@ def drop_key(generator: np.random.Generator, contents: Contents) -> tuple[str, s
     return f"without key {key}", BAD
 
 
-def add_key(generator: np.random.Generator, contents: Contents) -> tuple[str, str]:
-    contents[1]["made by"] = pick(generator, JUNK[:-1])
-    return "with a key of its own", GOOD
-
-
 def forge_names(generator: np.random.Generator, contents: Contents) -> tuple[str, str]:
     names = contents[1]["observation_names"]
     at = int(generator.integers(N))
-    match generator.integers(5):
+    match generator.integers(4):
         case 0:
             names[at] = names[at - 1]
             return f"observation {at} twice", BAD
         case 1:
-            names.append("Command X")
-            return "first observation at the end again", BAD
-        case 2:
-            names[at] = pick(generator, [*(x for x in JUNK if not isinstance(x, str)), "", "\n"])
+            names[at] = pick(generator, [*NO_TEXT, "", "\n"])
             return f"observation {at} is {names[at]!r:.60}", BAD
-        case 3:
+        case 2:
             del names[at]
             return f"without observation {at}", EITHER if "values" in contents[1] else BAD
         case _:
@@ -178,52 +155,85 @@ def pick(generator: np.random.Generator, values: Any) -> Any:
     return values[generator.integers(len(values))]
 
 
-ANYWHERE = (damage_bytes, cut_bytes, forge_header, drop_key, add_key, forge_names, add_array)
-IN_ARRAYS = (drop_array, reshape_array, recast_array, forge_entry)
-ARRAY_KINDS = (
-    "neural",
-    "linear",
-    "statewise_linear",
-    "boosted_trees",
-    "additive",
-)
+MUTATIONS = (forge_header, drop_key, forge_names, add_array)
+MUTATIONS += 2 * (drop_array, reshape_array, recast_array, forge_entry)
 
 
-def forged(policy: Policy, generator: np.random.Generator) -> tuple[str, str, bytes]:
+def damaged(generator: np.random.Generator, data: bytes) -> tuple[str, str, bytes]:
+    """Cuts a file, or changes some of its bytes."""
+    if generator.random() < 0.5:
+        return "cut short", BAD, data[: generator.integers(len(data))]
+    changed = bytearray(data)
+    # Most bytes are of the arrays; half of the damage goes to what stands before them.
+    end = len(data) if generator.random() < 0.5 else min(len(data), 3000)
+    for at in generator.integers(end, size=generator.integers(1, 9)):
+        changed[at] = generator.integers(256)
+    return "bytes changed", EITHER, bytes(changed)
+
+
+def forged(generator: np.random.Generator, policy: Policy) -> tuple[str, str, bytes]:
     """Returns what was done to a sound file, what must become of it, and the file."""
     contents = contents_of(policy)
-    mutation = pick(generator, (*ANYWHERE, *IN_ARRAYS * 2))
-    message, verdict, *data = mutation(generator, contents)
-    return message, verdict, data[0] if data else to_bytes(*contents)
+    if generator.random() < 0.2:
+        return damaged(generator, to_bytes(*contents))
+    return *pick(generator, MUTATIONS)(generator, contents), to_bytes(*contents)
+
+
+@pytest.fixture(params=["neural", "linear", "statewise", "boosted_trees", "additive"])
+def policy(request) -> Policy:
+    """A sound policy of each kind that is saved as arrays."""
+    generator = np.random.default_rng(1)
+    match request.param:
+        case "boosted_trees":
+            return request.getfixturevalue("random_trees")(generator, rounded=False)
+        case "additive":
+            return request.getfixturevalue("random_additive")(generator, n_pairs=5)
+        case name:
+            return request.getfixturevalue(name)
 
 
 @pytest.fixture
-def check(sound_policies, assert_refused_or_works):
-    def run(kind: str, seed: int) -> None:
-        message, verdict, data = forged(sound_policies[kind], np.random.default_rng(seed))
-        where = f"{kind}, seed {seed}: {message}"
-        assert_refused_or_works(data, where, verdict != BAD, verdict != GOOD)
+def act(samples):
+    """Loads a policy, acts with it and splits its actions."""
+
+    def run(path):
+        policy = load_policy(path)
+        rows = samples(5, seed=3)[0][:, : len(policy.observation_names)]
+        action = policy(rows)
+        assert action.shape == (5, 12)
+        assert np.isfinite(action).all()
+        for joint in (0, "FL_calf") if policy.kind not in ("neural", "boosted_trees") else ():
+            parts = policy.explain(rows, joint)
+            assert parts.values.shape == (5, len(parts.terms))
+        return action
 
     return run
 
 
-@pytest.mark.parametrize("kind", ARRAY_KINDS)
-def test_sound_files_are_taken(kind, tmp_path, sound_policies, load_and_use, samples):
-    path, policy = tmp_path / "policy.safetensors", sound_policies[kind]
-    path.write_bytes(to_bytes(*contents_of(policy)))
-    load_and_use(path)
-    observations, _ = samples(5, seed=3)
-    np.testing.assert_array_equal(load_policy(path)(observations), policy(observations))
+def test_sound_files_are_taken(policy, act, samples, tmp_path):
+    path, contents = tmp_path / "policy.safetensors", contents_of(policy)
+    # A key that is not known does no harm.
+    contents[1]["made by"] = {"a": [1]}
+    path.write_bytes(to_bytes(*contents))
+    np.testing.assert_array_equal(act(path), policy(samples(5, seed=3)[0]))
 
 
-@pytest.mark.parametrize("kind", ARRAY_KINDS)
-def test_damaged_and_forged_files_are_refused_or_work(kind, check):
-    for seed in range(40):
-        check(kind, seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ARRAY_KINDS)
-def test_many_damaged_and_forged_files_are_refused_or_work(kind, check):
-    for seed in range(1000, 1400):
-        check(kind, seed)
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("seeds", [range(40), pytest.param(range(99, 400), marks=pytest.mark.slow)])
+def test_damaged_and_forged_files_are_refused_or_work(seeds, policy, act, tmp_path):
+    path = tmp_path / "policy.safetensors"
+    for seed in seeds:
+        message, verdict, data = forged(np.random.default_rng(seed), policy)
+        where = f"seed {seed}: {message}"
+        path.write_bytes(data)
+        try:
+            act(path)
+        except InputError as error:
+            refusal = str(error)
+            assert verdict != GOOD, f"{where} was refused: {refusal}"
+            assert refusal.startswith(str(path)), where
+            assert len(refusal) < LONGEST_REFUSAL and "\n" not in refusal, where
+        except Exception as error:
+            raise AssertionError(f"{where} ended in a {type(error).__name__}: {error}") from error
+        else:
+            assert verdict != BAD, f"{where} was taken"
