@@ -56,13 +56,6 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return min(2, os.cpu_count() or 1)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        if "browser" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.slow)
-
-
 @pytest.fixture
 def trot() -> Gait:
     return load_gait("trot")
@@ -132,39 +125,28 @@ def make_policy() -> Callable[..., LinearPolicy]:
     return make
 
 
+def small_network(generator: np.random.Generator, *widths: int) -> Network:
+    """Draws a network of small weights."""
+    sizes = [(after, before) for before, after in pairwise(widths)]
+    weights = tuple(0.1 * generator.normal(size=size) for size in sizes)
+    return Network(weights, tuple(np.zeros(size[0]) for size in sizes))
+
+
 @pytest.fixture(scope="session")
 def imu_expert() -> NeuralPolicy:
     """A network of small random weights that observes an IMU, and moves all joints of a trot."""
-    layout, generator = ObservationLayout(2, imu=True), np.random.default_rng(2)
-    sizes = [(32, layout.size), (quadruped.N_JOINTS, 32)]
-    weights = tuple(generator.normal(size=size) / size[1] ** 0.5 for size in sizes)
-    biases = tuple(np.zeros(size[0]) for size in sizes)
-    return NeuralPolicy("trot", layout.names, Network(weights, biases), Odometry(gain=0.3))
+    layout = ObservationLayout(2, imu=True)
+    actor = small_network(np.random.default_rng(2), layout.size, 32, quadruped.N_JOINTS)
+    return NeuralPolicy("trot", layout.names, actor, Odometry(gain=0.3))
 
 
 @pytest.fixture(scope="session")
-def make_learned_expert() -> Callable[[Gait], NeuralPolicy]:
-    """Makes networks of small random weights: an estimator, and an actor that moves all joints."""
-
-    def make(gait: Gait) -> NeuralPolicy:
-        layout, generator = ObservationLayout(gait.n_states), np.random.default_rng(2)
-
-        def network(*widths: int) -> Network:
-            sizes = [(after, before) for before, after in pairwise(widths)]
-            weights = tuple(0.1 * generator.normal(size=size) for size in sizes)
-            return Network(weights, tuple(np.zeros(size[0]) for size in sizes))
-
-        actor = network(layout.size, 32, quadruped.N_JOINTS)
-        estimator = network(layout.n_proprioceptive, 32, 7)
-        return NeuralPolicy(gait.name, layout.names, actor, estimator)
-
-    return make
-
-
-@pytest.fixture(scope="session")
-def learned_expert(make_learned_expert: Callable[[Gait], NeuralPolicy]) -> NeuralPolicy:
-    """Such networks for a trot."""
-    return make_learned_expert(load_gait("trot"))
+def learned_expert() -> NeuralPolicy:
+    """Networks of small random weights: an estimator, and an actor that moves all joints."""
+    layout, generator = ObservationLayout(2), np.random.default_rng(2)
+    actor = small_network(generator, layout.size, 32, quadruped.N_JOINTS)
+    estimator = small_network(generator, layout.n_proprioceptive, 32, 7)
+    return NeuralPolicy("trot", layout.names, actor, estimator)
 
 
 @pytest.fixture(scope="session")
@@ -204,10 +186,8 @@ def latch() -> Callable[[LeafSystem, Context], None]:
     """Runs the update that is due now, and goes on to the next control instant."""
 
     def run(system: LeafSystem, context: Context) -> None:
-        simulator = Simulator(system, context)
-        simulator.Initialize()
         steps = round(context.get_time() / 0.02)
-        simulator.AdvanceTo((steps + 1) * 0.02)
+        Simulator(system, context).AdvanceTo((steps + 1) * 0.02)
 
     return run
 

@@ -15,10 +15,7 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.policies.symbolic import (
-    StatewiseSymbolicPolicy,
-    SymbolicPolicy,
-)
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
@@ -69,14 +66,10 @@ def random_network() -> Callable[..., Network]:
     """Draws the weights of a network whose layers have the given sizes."""
 
     def draw(generator: np.random.Generator, *sizes: int) -> Network:
-        shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
-        return Network(
-            # Single precision is what files hold.
-            tuple(
-                generator.normal(size=shape).astype(np.float32).astype(float) for shape in shapes
-            ),
-            tuple(np.zeros(n_out) for n_out, _ in shapes),
-        )
+        shapes = zip(sizes[1:], sizes[:-1], strict=True)
+        # Single precision is what files hold.
+        weights = [generator.normal(size=own).astype(np.float32).astype(float) for own in shapes]
+        return Network(tuple(weights), tuple(np.zeros(len(own)) for own in weights))
 
     return draw
 

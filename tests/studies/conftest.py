@@ -13,7 +13,6 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
@@ -27,18 +26,8 @@ from glassgait.studies.training.run import TrainingRun
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
 
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--window-size=1280,900",
-)
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader")
+FLAGS += ("--no-first-run", "--disable-background-networking", "--window-size=1280,900")
 
 
 @pytest.fixture(autouse=True)
@@ -73,13 +62,9 @@ def expert() -> NeuralPolicy:
 @pytest.fixture(scope="module")
 def other_expert(expert) -> NeuralPolicy:
     """An expert of the trot that never moves, and observes what the one that ships does."""
-    still = Network(
-        (np.zeros((quadruped.N_JOINTS, len(expert.observation_names))),),
-        (np.ones(quadruped.N_JOINTS),),
-    )
-    return NeuralPolicy(
-        "trot", expert.observation_names, still, expert.estimator, expert.mirrored_states
-    )
+    names = expert.observation_names
+    still = Network((np.zeros((12, len(names))),), (np.ones(12),))
+    return NeuralPolicy("trot", names, still, expert.estimator, expert.mirrored_states)
 
 
 @pytest.fixture(scope="session")
