@@ -39,6 +39,12 @@ class _Function:
         return self._function(*values[self._operands])
 
 
+def _by_place(chains: Sequence[Sequence[Any]]) -> list[list[Any]]:
+    """Returns what stands at each place of chains, of which the longest comes first."""
+    places = range(len(chains[0]))
+    return [[chain[place] for chain in chains if len(chain) > place] for place in places]
+
+
 class _Products:
     """Products of any number of operands, taken from left to right.
 
@@ -55,11 +61,7 @@ class _Products:
         self._flat = np.concatenate(operands).astype(np.intp)
         self._starts = np.cumsum([0, *lengths[:-1]])
         self._nodes = np.repeat(np.arange(len(operands)), lengths)
-        # The operands at each place of the chains. Only the first nodes have one at the last place.
-        self._places = [
-            np.array([chain[place] for chain in operands if len(chain) > place], dtype=np.intp)
-            for place in range(lengths[0])
-        ]
+        self._places = [np.array(slots, dtype=np.intp) for slots in _by_place(operands)]
 
     def __call__(self, values: Array) -> Array:
         """Evaluates the nodes (k, ...) from the values before (size, ...)."""
@@ -82,10 +84,7 @@ class _Sums(_Products):
     def __init__(self, operands: Sequence[Sequence[int]], signs: Sequence[Sequence[float]]) -> None:
         super().__init__(operands)
         self._signs = np.concatenate(signs)
-        self._signs_of_places = [
-            np.array([chain[place] for chain in signs if len(chain) > place])[:, None]
-            for place in range(len(signs[0]))
-        ]
+        self._signs_of_places = [np.array(column)[:, None] for column in _by_place(signs)]
 
     def _of_row(self, values: Array) -> Array:
         # `np.add.reduceat` would add up in pairs, in another order. What changes no number that is

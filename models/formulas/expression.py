@@ -28,19 +28,13 @@ _ARITY = {"constant": 0, "variable": 0} | dict.fromkeys(BINARY, 2) | dict.fromke
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula.
-
-    Attributes:
-        operator: "constant", "variable", or a name in `BINARY` or `UNARY`.
-        operands: Sub-formulas.
-        value: The constant's value.
-        variable: The variable's index.
-    """
+    """A formula, whose operator is "constant", "variable", or a name in `BINARY` or `UNARY`."""
 
     operator: str
     operands: tuple["Expression", ...] = ()
     value: float = 0.0
     variable: int = -1
+    """Index of the variable."""
 
     @cached_property
     def length(self) -> int:
@@ -173,7 +167,7 @@ def negated(formula: Expression) -> Expression:
 def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Expression:
     """Differentiates a function of one argument by its argument."""
     one_minus_square = plus(ONE, negated(Expression("square", (whole,))))
-    slopes: dict[str, Expression] = {
+    slopes = {
         "neg": constant(-1.0),
         "sin": Expression("cos", (inner,)),
         "cos": negated(Expression("sin", (inner,))),
@@ -259,11 +253,11 @@ def with_numbers(formula: Expression, numbers: Iterator[float]) -> Expression:
 
 @dataclass(frozen=True)
 class WeightedSum:
-    """A formula as a sum of terms, each multiplied by a number of its own.
+    """A formula as a sum of terms that each have their number, and of a rest.
 
     Attributes:
-        terms: What each of the formula's numbers multiplies, from left to right.
-        rest: What no number multiplies.
+        terms: The factor of each of the formula's numbers, from left to right.
+        rest: The sum of all that no number multiplies.
     """
 
     terms: tuple[Expression, ...]
@@ -285,8 +279,6 @@ class WeightedSum:
 
 def without_zeros(formula: Expression) -> Expression:
     """Leaves out what is multiplied by 0."""
-    if not formula.operands:
-        return formula
     operands = tuple(without_zeros(operand) for operand in formula.operands)
     match formula.operator, operands:
         case "add", (left, right):
@@ -297,17 +289,15 @@ def without_zeros(formula: Expression) -> Expression:
             return ZERO
         case (("div" | "neg"), (left, *_)) if left == ZERO:
             return ZERO
-        case operator, _:
-            return Expression(operator, operands)
+        case _:
+            return formula.with_operands(operands)
 
 
 def _with_leaves(formula: Expression, leaves: Iterator[Expression]) -> Expression:
     if formula.operator == "constant":
         return next(leaves)
-    if not formula.operands:
-        return formula
     operands = tuple(_with_leaves(operand, leaves) for operand in formula.operands)
-    return Expression(formula.operator, operands)
+    return formula.with_operands(operands)
 
 
 def checked_formula(formula: Expression, n_variables: int) -> Expression:
@@ -326,22 +316,20 @@ def refuse_unfit(formula: Expression, n_variables: int) -> None:
     while pending:
         node, depth = pending.pop()
         n_nodes += 1
-        if depth > MAX_DEPTH:
-            raise InputError(f"a formula is nested more than {MAX_DEPTH} deep; fit a shorter one")
         if n_nodes > MAX_NODES:
             raise InputError(f"a formula has more than {MAX_NODES} nodes; fit a shorter one")
-        if len(node.operands) != _ARITY.get(node.operator):
-            raise InputError(
-                f"a formula applies {shown(node.operator)} to {len(node.operands)} operands; fit "
-                "it again"
-            )
-        if node.operator == "constant" and not abs(node.value) <= LARGEST:
-            raise InputError(
-                f"a formula holds the number {node.value}; it must be from {-LARGEST:g} to "
-                f"{LARGEST:g}, so fit it again"
-            )
-        if node.operator == "variable" and not 0 <= node.variable < n_variables:
-            raise InputError(
-                f"a formula asks for observation {node.variable} of {n_variables}; fit it again"
-            )
+        if depth > MAX_DEPTH:
+            raise InputError(f"a formula is nested more than {MAX_DEPTH} deep; fit a shorter one")
+        if fault := _fault(node, n_variables):
+            raise InputError(f"a formula {fault}; fit it again")
         pending += [(operand, depth + 1) for operand in node.operands]
+
+
+def _fault(node: Expression, n_variables: int) -> str | None:
+    if len(node.operands) != _ARITY.get(node.operator):
+        return f"applies {shown(node.operator)} to {len(node.operands)} operands"
+    if node.operator == "constant" and not abs(node.value) <= LARGEST:
+        return f"holds the number {node.value}, which is not from {-LARGEST:g} to {LARGEST:g}"
+    if node.operator == "variable" and not 0 <= node.variable < n_variables:
+        return f"asks for observation {node.variable} of {n_variables}"
+    return None

@@ -19,8 +19,9 @@ between all of these. The checker of certificates reads the same grammar with se
 
 import re
 import textwrap
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.expression import (
@@ -68,30 +69,27 @@ _BINDING = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _
 
 
 class TextError(InputError):
-    """An error in a text.
-
-    Attributes:
-        line: Line, counted from 1.
-        column: Column, counted from 1.
-    """
+    """An error in a text, whose lines and columns count from 1."""
 
     def __init__(self, message: str, line: int, column: int) -> None:
         super().__init__(message)
         self.line, self.column = line, column
 
+    @classmethod
+    def at(cls, message: str, text: str, index: int) -> Self:
+        """Returns the error at an index of a text."""
+        before = text[:index]
+        return cls(message, before.count("\n") + 1, len(before) - before.rfind("\n"))
+
 
 def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
-    """Reads a formula.
-
-    Args:
-        text: The formula, on one line or several, with comments after #.
-        symbols: Names of the variables, in order.
+    """Reads a formula of these variables, on one line or several, with comments after #.
 
     Returns:
         The formula, in canonical form.
 
     Raises:
-        TextError: if the text is anything else; line and column are counted within it.
+        TextError: if the text is anything else.
     """
     # On one line each character keeps its place.
     flat = _COMMENT.sub(lambda comment: " " * len(comment[0]), text).replace("\n", " ")
@@ -100,9 +98,7 @@ def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
         formula = _Parser(flat.rstrip(" "), symbols, _FUNCTIONS).read()
         return checked_formula(formula, len(symbols))
     except TextError as error:
-        before = text[: error.column - 1]
-        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
-        raise TextError(str(error), line, column) from error
+        raise TextError.at(str(error), text, error.column - 1) from error
     except InputError as error:
         raise TextError(str(error), 1, 1) from error
 
@@ -115,13 +111,8 @@ def variable_names(count: int) -> tuple[str, ...]:
 def parse_expression(text: str, names: Sequence[str]) -> Expression:
     """Reads a formula as engines of symbolic regression write it.
 
-    Powers may be x ^ 2 as well, and every name in `UNARY` is a function.
-
-    Returns:
-        The tree as it stands, which need not be in canonical form.
-
-    Raises:
-        InputError: if the text is anything else.
+    Powers may be x ^ 2 as well, and every name in `UNARY` is a function. The tree that is returned
+    need not be in canonical form.
     """
     try:
         formula = _Parser(text.replace("^", "**"), names, UNARY).read()
@@ -138,17 +129,13 @@ def refuse_unprintable(text: str, whole: str) -> None:
 
     Args:
         whole: Name of the text in the error.
-
-    Raises:
-        TextError: with line and column of the first that does not belong.
     """
     if found := _UNPRINTABLE.search(text):
-        before = text[: found.start()]
-        raise TextError(
+        raise TextError.at(
             f"{shown(found[0])} does not belong in {whole}; write printable ASCII characters, and "
             "end lines by a line feed",
-            before.count("\n") + 1,
-            len(before) - before.rfind("\n"),
+            text,
+            found.start(),
         )
 
 
@@ -282,8 +269,6 @@ class Notation:
     """How a language writes formulas.
 
     Attributes:
-        number: Writes a number.
-        function: Names a function.
         has_powers: Whether x**2 is a square and x**3 a cube; else both are functions.
     """
 
@@ -315,8 +300,6 @@ def written_lines(
     Args:
         start: Beginning of the first line, such as "FL_hip = ".
         formula: The formula, in canonical form.
-        symbols: Names of the variables, in order.
-        notation: How the language writes it, in the order in which a policy evaluates it.
         width: Greatest number of characters of a line, where names allow.
         indent: Spaces before the first line; the others have four more.
     """
@@ -336,45 +319,35 @@ def written_lines(
 
 def formula_tokens(
     formula: Expression, symbols: Sequence[str], notation: Notation = OWN_NOTATION
-) -> list[str]:
-    """Writes a formula in canonical form as tokens, whose join is its text."""
-    tokens: list[str] = []
-    _write(formula, symbols, notation, tokens)
-    return tokens
-
-
-def _write(
-    formula: Expression, symbols: Sequence[str], notation: Notation, tokens: list[str]
-) -> None:
+) -> Iterator[str]:
+    """Yields the tokens of a formula in canonical form, whose join is its text."""
     binding = _binding(formula, notation)
 
-    def operand(of: Expression, least: int) -> None:
-        """Writes an operand, in brackets where it binds less than its operator asks for."""
-        loose = _binding(of, notation) < least
-        tokens.extend("(" * loose)
-        _write(of, symbols, notation, tokens)
-        tokens.extend(")" * loose)
+    def operand(of: Expression, least: int) -> Iterable[str]:
+        """Puts an operand in brackets that binds less than its operator asks for."""
+        tokens = formula_tokens(of, symbols, notation)
+        return ("(", *tokens, ")") if _binding(of, notation) < least else tokens
 
     match formula:
         case Expression("constant", value=value):
-            tokens.append(notation.number(value))
+            yield notation.number(value)
         case Expression("variable", variable=index):
-            tokens.append(symbols[index])
+            yield symbols[index]
         case Expression("neg", (inner,)):
-            tokens.append("-")
-            operand(inner, _POWER)
+            yield "-"
+            yield from operand(inner, _POWER)
         # An equal operator on the left needs no brackets, on the right it does.
         case Expression(operator, (left, right)):
-            operand(left, binding)
-            tokens.append(f" {BINARY[operator]} " if binding == _SUM else BINARY[operator])
-            operand(right, binding + 1)
+            yield from operand(left, binding)
+            yield f" {BINARY[operator]} " if binding == _SUM else BINARY[operator]
+            yield from operand(right, binding + 1)
         case Expression(operator, (inner,)) if binding == _POWER:
-            operand(inner, _POWER + 1)
-            tokens.append(f"**{_EXPONENTS[operator]}")
+            yield from operand(inner, _POWER + 1)
+            yield f"**{_EXPONENTS[operator]}"
         case Expression(operator, (inner,)):
-            tokens.append(f"{notation.function(operator)}(")
-            _write(inner, symbols, notation, tokens)
-            tokens.append(")")
+            yield f"{notation.function(operator)}("
+            yield from operand(inner, _SUM)
+            yield ")"
 
 
 def _binding(formula: Expression, notation: Notation) -> int:

@@ -18,19 +18,13 @@ LARGEST_ANGLE = 1e6
 
 @dataclass(frozen=True)
 class Interval:
-    """Intervals, elementwise.
-
-    Attributes:
-        lower: Least values, any shape.
-        upper: Greatest values, of the same shape.
-    """
+    """Intervals, elementwise, from least to greatest values of the same shape."""
 
     lower: Array
     upper: Array
 
     @classmethod
     def point(cls, value: float, shape: tuple[int, ...]) -> "Interval":
-        """Returns intervals that hold one number."""
         return cls(np.full(shape, value), np.full(shape, value))
 
     @property
@@ -78,13 +72,7 @@ class Interval:
         lower = np.where(holds_zero, -np.inf, found.lower)
         return Interval(lower, np.where(holds_zero, np.inf, found.upper))
 
-    def sin(self) -> "Interval":
-        return self.shifted_wave(np.sin, crest=0.5)
-
-    def cos(self) -> "Interval":
-        return self.shifted_wave(np.cos, crest=0.0)
-
-    def shifted_wave(self, wave: Callable[[Array], Array], crest: float) -> "Interval":
+    def wave(self, wave: Callable[[Array], Array], crest: float) -> "Interval":
         """Bounds a wave whose crests are at `crest`·π and every 2π from there."""
         at_ends = np.stack([wave(self.lower), wave(self.upper)])
         ends = _outward(at_ends.min(axis=0), at_ends.max(axis=0), ulps=LIBRARY_ULPS)
@@ -106,8 +94,8 @@ class Interval:
 
 
 FUNCTIONS: dict[str, Callable[[Interval], Interval]] = {
-    "sin": Interval.sin,
-    "cos": Interval.cos,
+    "sin": lambda of: of.wave(np.sin, crest=0.5),
+    "cos": lambda of: of.wave(np.cos, crest=0.0),
     "tanh": Interval.tanh,
     "inverse": Interval.inverse,
 }

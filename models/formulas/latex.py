@@ -162,7 +162,7 @@ def _aligned(left: str, formula: Expression, symbols: Sequence[str]) -> Iterator
 
 def _pieces(formula: Expression, symbols: Sequence[str]) -> list[str]:
     """Writes a formula in pieces that begin with their sign."""
-    tokens, pieces = formula_tokens(formula, symbols, _NOTATION), [""]
+    tokens, pieces = [*formula_tokens(formula, symbols, _NOTATION)], [""]
     # A dot stands between a factor and a number, a thin space between others.
     for token, following in zip(tokens, [*tokens[1:], ""], strict=True):
         if token in SIGNS:

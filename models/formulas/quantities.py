@@ -107,8 +107,7 @@ class Readings:
     right has a symmetric one. So ranges keep a policy's mirror symmetry.
 
     Attributes:
-        ranges: Least and greatest value of each kind that has a range, such as "q.hip", in the
-            robot's units; of hips those of the left ones.
+        ranges: Least and greatest value of each kind, such as "q.hip"; of hips of the left ones.
     """
 
     ranges: tuple[tuple[str, Range], ...]
@@ -119,8 +118,6 @@ class Readings:
         ordered = sorted(self.ranges, key=lambda named: known.get(named[0], len(known)))
         ranges = tuple((kind, (float(low), float(high))) for kind, (low, high) in ordered)
         object.__setattr__(self, "ranges", ranges)
-        if len(self._by_kind) < len(ranges):
-            raise InputError("a range is given twice; leave one out")
         for kind, (low, high) in ranges:
             if not -math.inf < low < high < math.inf:
                 raise InputError(

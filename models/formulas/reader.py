@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from keyword import iskeyword
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -36,11 +36,7 @@ _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)?")
 
 
 def read_formulas(text: str) -> FormulaFile:
-    """Reads a formula file.
-
-    Raises:
-        InputError: if the text is not valid; the message begins with line and column.
-    """
+    """Reads a formula file; the message of an `InputError` begins with line and column."""
     try:
         if len(text) > MAX_TEXT:
             raise TextError(f"holds more than {MAX_TEXT} characters; write less", 1, 1)
@@ -140,19 +136,16 @@ def _line_of(message: str, header: str) -> int:
     return keys.get("machine", 1) if of_machine else 1
 
 
-@dataclass
 class _Formulas:
     """Reads the statements below a header, whose content is given."""
 
-    content: FormulaFile
-    definitions: list[Definition] = field(default_factory=list)
-    formulas: dict[Place, Expression] = field(default_factory=dict)
-    sections: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.names, self.mirror = self.content.vocabulary.names, self.content.mirror
+    def __init__(self, content: FormulaFile) -> None:
+        self.content, self.mirror = content, content.mirror
+        self.names, self.observed = content.vocabulary.names, content.vocabulary.symbols
         self.states = range(ObservationLayout.of(self.names).n_machine_states)
-        self.observed = self.content.vocabulary.symbols
+        self.definitions: list[Definition] = []
+        self.formulas: dict[Place, Expression] = {}
+        self.sections: list[str] = []
 
     def read(self, lines: Sequence[str], first: int) -> FormulaFile:
         """Reads the lines from an index on."""
@@ -172,7 +165,7 @@ class _Formulas:
                     number,
                     1,
                 )
-        self._end_definitions(number)
+        self._end_definitions()
         return self._finished(number)
 
     @property
@@ -193,13 +186,12 @@ class _Formulas:
             raise TextError(
                 f"formulas serve {EVERY_STATE!r} or one state each, not both; choose", line, 1
             )
-        self._end_definitions(line)
+        self._end_definitions()
         self.sections.append(title)
 
-    def _end_definitions(self, line: int) -> None:
+    def _end_definitions(self) -> None:
         if self._section == DEFINITIONS and self.mirror is not None:
             self.definitions = [*completed(self.names, self.mirror, self.definitions)]
-            self._refuse_more(line)
 
     def _assign(self, assigned: re.Match[str], line: int) -> None:
         name, text = assigned.groups()
@@ -232,9 +224,6 @@ class _Formulas:
             raise TextError(f"{shown(name)} cannot be defined; choose another name", line, 1)
         note = text.rstrip().rsplit("\n", maxsplit=1)[-1].partition("#")[2].strip()
         self.definitions.append(Definition(name, formula, note))
-        self._refuse_more(line)
-
-    def _refuse_more(self, line: int) -> None:
         if len(self.definitions) > MAX_DEFINITIONS:
             raise TextError(f"there are more than {MAX_DEFINITIONS} definitions", line, 1)
 
@@ -243,7 +232,7 @@ class _Formulas:
         vocabulary, formulas = Vocabulary(self.names, tuple(self.definitions)), self.formulas
         if formulas and self.mirror is not None:
             formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
-        # Name the first formula that is missing.
+        # One formula serves a joint in all states, or there is one for each. Name what is missing.
         joints = range(quadruped.N_JOINTS)
         shared = any(len(place) == 1 for place in formulas)
         places = [(j,) for j in joints] if shared else [(s, j) for s in self.states for j in joints]
