@@ -12,93 +12,41 @@ from glassgait.studies.common.console import report_errors
 COMMANDS = {
     "demo": ("reproduction.demo:Demo", "Replay a trot, distil it quickly, and compare."),
     "train": ("training.command:Train", "Train a neural expert by PPO."),
-    "distill": (
-        "distillation.command:Distill",
-        "Distil an expert into readable students by DAgger with alternation.",
-    ),
-    "refine": (
-        "distillation.command:Refine",
-        "Continue to train the numbers of a policy of formulas in closed loop, by PPO.",
-    ),
-    "gait": ("training.gait_command:ShowGait", "Check a gait file, and draw its reward machine."),
-    "robot": (
-        "training.robot_command:CheckRobot",
-        "Check a robot description, robot.yaml and URDF, and let the robot stand.",
-    ),
-    "evaluate scenarios": (
-        "evaluation.scenarios:Scenarios",
-        "Let policies walk alone in every scenario, and report scores and falls.",
-    ),
+    "distill": ("distillation.command:Distill", "Distil an expert into readable students."),
+    "refine": ("distillation.command:Refine", "Train the numbers of formulas in closed loop."),
+    "gait": ("training.gait_command:ShowGait", "Check a gait file, and draw its machine."),
+    "robot": ("training.robot_command:CheckRobot", "Check a robot, and let it stand."),
+    "evaluate scenarios": ("evaluation.scenarios:Scenarios", "Score policies in scenarios."),
     "evaluate alternation": (
         "evaluation.alternation:Alternation",
-        "Let expert and student act by turns, and report the return at every ratio.",
+        "Let expert and student act in turns, and report the return at every ratio.",
     ),
-    "evaluate pushes": (
-        "evaluation.pushes:Pushes",
-        "Push walking robots from every side, and draw which pushes each policy survives.",
-    ),
-    "importance": (
-        "importance.command:Importance",
-        "Measure which observations each student uses, and draw its trees and functions.",
-    ),
-    "explain page": (
-        "explanation.command:ExplainPage",
-        "Roll a student out alone and write a page that explains its every action.",
-    ),
-    "explain formulas": (
-        "explanation.command:ExplainFormulas",
-        "Print the formulas of a policy, as the text of its file or as LaTeX.",
-    ),
+    "evaluate pushes": ("evaluation.pushes:Pushes", "Draw which pushes policies survive."),
+    "importance": ("importance.command:Importance", "Measure which observations students use."),
+    "explain page": ("explanation.command:ExplainPage", "Explain every action on a page."),
+    "explain formulas": ("explanation.command:ExplainFormulas", "Print formulas as text or LaTeX."),
     "explain interventions": (
         "explanation.interventions:ExplainInterventions",
-        "Change a term of a policy of formulas, and see whether the robot moves as it says.",
+        "Change a term of a formula, and see whether the robot moves as it says.",
     ),
     "explain counterfactual": (
         "explanation.counterfactual:ExplainCounterfactual",
-        "Find the value of an observation at which a joint would do otherwise.",
+        "Find the value of an observation at which a joint acts otherwise.",
     ),
-    "view": (
-        "view.command:View",
-        "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
-    ),
-    "studio": (
-        "studio.command:OpenStudio",
-        "Change a formula in the browser and watch the robot answer.",
-    ),
-    "verify prove": (
-        "verification.command:Prove",
-        "Prove what a policy can never do, or find the observation where it does.",
-    ),
-    "verify check": (
-        "verification.command:Check",
-        "Check a certificate by independent code.",
-    ),
-    "export": (
-        "export.command:Export",
-        "Write a controller as one C file, or a network as ONNX, and check it against Python.",
-    ),
-    "reproduce paper": (
-        "reproduction.report:Report",
-        "Do what the paper did by its settings: train, distil, evaluate and explain.",
-    ),
-    "reproduce report": (
-        "reproduction.report:Report",
-        "Distil, evaluate and explain the shipped experts, and report them beside the paper.",
-    ),
-    "reproduce benchmark": (
-        "reproduction.benchmark:Benchmark",
-        "Measure training throughput and the time of one action, as ratios.",
-    ),
+    "view": ("view.command:View", "Watch one robot, live in Meshcat or as a replay."),
+    "studio": ("studio.command:OpenStudio", "Edit a formula while the robot walks."),
+    "verify prove": ("verification.command:Prove", "Prove claims about a policy of formulas."),
+    "verify check": ("verification.command:Check", "Check a certificate by independent code."),
+    "export": ("export.command:Export", "Write a controller in C, or a network as ONNX."),
+    "reproduce paper": ("reproduction.report:Report", "Do what the paper did by its settings."),
+    "reproduce report": ("reproduction.report:Report", "Report the shipped experts' students."),
+    "reproduce benchmark": ("reproduction.benchmark:Benchmark", "Measure the speed."),
 }
 """Class and summary of each command; a class is imported when its command is called."""
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Runs a command; bad input ends in one sentence and exit code 2.
-
-    Args:
-        arguments: The command and its settings; those that the process was called with by default.
-    """
+    """Runs a command, by default that of the process; bad input ends with exit code 2."""
     with report_errors():
         _run(sys.argv[1:] if arguments is None else arguments)
 
@@ -110,6 +58,7 @@ def command_class(name: str) -> Any:
 
 
 def _run(arguments: list[str]) -> None:
+    # A command is one word or two.
     name, rest = " ".join(arguments[:2]), arguments[2:]
     if arguments and arguments[0] in COMMANDS:
         name, rest = arguments[0], arguments[1:]
@@ -146,17 +95,9 @@ def _parse(name: str, arguments: list[str]) -> Any:
 def _help(names: list[str]) -> str:
     width = max(map(len, names or COMMANDS))
     lines = [f"  {name:{width}}  {COMMANDS[name][1]}" for name in names or COMMANDS]
-    return "\n".join(
-        [
-            "usage: glassgait COMMAND [SETTINGS]",
-            "",
-            "Legged-robot controllers that a person can read, check and trust.",
-            "",
-            *lines,
-            "",
-            "'glassgait COMMAND --help' lists a command's settings.",
-        ]
-    )
+    purpose = "Legged-robot controllers that a person can read, check and trust."
+    head = f"usage: glassgait COMMAND [SETTINGS]\n\n{purpose}\n\n"
+    return head + "\n".join(lines) + "\n\n'glassgait COMMAND --help' lists a command's settings."
 
 
 if __name__ == "__main__":

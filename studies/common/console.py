@@ -24,17 +24,16 @@ FILE_WIDTH = 160
 BAD_INPUT, INTERRUPTED = 2, 130
 """Exit codes."""
 
-# Paths and the names of gaits are a person's own words: no brackets in them are markup.
+# Brackets in paths and in names of gaits are no markup.
 console = Console(
     markup=False, emoji=False, highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH
 )
-
 
 _notes = Console(stderr=True, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
 def note(line: str) -> None:
-    """Prints to standard error which choice was made where a person left it open."""
+    """Prints a choice that was made for the person to standard error."""
     _notes.print(Text.assemble(("·", "dim"), " ", line))
 
 

@@ -6,6 +6,8 @@ advances the diagram of a single robot (`glassgait.diagrams.rollout.record`).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -32,13 +34,7 @@ IntArray = NDArray[np.int64]
 
 
 class World(NamedTuple):
-    """A task with its physics, made once for many episodes, or of stations that training draws.
-
-    Attributes:
-        task: The task.
-        physics: The stepper.
-        true_body_state: Whether controllers observe the true body state.
-    """
+    """A task with its physics, made once for many episodes, or of stations that training draws."""
 
     task: TaskConfig
     physics: Physics
@@ -57,11 +53,11 @@ class World(NamedTuple):
 
 
 class ControlStep(NamedTuple):
-    """A control step of n robots that is over, as observers see it.
+    """A completed control step of n robots.
 
     Attributes:
         step: Number of the step, counted from 0.
-        robots: Numbers of the robots (n,); all, but for those that were left out.
+        robots: Numbers of the robots (n,), without those that were left out.
         before: The task's state before the step.
         observation: Observations (n, n_obs).
         output: Output of the controller.
@@ -83,11 +79,7 @@ class ControlStep(NamedTuple):
 
 
 class Observer:
-    """Records an episode.
-
-    Attributes:
-        done: Whether the episode may end, because the observer needs no more of it.
-    """
+    """Records an episode, which ends as soon as an observer is `done`."""
 
     done: bool = False
 
@@ -98,12 +90,12 @@ class Observer:
 
 @dataclass
 class Episode:
-    """An episode that is going on, as events find it between two control steps.
+    """A running episode, as events find it between two control steps.
 
     Attributes:
         simulator: The simulator.
-        robots: Numbers of its robots (n,); all, but for those that were left out.
-        step: Number of the control step that comes next.
+        robots: Numbers of its robots (n,), without those that were left out.
+        step: Number of the next control step.
     """
 
     simulator: BatchSimulator
@@ -117,7 +109,7 @@ class Event(NamedTuple):
     Attributes:
         step: Control step that it comes before, or each robot's own (n,); None for every step.
         mask: Robots that it comes to (n,); None for all.
-        apply: Changes the episode of those of its robots that are in a mask.
+        apply: Changes the episode of the robots of a mask.
     """
 
     step: int | IntArray | None
@@ -129,7 +121,7 @@ class Event(NamedTuple):
         everyone = np.ones(len(episode.robots), dtype=bool)
         due = everyone if self.mask is None else self.mask[episode.robots]
         if self.step is not None:
-            due = due & (_own(self.step, 1, episode) == episode.step)
+            due = due & (_of_robots(self.step, 1, episode) == episode.step)
         if due.any():
             self.apply(episode, due)
 
@@ -138,7 +130,7 @@ def push(step: int | IntArray, velocity: Array, mask: BoolArray | None = None) -
     """Returns a push, which adds a velocity (3,) or (n, 3) to the trunks' (m/s, world frame)."""
 
     def apply(episode: Episode, robots: BoolArray) -> None:
-        added = np.where(robots[:, None], _own(velocity, 2, episode), 0.0)
+        added = np.where(robots[:, None], _of_robots(velocity, 2, episode), 0.0)
         episode.simulator.restore(episode.simulator.state.pushed(added))
 
     return Event(step, mask, apply)
@@ -162,7 +154,7 @@ class Ended(NamedTuple):
 
     Attributes:
         fell: Control step in which each fell first (n,); the number of steps where it did not.
-        state: The state in the end, of those robots that were not left out.
+        state: The last state, without robots that were left out.
     """
 
     fell: IntArray
@@ -188,13 +180,10 @@ def episode(
     Equal seeds give equal starts, commands and noise, whatever the controller does.
 
     Args:
-        gait: The gait.
-        controller: The controller, or a policy that acts alone.
+        controller: The controller, or a policy that acts without an expert.
         scenario: The scenario, or a world made of one.
-        n_robots: Number of robots.
-        n_steps: Control steps; fewer are taken once an observer is done.
         seed: Seed of starts, commands and noise, or the generator that draws them.
-        observers: Observers that record the steps.
+        observers: Observers that record the steps; the episode ends as soon as one is done.
         events: Events before the steps, in this order.
         start: A state to go on from; near the default stance by default.
         when_fallen: Whether a robot that fell is to `rest` with actions of 0, since a policy may
@@ -203,29 +192,30 @@ def episode(
             nothing more; by default none is. Others draw other noise from then on.
 
     Raises:
-        InputError: if commands come from sliders, or the gait is not made for them; or the
-            controller has no estimator, and the scenario does not ask for the true body state.
+        InputError: as `World.of`, or if the controller needs an estimator and has none.
     """
     controller = alone(controller) if isinstance(controller, Policy) else controller
-    make = _maker(gait, controller, scenario, np.random.default_rng(seed))
-    everyone = np.arange(n_robots)
-    running = Episode(make(n_robots), everyone, 0)
+    make = _simulator_maker(gait, controller, scenario, np.random.default_rng(seed))
+    running = Episode(make(n_robots=n_robots), np.arange(n_robots), 0)
     if start is not None:
         running.simulator.restore(start)
     fell = np.full(n_robots, n_steps)
     memory = controller.begin(n_robots)
     for step in range(n_steps):
         # Leave out fallen robots from time to time.
-        robots = running.robots
-        fallen = fell[robots] < n_steps
+        fallen = fell[running.robots] < n_steps
         if leave_out_every and step % leave_out_every == 0 and fallen.any():
             up = np.flatnonzero(~fallen)
-            running, memory = _left(running, memory, up, make(len(up)))
-            robots, fallen = robots[up], fallen[up]
+            fewer = make(n_robots=len(up))
+            fewer.restore(running.simulator.state.of_robots(up))
+            running = Episode(fewer, running.robots[up], step)
+            memory, fallen = map_arrays(itemgetter(up), memory), fallen[up]
+        robots, simulator = running.robots, running.simulator
         if len(robots) == 0:
             break
+
         # Apply the events, and act.
-        running.step, simulator = step, running.simulator
+        running.step = step
         for event in events:
             event.happen(running)
         before, observation = simulator.state, simulator.observe()
@@ -233,6 +223,7 @@ def episode(
         memory, action = output.memory, output.action
         if when_fallen == "rest":
             action = np.where(fallen[:, None], 0.0, action)
+
         # Step the simulation, and let observers record.
         outcome = simulator.step(action)
         fell[robots[outcome.terminated & ~fallen]] = step
@@ -248,46 +239,31 @@ def episode(
         if when_fallen == "restart" and outcome.terminated.any():
             index = np.flatnonzero(outcome.terminated)
             simulator.reset(index)
-            memory = _restarted(memory, controller.begin(len(robots)), index)
+            memory = map_arrays(partial(_put, index), memory, controller.begin(len(robots)))
     return Ended(fell, running.simulator.state)
 
 
-def _maker(
+def _simulator_maker(
     gait: Gait,
     controller: Controller,
     scenario: Scenario | World,
     generator: np.random.Generator,
-) -> Callable[[int], BatchSimulator]:
-    """Returns what makes a simulator of some robots, closed on what the controller observes."""
+) -> Callable[..., BatchSimulator]:
+    """Returns a function that makes a simulator of `n_robots` for the controller."""
     estimator = estimator_in_loop(controller, true_body_state=scenario.true_body_state)
     if isinstance(scenario, Scenario):
         scenario = World.of(gait, scenario, controller)
     task, physics, _ = scenario
-    return lambda n: BatchSimulator(
-        task, physics, n_robots=n, generator=generator, estimator=estimator
-    )
+    return partial(BatchSimulator, task, physics, generator=generator, estimator=estimator)
 
 
-def _left(
-    running: Episode, memory: Any, up: IntArray, simulator: BatchSimulator
-) -> tuple[Episode, Any]:
-    """Returns an episode of the robots at some places alone, and their controllers' memory."""
-    simulator.restore(running.simulator.state.of_robots(up))
-    left = Episode(simulator, running.robots[up], running.step)
-    return left, map_arrays(lambda own: own[up], memory)
+def _put(index: IntArray, values: Array, new: Array) -> Array:
+    """Returns values in which those at some places are replaced by new ones."""
+    changed = values.copy()
+    changed[index] = new[index]
+    return changed
 
 
-def _restarted(memory: Any, fresh: Any, index: IntArray) -> Any:
-    """Returns the memory of controllers of which those at some places begin."""
-
-    def change(own: Array, new: Array) -> Array:
-        changed = own.copy()
-        changed[index] = new[index]
-        return changed
-
-    return map_arrays(change, memory, fresh)
-
-
-def _own(values: Any, ndim: int, running: Episode) -> Any:
+def _of_robots(values: Any, ndim: int, running: Episode) -> Any:
     """Returns the values of an episode's robots, where there is one for each."""
     return np.asarray(values)[running.robots] if np.ndim(values) == ndim else values

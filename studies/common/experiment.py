@@ -94,13 +94,6 @@ class PolicySource(Settings):
     robot: str | None = None
     source: Path | None = None
 
-    def policies_of(self, gait: str) -> Policies:
-        """Finds the policies of a gait, by its name or file, and prints where they are from."""
-        from glassgait.models.policies.library import find_gait
-        from glassgait.studies.common.policies import find_policies
-
-        return find_policies(find_gait(gait, self.robot), self.source, self.robot)
-
 
 @checked
 class OneGait(PolicySource):
@@ -113,8 +106,11 @@ class OneGait(PolicySource):
     gait: str = "trot"
 
     def policies(self) -> Policies:
-        """Finds the policies, and prints where they are from."""
-        return self.policies_of(self.gait)
+        """Finds the policies, and prints their origin."""
+        from glassgait.models.policies.library import find_gait
+        from glassgait.studies.common.policies import find_policies
+
+        return find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
 
 
 @dataclass(frozen=True)
@@ -123,9 +119,6 @@ class Case:
 
     Attributes:
         labels: Columns that distinguish the case's rows from the others'.
-        gait: The gait.
-        controller: The controller.
-        scenario: The scenario.
         seed: Seed of everything that is drawn.
     """
 
@@ -148,10 +141,10 @@ def run_cases(
     *,
     n_workers: int = -1,
 ) -> pd.DataFrame:
-    """Measures every case side by side, except those whose tables the folder holds already.
+    """Measures cases in parallel, except those whose tables the folder holds already.
 
     Args:
-        cases: The cases, the slowest best first.
+        cases: The cases, the slowest first.
         measure: Measures one of them, in another process.
         folder: Where each case's table is kept as soon as it is measured.
         n_workers: Cases at once; -1 for as many as there are cores.
@@ -164,12 +157,15 @@ def run_cases(
     """
     import pandas as pd
 
+    # Measure the missing cases; each is written before it is reported as done.
     paths = [folder / f"{case.name}.json" for case in cases]
-    pending = [i for i, path in enumerate(paths) if not path.exists()]
-    work = (delayed(_measure)(i, measure, cases[i], paths[i]) for i in pending)
+    pending = [(case, path) for case, path in zip(cases, paths, strict=True) if not path.exists()]
+    work = (delayed(_measure)(measure, case, path) for case, path in pending)
     with progress_bar(len(cases), len(cases) - len(pending)) as (progress, bar):
-        for i in run_parallel(work, n_workers if len(pending) > 1 else 1, in_order=False):
-            progress.update(bar, advance=1, text=cases[i].name)
+        for name in run_parallel(work, n_workers if len(pending) > 1 else 1, in_order=False):
+            progress.update(bar, advance=1, text=name)
+
+    # Read all tables back, so that resumed runs and whole ones give the same bytes.
     tables = []
     for case, path in zip(cases, paths, strict=True):
         table = pd.DataFrame(read_record(path))
@@ -179,22 +175,18 @@ def run_cases(
     return pd.concat(tables, ignore_index=True)
 
 
-def _measure(index: int, measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) -> int:
+def _measure(measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) -> str:
     write_record(path, measure(case).to_dict(orient="list"))
-    return index
+    return case.name
 
 
 @dataclass(frozen=True)
 class Report:
-    """The results of an experiment.
+    """The results of an experiment: what is written, by file name, and what is printed.
 
     Attributes:
-        tables: Tables by name, written as CSV and Markdown.
-        metrics: The content of `metrics.json`.
-        figures: Figures by name, written as PNG and PDF.
         shown: Tables that are printed, by title.
         lines: Sentences that are printed after them.
-        files: Texts of further files, by name.
     """
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
@@ -205,7 +197,7 @@ class Report:
     files: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
-        """Writes tables, metrics, figures and files."""
+        """Writes tables as CSV and Markdown, figures as PNG and PDF, metrics and files."""
         from glassgait.studies.common.figures import save_figure
         from glassgait.studies.common.tables import write_metrics, write_table
 
@@ -263,7 +255,7 @@ class Experiment(PolicySource):
     output: Path | None = None
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Measures one case, in a process of its own; the case's labels are put before the rows."""
+        """Measures one case, in another process; the case's labels are put before the rows."""
         raise NotImplementedError
 
     def report(self, table: pd.DataFrame) -> Report:
@@ -280,7 +272,8 @@ class Experiment(PolicySource):
             InputError: if a scenario's command is beyond the gait's range, or a seed is kept for
                 selection.
         """
-        refuse_to_report(self.seeds)
+        seeds = range(self.seed, self.seed + self.n_seeds)
+        refuse_to_report(seeds)
         for scenario, gait in product(self.scenarios.values(), self.gaits):
             scenario.command.check(gait)
         names = sorted(self.scenarios, key=lambda name: self.scenarios[name].max_robots or math.inf)
@@ -294,31 +287,32 @@ class Experiment(PolicySource):
             )
             for name, gait in product(names, self.gaits)
             for policy, controller in self.controllers[gait.name].items()
-            for seed in self.seeds
+            for seed in seeds
         ]
 
     def run(self) -> None:
         """Runs the experiment of each gait, and writes and prints its report."""
         names = gaits_named(self.gait)
-        if len(names) == 1:
-            self.run_in(self.output or self.default_output())
-            return
         for one in (replace(self, gait=(name,)) for name in names):
-            named = self.output and self.output / one.gaits[0].name
-            one.run_in(named or one.default_output())
+            folder = self.output or one.default_output()
+            several = self.output is not None and len(names) > 1
+            one.run_in(folder / one.gaits[0].name if several else folder)
 
     def run_in(self, folder: Path) -> None:
         """Runs the experiment as a single run of all its gaits, in a folder."""
         cases = self.cases()
         for policies in self.policies.values():
             note(policies.origin)
-        acting = (own for case in cases for own in case.controller.policies.values())
+
+        # Record digests of what the run reads; a resumed run must read the same.
+        acting = (policy for case in cases for policy in case.controller.policies.values())
         read = {"gait": self.gaits, "scenario": self.scenarios.values(), "policy": acting}
         inputs = {
-            name: " ".join(dict.fromkeys(own.digest() for own in parts))
+            name: " ".join(dict.fromkeys(part.digest() for part in parts))
             for name, parts in read.items()
         }
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
+
         # Processes are sent a copy without the policies that this one has found.
         measure, n_workers = replace(self).measure, self.workers.n_workers
         with open_run(folder, **run), parallel_backend(self.workers.backend):
@@ -335,11 +329,6 @@ class Experiment(PolicySource):
         first = self.policies[self.gaits[0].name]
         return default_folder(self.title, first.robot.name) / called
 
-    @property
-    def seeds(self) -> range:
-        """Every seed."""
-        return range(self.seed, self.seed + self.n_seeds)
-
     @cached_property
     def gaits(self) -> list[Gait]:
         """The gaits."""
@@ -353,8 +342,8 @@ class Experiment(PolicySource):
         from glassgait.diagrams.scenario import load_scenarios
 
         return {
-            name: replace(own, limits=limits_of(self.falls, own.limits))
-            for name, own in load_scenarios(self.scenario).items()
+            name: replace(scenario, limits=limits_of(self.falls, scenario.limits))
+            for name, scenario in load_scenarios(self.scenario).items()
         }
 
     @cached_property
@@ -386,17 +375,8 @@ class Experiment(PolicySource):
             raise InputError(f"--policy {' '.join(self.policy)}: no gait has such a policy")
         return found
 
-    @property
-    def scenario_titles(self) -> dict[str, str]:
-        """The scenarios' titles by their names."""
-        return {name: scenario.title for name, scenario in self.scenarios.items()}
-
     def refuse_several_scenarios(self) -> None:
-        """Refuses several scenarios, for studies of one.
-
-        Raises:
-            InputError: if there are several.
-        """
+        """Raises an InputError if there are several scenarios, for studies of one."""
         if len(self.scenarios) > 1:
             raise InputError(f"--scenario: {self.title} is of one scenario; name one")
 

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import json
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +17,6 @@ from matplotlib.patches import Patch
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.files import write_atomically
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.drawing import ink_on, state_colors
 from glassgait.models.task.gait import Gait
@@ -57,10 +55,7 @@ styled = mpl.rc_context(STYLE)
 def subplots(n_rows: int = 1, n_columns: int = 1, **options: Any) -> tuple[Figure, Any]:
     """Makes a figure and its axes as pyplot's `subplots` does, without pyplot's global state.
 
-    Args:
-        n_rows: Rows of axes.
-        n_columns: Columns of axes.
-        options: `figsize` of the figure (inches), and what `Figure.subplots` takes.
+    The options are `figsize` (inches), and those of `Figure.subplots`.
     """
     figure = Figure(figsize=options.pop("figsize", None))
     return figure, figure.subplots(n_rows, n_columns, **options)
@@ -88,22 +83,9 @@ def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) 
     return figure
 
 
-def strip_data(rollout: Rollout, gait: Gait) -> dict[str, Any]:
-    """Returns the data of a page's gait strip; see `player.js`."""
-    colors = state_colors(gait)
-    return {
-        "period": CONTROL_PERIOD,
-        "legs": quadruped.LEGS,
-        "states": gait.states,
-        "colors": colors,
-        "inks": [ink_on(color) for color in colors],
-        "state": rollout["rm_state"].argmax(axis=1).tolist(),
-        "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
-    }
-
-
 def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
     """Draws the gait diagram of a whole rollout."""
+    # The states of the reward machine are bands behind the contacts.
     states, colors = rollout["rm_state"].argmax(axis=1), state_colors(gait)
     for start, stop in _runs(states):
         axes.axvspan(
@@ -113,6 +95,8 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
             alpha=0.25,
             linewidth=0,
         )
+
+    # A bar is a contact, a row a leg.
     for row in range(quadruped.N_LEGS):
         touches = rollout["foot_contact"][:, row] > 0.5
         bars = [
@@ -135,17 +119,11 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:
     """Finds the stretches [start, stop) of equal values."""
     edges = np.flatnonzero(np.diff(values)) + 1
-    borders = [0, *edges.tolist(), len(values)]
-    return list(pairwise(borders))
+    return list(pairwise([0, *edges.tolist(), len(values)]))
 
 
 def page_template(folder: Path, name: str) -> jinja2.Template:
-    """Loads a template of a study; it may extend the shared `page.html`.
-
-    Args:
-        folder: Folder of the study's own templates.
-        name: File name.
-    """
+    """Loads a template from a study's folder; it may extend the shared `page.html`."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([folder, SHARED_TEMPLATES]),
         autoescape=jinja2.select_autoescape(["html"]),
@@ -157,17 +135,6 @@ def page_template(folder: Path, name: str) -> jinja2.Template:
     environment.filters["minus"] = lambda text: re.sub(r"-(?=[0-9])", "−", text)
     environment.globals["chip"] = lambda color: f"background: {color}; color: {ink_on(color)}"
     return environment.get_template(name)
-
-
-def gait_title(gait: str, robot: Robot) -> str:
-    """Returns the title of a gait on a page, with the robot unless it is the default one."""
-    whose = "" if robot.name == DEFAULT_ROBOT else f" of the {robot.name.capitalize()}"
-    return f"{gait.capitalize()}{whose}"
-
-
-def embedded(value: Any) -> str:
-    """Writes a value as JSON that may stand inside a script element."""
-    return json.dumps(value).replace("<", "\\u003c")
 
 
 def inline_image(path: Path) -> str:

@@ -43,9 +43,6 @@ def run_parallel(
 ) -> Generator[Any, None, None]:
     """Makes calls in other processes, and yields their results.
 
-    Each call computes on one thread, and loops inside of it run one call after another: so neither
-    its place nor its siblings change a bit of its results.
-
     Args:
         work: The calls, each made by `joblib.delayed`.
         n_jobs: Calls that run at once; -1 for as many as there are cores.
@@ -59,21 +56,21 @@ def run_parallel(
     if not (isinstance(active, SequentialBackend) or active.supports_return_generator):
         # Ray returns its results at the end.
         kind = "list"
-    loop = Parallel(n_jobs, return_as=kind)
     try:
-        yield from loop(delayed(_call)(*own) for own in work)
+        yield from Parallel(n_jobs, return_as=kind)(delayed(_call)(*call) for call in work)
     except TerminatedWorkerError as error:
         raise InputError(LOST) from error
 
 
 def _call(function: Callable[..., Any], values: Sequence[Any], named: Mapping[str, Any]) -> Any:
+    # Sums depend on the number of threads: with one, results are the same wherever a call runs.
     with threadpool_limits(1), parallel_config("sequential"):
         return function(*values, **named)
 
 
 @contextmanager
 def parallel_backend(backend: Backend) -> Iterator[None]:
-    """Has the loops within run on this machine, or on a cluster.
+    """Runs the loops within on this machine, or on a cluster.
 
     The cluster is the one that DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names, or else a new one of
     this machine's cores. Its workers must see the run's folder under the same path.
@@ -117,8 +114,6 @@ def _ray_cluster() -> Any:
     return ray.init(log_to_driver=False, logging_level=logging.ERROR, ignore_reinit_error=True)
 
 
-ALL_GAITS = "all"
-
 Gaits = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of gaits, or paths of gait files."""
 
@@ -128,7 +123,7 @@ Seeds = Annotated[Count, Le(10_000)]
 
 @checked
 class WorkersConfig(Settings):
-    """Place of jobs, and their number at once.
+    """Where jobs run, and how many at once.
 
     Attributes:
         backend: Where jobs run: in processes of this machine (`loky`), or on a Ray or a Dask
@@ -156,14 +151,7 @@ class SweepConfig(WorkersConfig):
 
 
 class Job(NamedTuple):
-    """A run of one gait and seed.
-
-    Attributes:
-        gait: Name of the gait, or path of its file.
-        seed: The seed.
-        folder: The run's folder.
-        title: Its name in progress lines and errors.
-    """
+    """A run of one gait, by name or file, and one seed; errors call it by its title."""
 
     gait: str
     seed: int
@@ -173,7 +161,7 @@ class Job(NamedTuple):
 
 def gaits_named(names: Sequence[str]) -> tuple[str, ...]:
     """Returns gaits as they were named; `all` stands for every gait that ships."""
-    return gait_names() if tuple(names) == (ALL_GAITS,) else tuple(names)
+    return gait_names() if tuple(names) == ("all",) else tuple(names)
 
 
 def jobs_of(
@@ -184,7 +172,7 @@ def jobs_of(
     Args:
         names: Names of gaits, or paths of gait files.
         first_seed: The first seed.
-        config: How many seeds.
+        config: The number of seeds.
         root: Folder of the study's runs.
         output: The folder that a person named: that of the only run, or of all.
 
@@ -192,25 +180,17 @@ def jobs_of(
         InputError: if there is no such gait.
     """
     seeds = range(first_seed, first_seed + config.n_seeds)
-    pairs = [(name, load_gait(name).name, seed) for name in gaits_named(names) for seed in seeds]
     jobs = []
-    for name, gait, seed in pairs:
-        folder = (output or root) / gait
-        if len(seeds) > 1:
-            folder /= f"seed_{seed}"
-        if len(pairs) == 1 and output is not None:
-            folder = output
-        jobs.append(Job(name, seed, folder, f"{gait}, seed {seed}"))
-    return jobs
+    for name in gaits_named(names):
+        gait = load_gait(name).name
+        for seed in seeds:
+            folder = (output or root) / gait / (f"seed_{seed}" if len(seeds) > 1 else "")
+            jobs.append(Job(name, seed, folder, f"{gait}, seed {seed}"))
+    return [jobs[0]._replace(folder=output)] if output and len(jobs) == 1 else jobs
 
 
 def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersConfig) -> list[Any]:
-    """Runs every job, and returns their results; one that is refused stops no other.
-
-    Args:
-        jobs: The jobs.
-        run: Does a job; it is pickled.
-        config: Where they run, and how many at once.
+    """Runs every job by a function that is pickled, and returns their results.
 
     Raises:
         InputError: after all other jobs are done, if jobs were refused.
@@ -236,6 +216,7 @@ def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersCon
 
 def _run_job(place: int, job: Job, run: Callable[[Job], Any]) -> tuple[int, Any, str | None]:
     """Returns the job's place and its result, or the sentence that it was refused with."""
+    # Progress bars of several jobs at once would overwrite one another.
     console.quiet = True
     try:
         return place, run(job), None

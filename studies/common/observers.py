@@ -1,7 +1,7 @@
 """Observers of episodes: logs of all that is scored, and observations."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ class RolloutLog:
 
     Attributes:
         velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
-        command: Commanded ones (T, n, 2).
+        command: Commanded forward speed and yaw rate (T, n, 2; m/s, rad/s).
         power: Absolute mechanical power of all joints at the control instants (T, n; W).
         action: Actions (T, n, 12); 0 after a failure.
         expert_acts: Whether the expert acted (T, n).
@@ -39,15 +39,20 @@ class RolloutLog:
     served_dwell: Array
     failures: NDArray[np.bool_]
 
-    def padded(self, n_steps: int) -> "RolloutLog":
-        """Returns the log with its last step repeated, which changes no score of fallen robots."""
-        missing = n_steps - len(self.reward)
-        return RolloutLog(
+    @classmethod
+    def stacked(cls, logs: Sequence["RolloutLog"], axis: int) -> "RolloutLog":
+        """Joins logs along a new axis: 0 of single steps, 1 of single robots."""
+        return cls(
             **{
-                name: np.concatenate([values, np.repeat(values[-1:], missing, axis=0)])
-                for name, values in vars(self).items()
+                name: np.stack([getattr(log, name) for log in logs], axis)
+                for name in cls.__annotations__
             }
         )
+
+    def padded(self, n_steps: int) -> "RolloutLog":
+        """Returns the log with its last step repeated, which changes no score of fallen robots."""
+        kept = np.minimum(np.arange(n_steps), len(self.reward) - 1)
+        return RolloutLog(**{name: values[kept] for name, values in vars(self).items()})
 
 
 class Log(Observer):
@@ -55,27 +60,28 @@ class Log(Observer):
 
     def __init__(self, controller: Controller, scenario: Scenario) -> None:
         self._controller, self._scenario = controller, scenario
-        self._values: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
+        self._seen: list[RolloutLog] = []
 
     def observe(self, step: ControlStep) -> None:
         """Records a control step."""
-        plant, outcome, values = step.after.plant, step.outcome, self._values
-        values["velocity"].append(forward_and_yaw(plant))
-        values["command"].append(step.before.command.velocity)
-        power = joint_power(self._controller, self._scenario, plant, step.after.memory.action)
-        values["power"].append(power)
-        values["action"].append(step.action)
-        values["expert_acts"].append(step.output.expert_acts)
-        values["reward"].append(outcome.reward)
-        values["plain_reward"].append(outcome.plain_reward)
-        values["served_dwell"].append(outcome.served_dwell)
-        values["failures"].append(outcome.failures)
+        plant, outcome = step.after.plant, step.outcome
+        seen = RolloutLog(
+            velocity=forward_and_yaw(plant),
+            command=step.before.command.velocity,
+            power=joint_power(self._controller, self._scenario, plant, step.after.memory.action),
+            action=step.action,
+            expert_acts=step.output.expert_acts,
+            reward=outcome.reward,
+            plain_reward=outcome.plain_reward,
+            served_dwell=outcome.served_dwell,
+            failures=outcome.failures,
+        )
+        self._seen.append(seen)
         self.done = bool(step.fallen.all())
 
     def rollout(self, n_steps: int) -> RolloutLog:
-        """Returns the log of an episode of so many control steps."""
-        arrays: dict[str, Any] = {name: np.array(own) for name, own in self._values.items()}
-        return RolloutLog(**arrays).padded(n_steps)
+        """Returns the log of an episode of `n_steps`."""
+        return RolloutLog.stacked(self._seen, axis=0).padded(n_steps)
 
 
 class Observations(Observer):
@@ -104,8 +110,8 @@ def joint_power(controller: Controller, scenario: Scenario, plant: Array, action
     """Returns the absolute mechanical power of all joints (...; W).
 
     Args:
-        controller: The controller, whose robot has the joints.
-        scenario: The scenario.
+        controller: Its robot has the joints.
+        scenario: Its station moves them.
         plant: Plant states x (..., 37).
         action: Actions that the joints follow (..., 12).
     """

@@ -62,8 +62,6 @@ class Policies:
     """The policies of a gait that a command can use.
 
     Attributes:
-        gait: The gait.
-        robot: The robot.
         place: `shipped`, or the folder of a run.
         expert_there: The expert; None where there is none, so that only files of formulas that hold
             odometry can act.
@@ -80,28 +78,19 @@ class Policies:
 
     @property
     def expert(self) -> NeuralPolicy:
-        """The expert, by whose estimator students observe.
-
-        Raises:
-            InputError: if there is none.
-        """
+        """The expert, by whose estimator students observe; an InputError if there is none."""
         if self.expert_there is None:
             raise InputError(self.expert_place)
         return self.expert_there
 
     @property
-    def folder(self) -> Path | None:
-        """The folder of the run; None of what ships."""
-        return None if self.place == SHIPPED else Path(self.place)
-
-    @property
     def origin(self) -> str:
-        """A sentence that says where the policies are from."""
+        """A sentence about the policies' origin."""
         expert = "not found" if self.expert_there is None else self.expert_place
         return f"{self.gait.name}: policies from {self.place}, the expert {expert}"
 
     def output(self, study: str) -> Path:
-        """Returns where a command's run of these policies is kept by default."""
+        """Returns the default folder of a command's run of these policies."""
         return default_folder(study, self.robot.name) / self.gait.name
 
     @cached_property
@@ -110,10 +99,7 @@ class Policies:
         return {kind: load_student_of(self.expert, path) for kind, path in self.files.items()}
 
     def file(self, name: str) -> Path:
-        """Returns the file of a policy.
-
-        Args:
-            name: `expert`, a kind of student, or the path of a policy file.
+        """Returns the file of `expert`, of a kind of student, or the file that a path names.
 
         Raises:
             InputError: if there is no such policy.
@@ -123,18 +109,18 @@ class Policies:
             return ships if self.expert_place == SHIPPED else Path(self.expert_place)
         if is_file(name):
             return Path(name)
+        if name in self.files:
+            return self.files[name]
         if self.expert_there is None:
             raise InputError(self.expert_place)
-        if name not in self.files:
-            of = f"--gait {self.gait.name}{self.robot.option}"
-            remedy = f"; make it with 'glassgait distill {of} --students {name}'"
-            raise InputError(
-                f"--policy {shown(name)}: there is no such policy of the {self.gait.name} of the "
-                f"{self.robot.name} ({self.place}: {', '.join((EXPERT, *self.files))})"
-                f"{remedy if name in ORDER else ''}; name one of them, the file of a policy ending "
-                f"in {' or '.join(POLICY_SUFFIXES)}, or another run with --source"
-            )
-        return self.files[name]
+        of = f"--gait {self.gait.name}{self.robot.option}"
+        remedy = f"; make it with 'glassgait distill {of} --students {name}'"
+        raise InputError(
+            f"--policy {shown(name)}: there is no such policy of the {self.gait.name} of the "
+            f"{self.robot.name} ({self.place}: {', '.join((EXPERT, *self.files))})"
+            f"{remedy if name in ORDER else ''}; name one of them, the file of a policy ending "
+            f"in {' or '.join(POLICY_SUFFIXES)}, or another run with --source"
+        )
 
     def policy(self, name: str) -> Policy:
         """Loads a policy by its name (see `file`).
@@ -142,8 +128,7 @@ class Policies:
         Raises:
             InputError: if there is no such policy, or it does not fit gait and expert.
         """
-        path = self.file(name)
-        expert = self.expert_of(name)
+        path, expert = self.file(name), self.expert_of(name)
         if name == EXPERT:
             policy = self.expert
         elif expert is not None:
@@ -170,10 +155,7 @@ class Policies:
         return alone(policy, None if isinstance(policy, NeuralPolicy) else self.expert_of(name))
 
     def expert_of(self, name: str) -> NeuralPolicy | None:
-        """Returns the expert by whose estimator a policy observes that has none.
-
-        It is the one beside the policy's file, or else the gait's; None if there is none.
-        """
+        """Returns the expert beside a policy's file, or else the gait's; None if there is none."""
         kept = policy_path(self.file(name).parent, EXPERT)
         if name == EXPERT or str(kept) == self.expert_place or not kept.exists():
             return self.expert_there
@@ -184,7 +166,7 @@ class Policies:
         found: dict[str, Controller] = {}
         for name in self.named(names):
             stem = Path(name).stem if is_file(name) else name
-            # Of two files of one name the second is called by its path.
+            # The second of two files of one name is called by its path.
             found[name if stem in found else stem] = self.controller(name)
         return found
 
@@ -203,20 +185,15 @@ class Policies:
         return policy
 
 
-def rank(kind: str) -> int:
-    """Returns the place of a kind of student in tables."""
-    return ORDER.index(kind) if kind in ORDER else len(ORDER)
-
-
 def is_file(name: str) -> bool:
-    """Returns whether a policy is named by its file, rather than by its kind."""
+    """Returns whether a name is that of a policy's file, rather than a kind."""
     return Path(name).suffix in POLICY_SUFFIXES
 
 
 def find_policies(
     gait: Gait, source: Path | None = None, robot: str | None = None, *, quiet: bool = False
 ) -> Policies:
-    """Finds the policies of a gait, and prints where they are from.
+    """Finds the policies of a gait, and prints their origin unless it is to be quiet.
 
     Args:
         gait: The gait.
@@ -230,41 +207,35 @@ def find_policies(
         InputError: if the folder that is named holds no policies of the gait, or the expert of its
             students is not found.
     """
-    name, own = gait.name, load_robot(robot or DEFAULT_ROBOT)
+    name, known = gait.name, load_robot(robot or DEFAULT_ROBOT)
     if source is not None:
-        found = _in_run(gait, source, own if robot else None)
+        found = _in_run(gait, source, known if robot else None)
         if found is None:
-            raise InputError(_lacking(gait, source, own))
-    elif name in shipped_experts(own.name):
-        files = _students_in(robot_folder(STUDENT_DIRECTORY, own.name) / name, name)
-        found = Policies(gait, own, SHIPPED, load_expert(gait, robot=own), SHIPPED, files)
+            raise InputError(_lacking(gait, source, known))
+    elif name in shipped_experts(known.name):
+        files = _students_in(robot_folder(STUDENT_DIRECTORY, known.name) / name, name)
+        found = Policies(gait, known, SHIPPED, load_expert(gait, robot=known), SHIPPED, files)
     else:
-        trained, distilled = (
-            default_folder(study, own.name) / name for study in ("train", "distill")
-        )
-        found = _in_run(gait, distilled, own) or _in_run(gait, trained, own)
+        # Students keep their expert beside them, so a distillation is better than a training.
+        trained = default_folder("train", known.name) / name
+        distilled = default_folder("distill", known.name) / name
+        found = _in_run(gait, distilled, known) or _in_run(gait, trained, known)
         if found is None:
-            found = Policies(gait, own, str(trained), None, _lacking(gait, trained, own), {})
+            found = Policies(gait, known, str(trained), None, _lacking(gait, trained, known), {})
     if not quiet:
         note(found.origin)
     return found
 
 
 def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None) -> NeuralPolicy:
-    """Finds the expert that students of a gait are to imitate, and prints where it is from.
+    """Finds the expert that students of a gait are to imitate, as `find_policies` does.
 
-    Args:
-        gait: The gait.
-        source: Folder of a run of train; by default what ships is taken and, of a gait that does
-            not ship, what runs/train/<gait> holds, whatever was distilled from an earlier one.
-        robot: Name of the robot, or path of its robot.yaml.
-
-    Raises:
-        InputError: as `find_policies`.
+    For a gait that does not ship, runs/train/<gait> is taken, even if students were distilled from
+    an earlier expert.
     """
-    own = load_robot(robot or DEFAULT_ROBOT)
-    if source is None and gait.name not in shipped_experts(own.name):
-        source = default_folder("train", own.name) / gait.name
+    known = load_robot(robot or DEFAULT_ROBOT)
+    if source is None and gait.name not in shipped_experts(known.name):
+        source = default_folder("train", known.name) / gait.name
     return find_policies(gait, source, robot).expert
 
 
@@ -274,23 +245,20 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies | None:
     if not files and not trained.exists():
         return None
     _refuse_other_gait(gait, folder)
-    # An expert that was trained here, or the one that students keep beside them, or what ships.
-    place: Path | None = trained if trained.exists() else policy_path(folder, EXPERT)
-    if not place.exists():
-        place = None
+
+    # Take an expert that was trained here, or that students keep beside them, or what ships.
+    kept = policy_path(folder, EXPERT)
+    place = next((path for path in (trained, kept) if path.exists()), None)
     if place is None and gait.name not in shipped_experts(robot.name if robot else DEFAULT_ROBOT):
-        kept = policy_path(folder, EXPERT)
         raise InputError(
             f"{folder}: the students' expert is not found; put its file there as {kept}"
         )
     expert = load_expert(gait, place, robot)
-    return Policies(
-        gait, expert.robot, str(folder), expert, str(place) if place else SHIPPED, files
-    )
+    return Policies(gait, expert.robot, str(folder), expert, str(place or SHIPPED), files)
 
 
 def _lacking(gait: Gait, folder: Path, robot: Robot) -> str:
-    # A gait that does not ship is called as its file.
+    # A gait that does not ship is named by its file.
     of = f"--gait {gait.name}{'' if gait.name in gait_names() else '.yaml'}{robot.option}"
     return (
         f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
@@ -301,7 +269,7 @@ def _lacking(gait: Gait, folder: Path, robot: Robot) -> str:
 def _refuse_other_gait(gait: Gait, folder: Path) -> None:
     """Refuses policies of a gait file that was edited since they were made.
 
-    Of gaits that ship the policies themselves refuse it.
+    Policies refuse changes of built-in gaits themselves.
     """
     record = folder / CONFIG_NAME
     found = read_yaml(record) if record.exists() and gait.name not in gait_names() else None
@@ -316,15 +284,7 @@ def _refuse_other_gait(gait: Gait, folder: Path) -> None:
 
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Lists the files of students that a folder holds, by kind and in the order of tables."""
-    kinds = {
-        path.stem
-        for path in folder.glob("*")
-        if path.suffix in POLICY_SUFFIXES and path.name != CHECKPOINT_NAME
-    }
-    return {
-        kind: policy_path(folder, kind) for kind in sorted(kinds - {gait, EXPERT}, key=_by_rank)
-    }
-
-
-def _by_rank(kind: str) -> tuple[int, str]:
-    return rank(kind), kind
+    files = (path for path in folder.glob("*") if path.name != CHECKPOINT_NAME)
+    kinds = {path.stem for path in files if is_file(path.name)} - {gait, EXPERT}
+    known = [kind for kind in ORDER if kind in kinds]
+    return {kind: policy_path(folder, kind) for kind in (*known, *sorted(kinds.difference(known)))}

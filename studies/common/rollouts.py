@@ -85,13 +85,7 @@ def roll_out(
 ) -> RolloutLog:
     """Rolls out the robots of the first seed, from near the default stance.
 
-    Args:
-        gait: The gait.
-        controller: The controller.
-        scenario: The scenario.
-        config: How many robots and control steps, and the seed.
-        observers: Further observers of the episode; only of discrete plants.
-        events: Events of the episode; only of discrete plants.
+    Observers and events are only of discrete plants.
 
     Raises:
         InputError: if the scenario's commands are of sliders or beyond the gait's range.
@@ -189,7 +183,7 @@ def _roll_out_diagrams(
 ) -> RolloutLog:
     if isinstance(scenario.command, SliderCommand):
         raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
-    # One diagram serves all robots; each has a context, and with it a seed, of its own.
+    # One diagram serves all robots; each has its context, and with it its seed.
     diagram = MakeLocomotion(gait, scenario, policy=controller)
     n = config.robots_in(scenario)
     generator, ground = np.random.default_rng(config.seed), scenario.station.ground
@@ -201,12 +195,7 @@ def _roll_out_diagrams(
         )
         rollout = record(simulator, config.n_steps)
         logs.append(_to_log(rollout, config.n_steps, controller, scenario))
-    return RolloutLog(
-        **{
-            name: np.stack([getattr(log, name) for log in logs], axis=1)
-            for name in RolloutLog.__annotations__
-        }
-    )
+    return RolloutLog.stacked(logs, axis=1)
 
 
 def _to_log(

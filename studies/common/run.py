@@ -33,11 +33,8 @@ PACKAGES = (
 )
 """The software that results depend on."""
 
-N_NAMED = 3
-"""Differences between a run and its continuation that are named."""
-
 PLACES = ("output", "resume", "sweep", "workers")
-"""Settings that say where and how a run is made and kept, not what it is."""
+"""Settings that change where and how a run is made, but not its results."""
 
 
 def default_folder(study: str, robot: str = DEFAULT_ROBOT) -> Path:
@@ -67,23 +64,21 @@ def open_run(
         free: Settings that a continued run may change.
 
     Yields:
-        A digest of what the run is made of, by which its files may be marked.
+        A digest of settings, inputs and software, by which the run's files may be marked.
 
     Raises:
         InputError: if the folder holds anything else than a run to resume, the run was made with
             other settings, inputs or software, or the folder cannot be written to.
     """
+    software = {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
     record = {
         "study": study,
         "settings": to_plain(settings),
         "inputs": dict(inputs or {}),
-        "software": {
-            "python": platform.python_version(),
-            **{own: version(own) for own in PACKAGES},
-        },
+        "software": software,
     }
-    path = folder / CONFIG_NAME
-    made_of = _made_of(record, free)
+    path, made_of = folder / CONFIG_NAME, _made_of(record, free)
+
     # Check before writing anything: a refused command must not leave a trace.
     begun = path.exists()
     if begun:
@@ -92,11 +87,13 @@ def open_run(
         raise InputError(
             f"{folder}: holds files of something else; name a new folder with --output"
         )
+
+    # Write the record, and let the caller work.
     write_atomically(path, yaml.safe_dump(record, sort_keys=False))
     try:
         yield hashlib.sha256(json.dumps([study, made_of]).encode()).hexdigest()[:16]
     except InputError:
-        # What was refused before it made anything is no run.
+        # A run that was refused before it wrote anything leaves no folder behind.
         if not begun and _visible(folder) == [CONFIG_NAME]:
             path.unlink()
             with suppress(OSError):
@@ -105,7 +102,7 @@ def open_run(
 
 
 def read_run(folder: Path, study: str) -> dict[str, Any]:
-    """Reads `settings`, `inputs` and `software` of the run that a folder holds.
+    """Reads the record of the run that a folder holds.
 
     Raises:
         InputError: if it holds none, or one of another study.
@@ -124,11 +121,7 @@ def read_run(folder: Path, study: str) -> dict[str, Any]:
 
 
 def refuse_run(folder: Path) -> None:
-    """Refuses to write beside the results of a run.
-
-    Raises:
-        InputError: if the folder holds a run.
-    """
+    """Raises an InputError if a folder holds a run, beside whose results nothing is written."""
     path = folder / CONFIG_NAME
     found = read_yaml(path) if path.exists() else None
     if isinstance(found, dict) and "study" in found:
@@ -161,18 +154,17 @@ def _refuse_another(
         if before.get(key) != made_of.get(key)
     ]
     if differences:
-        named, n_more = "; with ".join(differences[:N_NAMED]), len(differences) - N_NAMED
-        more = f"; and {n_more} more" if n_more > 0 else ""
+        # Three are enough to see what was changed.
         raise InputError(
-            f"{path}: was made with {named}{more}; continue it with the same, or name another "
-            "folder with --output"
+            f"{path}: was made with {'; with '.join(differences[:3])}; continue it with the same, "
+            "or name another folder with --output"
         )
 
 
 def _made_of(record: Mapping[str, Any], free: Collection[str]) -> dict[str, Any]:
     """Returns what two runs must agree in, nested settings by paths such as `station.friction`."""
     left_out = {*free, *PLACES, *record["inputs"]}
-    settings = {key: own for key, own in record["settings"].items() if key not in left_out}
+    settings = {key: value for key, value in record["settings"].items() if key not in left_out}
     return _flat({**settings, "inputs": record["inputs"], "software": record["software"]})
 
 

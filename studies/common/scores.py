@@ -30,18 +30,13 @@ SCORES = (
 PHYSICAL = "fell_physically"
 """Column of scores: whether a robot falls physically, where both kinds of fall are counted."""
 
-PLACES = {"gait", "scenario"}
-"""Columns in which a policy and its reference agree."""
-
-SPEED_ERROR_TITLE = "speed error, commanded to go (m/s)"
-"""Title of `going_speed_error`, which leaves out commands to stand."""
-
-GRAVITY = 9.81
-"""Acceleration by which energy is made comparable (m/s²)."""
+GRAVITY = 9.81  # acceleration by which energy is made comparable (m/s²)
 
 
 def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
     """Scores every robot up to its first failure, a row a robot.
+
+    The mass is that of the robot with its load (kg).
 
     Columns:
         steps: Control steps survived.
@@ -58,21 +53,19 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
         way: Share of the commanded way that it goes, where it is commanded to go.
         cost_of_transport: The joints' absolute work per weight and distance, where it is commanded
             to go.
-
-    Args:
-        log: The rollouts.
-        mass: The robot's mass, with its load (kg).
     """
     n_steps, n_robots = log.reward.shape
     failed = np.any(log.failures, axis=2)
     rows = []
     for i in range(n_robots):
+        # A robot is scored until its first failure; what it does on the ground does not count.
         fell = bool(failed[:, i].any())
         steps = int(np.argmax(failed[:, i])) + 1 if fell else n_steps
         alive = slice(0, steps)
         velocity, command = log.velocity[alive, i], log.command[alive, i]
         going = command[:, 0] != 0.0
-        distance = np.abs(velocity[going, 0]).sum()
+        way = (velocity[:, 0] * np.sign(command[:, 0]))[going].sum()
+        distance, work = np.abs(velocity[going, 0]).sum(), log.power[alive, i][going].sum()
         not_finite = first_not_finite(log.action[alive, i])
         speed_error, yaw_rate_error = _tracking_errors(velocity, command)
         rows.append(
@@ -88,13 +81,8 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
                 "expert_share": log.expert_acts[alive, i].mean(),
                 "going_speed_error": speed_error,
                 "yaw_rate_error": yaw_rate_error,
-                "way": _ratio(
-                    (velocity[:, 0] * np.sign(command[:, 0]))[going].sum(),
-                    np.abs(command[going, 0]).sum(),
-                ),
-                "cost_of_transport": _ratio(
-                    log.power[alive, i][going].sum(), mass * GRAVITY * distance
-                ),
+                "way": _ratio(way, np.abs(command[going, 0]).sum()),
+                "cost_of_transport": _ratio(work, mass * GRAVITY * distance),
             }
         )
     return pd.DataFrame(rows)
@@ -145,8 +133,8 @@ def summarize(scores: pd.DataFrame, by: Sequence[str], against: str | None = Non
         A row a group, in the order of the scores: means and half the widths of their 95 % intervals
         (`_ci`); `falls`, their share `fall_rate` with Wilson's interval (`_low`, `_high`) and, if
         they were told apart, `physical_falls`. With a reference also `points_more`, by which the
-        falls of a hundred exceed its own, and the `share` of its return with the paired interval
-        `share_ci`.
+        falls of a hundred exceed the reference's, and the `share` of its return with the paired
+        interval `share_ci`.
     """
     keys, rows = list(by), []
     for values, group in scores.groupby(keys, sort=False):
@@ -167,7 +155,7 @@ def summarize(scores: pd.DataFrame, by: Sequence[str], against: str | None = Non
 def _compared(group: pd.DataFrame, scores: pd.DataFrame, against: str) -> dict[str, float]:
     """Compares a group with a policy in the same gait and scenario."""
     reference = scores[scores["policy"] == against]
-    for place in PLACES & {*scores}:
+    for place in {"gait", "scenario"} & {*scores}:
         reference = reference[reference[place] == group[place].iloc[0]]
     share, half = paired_share(group["return"], reference["return"])
     more = 100.0 * (group["fell"].mean() - reference["fell"].mean())
@@ -181,21 +169,21 @@ def paired_share(values: pd.Series, reference: pd.Series) -> tuple[float, float]
     by one, which leaves out how much robots differ by their commands: the interval is that of a
     ratio of paired means, to first order in the errors.
     """
-    own, whole = values.to_numpy(dtype=float), reference.to_numpy(dtype=float)
-    share = own.mean() / whole.mean()
-    return share, interval(pd.Series(own - share * whole)) / abs(whole.mean())
+    part, whole = values.to_numpy(dtype=float), reference.to_numpy(dtype=float)
+    share = part.mean() / whole.mean()
+    return share, interval(pd.Series(part - share * whole)) / abs(whole.mean())
 
 
 def not_finite_lines(scores: pd.DataFrame) -> list[str]:
-    """Words where a policy gave no finite action, which counts as a fall like any other."""
+    """Reports policies that gave no finite action, which counts as a fall, a sentence each."""
     lines = []
     lost = scores[scores["not_finite"] != ""]
     labels = list(scores.columns[: scores.columns.get_loc("robot")])
-    for keys, own in lost.groupby(labels, sort=False):
-        first = own.sort_values("steps").iloc[0]
+    for keys, group in lost.groupby(labels, sort=False):
+        first = group.sort_values("steps").iloc[0]
         lines.append(
             f"{' '.join(map(str, keys))}: the action of {first['not_finite']} is not finite at "
-            f"control step {first['steps'] - 1}, robot {first['robot']}; so it is for {len(own)} "
-            "robots, which count as fallen"
+            f"control step {first['steps'] - 1}, robot {first['robot']}; so it is for "
+            f"{len(group)} robots, which count as fallen"
         )
     return lines

@@ -43,36 +43,27 @@ def json_records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
 
 def to_markdown(frame: pd.DataFrame) -> str:
     """Formats a table in Markdown."""
-    lines = [
-        "| " + " | ".join(escape_markdown(str(column)) for column in frame.columns) + " |",
-        "|" + "|".join(" --- " for _ in frame.columns) + "|",
-    ]
-    for row in frame.itertuples(index=False):
-        lines.append("| " + " | ".join(escape_markdown(format_cell(cell)) for cell in row) + " |")
-    return "\n".join(lines) + "\n"
+    rows = [map(str, frame.columns), ["---"] * len(frame.columns)]
+    rows += [map(format_cell, row) for row in frame.itertuples(index=False)]
+    # Escape what would end a cell, or begin code or HTML.
+    escaped = (
+        [re.sub(r"[\\|`<]", r"\\\g<0>", " ".join(cell.splitlines())) for cell in row]
+        for row in rows
+    )
+    return "".join(f"| {' | '.join(row)} |\n" for row in escaped)
 
 
 def to_latex(frame: pd.DataFrame) -> str:
     """Formats a table in LaTeX, for booktabs."""
-    cells = frame.map(format_cell)
-    return cells.to_latex(index=False, escape=True)
+    return frame.map(format_cell).to_latex(index=False, escape=True)
 
 
 def format_cell(value: Any) -> str:
     """Formats a cell for reading."""
-    if isinstance(value, float):
-        if np.isnan(value):
-            return "–"
-        return (
-            f"{value:.3g}"
-            if abs(value) < 0.1
-            else f"{value:,.3f}"
-            if abs(value) < 100
-            else f"{value:,.0f}"
-        )
-    return str(value)
-
-
-def escape_markdown(text: str) -> str:
-    """Escapes characters that end a cell or begin code or HTML in a Markdown table."""
-    return re.sub(r"[\\|`<]", r"\\\g<0>", " ".join(text.splitlines()))
+    if not isinstance(value, float):
+        return str(value)
+    if np.isnan(value):
+        return "–"
+    if abs(value) < 0.1:
+        return f"{value:.3g}"
+    return f"{value:,.3f}" if abs(value) < 100 else f"{value:,.0f}"

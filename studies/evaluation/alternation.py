@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 PERIODS = (1, 2, 4, 6, 8, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/2, 1/4, 1/6, 1/8 and 0."""
 
-RATIOS = tuple(map(ratio_title, PERIODS))
-"""The alternation ratios."""
-
 
 @checked
 class Alternation(Experiment):
@@ -48,14 +45,10 @@ class Alternation(Experiment):
     title: ClassVar[str] = "evaluate alternation"
 
     n_steps: Count = EPISODE_STEPS
-    ratios: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = RATIOS
+    ratios: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = tuple(map(ratio_title, PERIODS))
 
     def __post_init__(self) -> None:
-        """Adds the expert, whose return is the measure.
-
-        Raises:
-            InputError: if a ratio is invalid.
-        """
+        """Adds the expert, whose return is the measure; refuses invalid ratios."""
         if 1 not in map(parse_ratio, self.ratios):
             object.__setattr__(self, "ratios", (ratio_title(1), *self.ratios))
         if not {"expert", "all"} & {*self.policy}:
@@ -122,12 +115,7 @@ def alternation_scores(
 
 
 def alternation_report(scores: pd.DataFrame, title: str) -> Report:
-    """Reports the scores of every student at every ratio.
-
-    Args:
-        scores: Scores, a row a robot, with columns `policy` and `ratio`.
-        title: Title of the figure.
-    """
+    """Reports scores, a row a robot, by their columns `policy` and `ratio`."""
     from glassgait.studies.common.scores import not_finite_lines
     from glassgait.studies.evaluation.figures import return_figure
     from glassgait.studies.evaluation.tables import alternation_table, standalone_table

@@ -24,8 +24,7 @@ from glassgait.studies.distillation.students import STUDENTS, policy_title
 from glassgait.studies.evaluation.pushing import Basin
 from glassgait.studies.evaluation.tables import alternation_table, policies_of, worst_first
 
-LEAST_SHARE = 0.9
-"""Share of the expert's return above which students differ visibly."""
+LEAST_SHARE = 0.9  # share of the expert's return above which students differ visibly
 
 FALLS = mpl.colormaps["Reds"]
 """Colours from light to dark for more falls: one hue, read without seeing colours."""
@@ -33,15 +32,9 @@ FALLS = mpl.colormaps["Reds"]
 SURVIVAL = mpl.colormaps["YlGnBu"]
 """Colours from light where none survives to dark where all do."""
 
-COLUMN, ROW = 0.24, 0.19
-"""Size of a cell of the map of falls (inches)."""
-
-PANEL = 1.95
-"""Width of a policy's disc of pushes (inches)."""
-
-MOST_COLUMNS = 5
-"""Greatest number of discs side by side."""
-
+COLUMN, ROW = 0.24, 0.19  # size of a cell of the map of falls (inches)
+PANEL = 1.95  # width of a policy's disc of pushes (inches)
+MOST_COLUMNS = 5  # greatest number of discs side by side
 SIDES = ("ahead", "left", "back", "right")
 
 
@@ -57,25 +50,25 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
     figure, (returns, share, falls) = subplots(
         3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
     )
-    periods = sorted(map(parse_ratio, means["ratio"].unique()), key=lambda own: (own == 0, own))
+    periods = sorted(map(parse_ratio, means["ratio"].unique()), key=lambda n: (n == 0, n))
     ratios = list(map(ratio_title, periods))
+
+    # Each student has a line, a little beside the others'; at ratio 1 it is the expert.
     students = {kind: STUDENTS[kind] for kind in STUDENTS if kind in set(means["policy"])}
     for i, (kind, student) in enumerate(students.items()):
-        mine = means[means["policy"] == kind].set_index("ratio")
-        mine.loc["1"] = expert
-        mine = mine.loc[ratios]
+        line = means[means["policy"] == kind].set_index("ratio")
+        line.loc["1"] = expert
+        line = line.loc[ratios]
         at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)
-        style = {
-            "color": student.color,
-            "marker": student.marker,
-            "markersize": 3.5,
-            "linewidth": 1.0,
-        }
+        style = {"color": student.color, "marker": student.marker}
+        style |= {"markersize": 3.5, "linewidth": 1.0}
         bars = {"label": student.title, "capsize": 1.5, **style}
-        returns.errorbar(at, mine["return"], mine["return_ci"], **bars)
-        in_sight = mine["share"] >= LEAST_SHARE
-        share.errorbar(at, mine["share"], mine["share_ci"].where(in_sight), **bars)
-        falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
+        returns.errorbar(at, line["return"], line["return_ci"], **bars)
+        in_sight = line["share"] >= LEAST_SHARE
+        share.errorbar(at, line["share"], line["share_ci"].where(in_sight), **bars)
+        falls.plot(at, 100 * line["fall_rate"].astype(float), **style)
+
+    # Scale and label the panels.
     returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
     returns.set(ylabel="return", ylim=(0, None))
@@ -96,20 +89,19 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
     """Draws how many robots fall, a column a gait and policy, a row a scenario, worst first.
 
     The policies that all gaits have decide which scenario is worst. Cells that were not measured
-    are hatched.
-
-    Args:
-        tables: Results of `fall_table` by gait.
+    are hatched. The tables are those of `fall_table` by gait.
     """
     whole = pd.concat(list(tables.values()))
     common = set.intersection(*(set(table["policy"]) for table in tables.values()))
     scenarios = worst_first(whole, common)
     counts = [len(policies_of(table)) for table in tables.values()]
-    size = (2.0 + COLUMN * (sum(counts) + len(counts)), 1.8 + ROW * len(scenarios))
-    size = max(COLUMN_WIDTH, size[0]), size[1]
+    width = max(COLUMN_WIDTH, 2.0 + COLUMN * (sum(counts) + len(counts)))
+    size = width, 1.8 + ROW * len(scenarios)
     figure, panels = subplots(
         1, len(tables), figsize=size, squeeze=False, sharey=True, width_ratios=counts
     )
+
+    # Draw the cells of each gait, and frame the training scenario.
     for axes, (gait, table) in zip(panels[0], tables.items(), strict=True):
         policies = policies_of(table)
         cells = {(cell["scenario"], cell["policy"]): cell for cell in table.to_dict("records")}
@@ -127,6 +119,7 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
         titles = [policy_title(name) for name in policies]
         axes.set_xticks(range(len(policies)), titles, fontsize=6.5, rotation=90)
         axes.set_title(gait.replace("_", "-"), fontsize=8)
+
     # Name the rows, with the number of robots where it is smaller than elsewhere.
     most, rows = int(whole["robots"].max()), whole.drop_duplicates("scenario").set_index("scenario")
     names = [
@@ -136,12 +129,12 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
     axes = panels[0, 0]
     axes.set_yticks(range(len(scenarios)), [textwrap.fill(name, 40) for name in names])
     caption = f"Robots that fall, of {most}; framed: the training scenario; hatched: not measured."
-    figure.supxlabel(textwrap.fill(caption, round(17 * size[0])), fontsize=7)
+    figure.supxlabel(textwrap.fill(caption, round(17 * width)), fontsize=7)
     return figure
 
 
 def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> None:
-    """Draws a policy in a scenario: how many robots fell, on a colour for their share."""
+    """Draws how many robots of a policy fell in a scenario, on a colour for their share."""
     if cell is None:
         look = {"facecolor": "0.88", "edgecolor": "0.55", "hatch": "//////", "linewidth": 0.0}
     else:
@@ -154,21 +147,17 @@ def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> N
 
 @styled
 def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
-    """Draws a disc of each policy: direction as angle, speed as radius, colour for survival.
-
-    Args:
-        basins: Pushes that each policy survives, the expert first.
-        title: Title of the figure.
-    """
+    """Draws a disc of each policy: direction as angle, speed as radius, colour for survival."""
     columns = min(len(basins), MOST_COLUMNS)
     rows = -(-len(basins) // columns)
-    figure = Figure(figsize=(PANEL * columns + 0.7, (PANEL + 0.2) * rows + 0.4))
-    panels = figure.subplots(
-        rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
-    ).ravel()
+    size = PANEL * columns + 0.7, (PANEL + 0.2) * rows + 0.4
+    polar = {"squeeze": False, "subplot_kw": {"projection": "polar"}}
+    figure, grid = subplots(rows, columns, figsize=size, **polar)
+    panels = grid.ravel()
     for axes in panels[len(basins) :]:
         axes.set_visible(False)
     for axes, (policy, basin) in zip(panels, basins.items(), strict=False):
+        # Sectors and rings are centred on the pushes that were measured.
         half = np.pi / len(basin.grid.directions)
         sectors = np.append(basin.grid.directions - half, 2.0 * np.pi - half)
         axes.pcolormesh(
@@ -186,12 +175,12 @@ def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
         shrink=0.7,
     )
     bar.set_label("share of phases survived")
-    figure.suptitle(textwrap.fill(title, round(18 * (PANEL * columns + 0.7))), fontsize=8)
+    figure.suptitle(textwrap.fill(title, round(18 * size[0])), fontsize=8)
     return figure
 
 
 def _rings(speeds: Array) -> Array:
-    """Returns the borders between the rings of speeds, inner and outer ones with them."""
+    """Returns the borders of the rings that are centred on the speeds."""
     if len(speeds) == 1:
         return speeds[0] * np.array([0.5, 1.5])
     middles = 0.5 * (speeds[:-1] + speeds[1:])

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from glassgait.studies.evaluation.pushing import PushGrid
 
+SPEEDS = tuple(round(0.3 * i, 1) for i in range(1, 11))
+
 PushSpeed = Annotated[float, Gt(0.0), Le(20.0)]
 
 Steps = Annotated[int, Ge(50), Le(450)]
@@ -44,18 +46,7 @@ class Pushes(Experiment):
     n_phases: Annotated[Count, Le(1000)] = 8
     n_steps: Steps = 250
     n_directions: Annotated[Count, Ge(3), Le(360)] = 12
-    speeds: Annotated[tuple[PushSpeed, ...], MinLen(1), FEW, DISTINCT] = (
-        0.3,
-        0.6,
-        0.9,
-        1.2,
-        1.5,
-        1.8,
-        2.1,
-        2.4,
-        2.7,
-        3.0,
-    )
+    speeds: Annotated[tuple[PushSpeed, ...], MinLen(1), FEW, DISTINCT] = SPEEDS
 
     def __post_init__(self) -> None:
         if list(self.speeds) != sorted(self.speeds):
@@ -79,14 +70,8 @@ class Pushes(Experiment):
 
         from glassgait.studies.evaluation.pushing import push_everywhere
 
-        pushed = push_everywhere(
-            case.gait,
-            case.controller,
-            case.scenario,
-            self.grid,
-            n_steps=self.n_steps,
-            seed=case.seed,
-        )
+        world = case.gait, case.controller, case.scenario
+        pushed = push_everywhere(*world, self.grid, n_steps=self.n_steps, seed=case.seed)
         survived = pushed.survived.sum(axis=2).tolist()
         return pd.DataFrame([{"survived": survived, "failures": pushed.failure_counts()}])
 

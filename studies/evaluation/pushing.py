@@ -18,20 +18,11 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.episode import ControlStep, Observer, World, episode
 
-FIRST_STEPS = 150
-"""Control steps from standing until strides are watched."""
-
-MOST_STEPS = 450
-"""Control steps in which a robot must have taken its strides: no new command comes until then."""
-
-LAST_STEPS = round(1.0 / CONTROL_PERIOD)
-"""Control steps at the end in which a robot must walk to have survived."""
-
-WALKS = 0.5
-"""Share of the commanded rhythm that counts as walking."""
-
-WATCH = 25
-"""Control steps after which robots that fell are left out, so that they cost nothing more."""
+FIRST_STEPS = 150  # control steps from standing until strides are watched
+MOST_STEPS = 450  # control steps until the phases must be caught; later a new command may come
+LAST_STEPS = round(1.0 / CONTROL_PERIOD)  # control steps in which survivors must walk in the end
+WALKS = 0.5  # share of the commanded rhythm that counts as walking
+WATCH = 25  # control steps after which robots that fell are left out, to save time
 
 
 @dataclass(frozen=True)
@@ -80,24 +71,17 @@ def push_everywhere(
     n_steps: int,
     seed: int,
 ) -> Pushed:
-    """Lets robots walk, pushes each once, and looks whether they walk some seconds later.
+    """Lets robots walk, pushes each once, and checks whether they walk `n_steps` later.
 
     A robot of each phase walks from near the default stance. It is copied in the instant of its
     phase, so that all its pushes meet the same state; sensor noise differs from then on.
-
-    Args:
-        gait: The gait.
-        controller: The controller.
-        scenario: The scenario, with the command that all follow.
-        grid: The pushes.
-        n_steps: Control steps from the push to the end.
-        seed: Seed of initial states and noise.
     """
     world = World.of(gait, scenario, controller)
     walk = partial(episode, gait, controller, world, seed=np.random.default_rng(seed))
     # A robot of each phase walks until the instant of its phase.
     caught = _Caught(gait.states.index(gait.initial), grid.n_phases)
     walk(n_robots=grid.n_phases, n_steps=MOST_STEPS, observers=[caught])
+
     # Robots that walked until then are pushed, each in every direction at every speed.
     direction, speed, phase = np.unravel_index(np.arange(np.prod(grid.shape)), grid.shape)
     rows = np.flatnonzero(caught.there[phase])
@@ -123,8 +107,7 @@ class _Caught(Observer):
     """Catches a robot of each phase in the instant of its phase.
 
     Attributes:
-        there: Which robots were caught (n,): the others fell before, or never came through the
-            machine's states.
+        there: Which robots were caught (n,). The others fell before, or never completed a stride.
     """
 
     def __init__(self, initial: int, n_phases: int) -> None:
@@ -135,12 +118,14 @@ class _Caught(Observer):
         self._state: TaskState | None = None
 
     def observe(self, step: ControlStep) -> None:
-        entries, number = self._entries, step.step
         # A stride lasts from one entry of the initial state to the next.
+        entries, number = self._entries, step.step
         entered = step.outcome.fired & (step.after.memory.machine.state == self._initial)
         came = entered & (number >= FIRST_STEPS)
         entries[came & (entries[:, 0] >= 0) & (entries[:, 1] < 0), 1] = number
         entries[came & (entries[:, 0] < 0), 0] = number
+
+        # The phases are instants of the next stride, if it takes as long.
         due = entries[:, 1] + np.rint(self._phases * (entries[:, 1] - entries[:, 0]))
         now = (entries[:, 1] >= 0) & (number >= due) & ~step.fallen & ~self.there
         caught = np.flatnonzero(now)
@@ -184,7 +169,7 @@ def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
     Args:
         plant: Plant states x (n, 37).
         direction: Angles from straight ahead, to the left (n,; rad).
-        speed: Their lengths (n,; m/s).
+        speed: Lengths of the velocities (n,; m/s).
     """
     rotation = kinematics.rotation_matrix(plant[:, quadruped.QUATERNION])
     angle = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]) + direction
@@ -196,7 +181,6 @@ class Basin:
     """The pushes that one policy survives.
 
     Attributes:
-        grid: The pushes.
         survived: Robots that survived, by direction and speed (n_directions, n_speeds).
         failures: Robots that did not, by their ends.
     """

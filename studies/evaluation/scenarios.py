@@ -57,9 +57,10 @@ class Scenarios(Experiment):
         from glassgait.studies.evaluation.figures import fall_map
         from glassgait.studies.evaluation.tables import fall_table, readable_table, worst_table
 
+        titles = {name: scenario.title for name, scenario in self.scenarios.items()}
         falls = {
-            str(gait): fall_table(own, self.scenario_titles)
-            for gait, own in table.groupby("gait", sort=False)
+            str(gait): fall_table(scores, titles)
+            for gait, scores in table.groupby("gait", sort=False)
         }
         readable = {gait: readable_table(own) for gait, own in falls.items()}
         small = len(self.scenarios) == 1

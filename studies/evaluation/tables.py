@@ -1,12 +1,12 @@
 """Tables of evaluations: falls by scenario, students beside their expert, pushes survived."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import TRAINING
-from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, wilson_interval
+from glassgait.studies.common.scores import summarize, wilson_interval
 from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.evaluation.pushing import Basin
 
@@ -25,7 +25,7 @@ TITLES = {
     "return": "return",
     "return_ci": "return ±",
     "plain_return": "plain return",
-    "going_speed_error": SPEED_ERROR_TITLE,
+    "going_speed_error": "speed error, commanded to go (m/s)",
     "yaw_rate_error": "yaw-rate error (rad/s)",
     "way": "share of the commanded way",
     "rhythm": "rhythm",
@@ -38,8 +38,8 @@ def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     """Sums up every policy in every scenario, the worst scenario first.
 
     Args:
-        scores: Scores of one gait; policies are compared with the expert or, where it is not there,
-            with the first policy.
+        scores: Scores of one gait; policies are compared with the expert or, without it, with the
+            first policy.
         titles: The scenarios' titles by their names.
 
     Returns:
@@ -47,12 +47,17 @@ def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     """
     table = summarize(scores, ["policy", "scenario"], against=policies_of(scores)[0])
     table.insert(2, "world", table["scenario"].map(titles))
-    there = {name: place for place, name in enumerate(titles)}
-    table = table.sort_values("scenario", key=lambda own: own.map(there), kind="stable")
-    scenarios = pd.Categorical(table["scenario"], worst_first(table))
-    policies = pd.Categorical(table["policy"], policies_of(table))
-    order = pd.DataFrame({"scenario": scenarios.codes, "policy": policies.codes}, table.index)
-    return table.loc[order.sort_values(["scenario", "policy"]).index].reset_index(drop=True)
+    # Equally bad scenarios stay in the order in which they were named.
+    table = table.sort_values("scenario", key=_places(list(titles)), kind="stable")
+    policies, scenarios = policies_of(table), worst_first(table)
+    table = table.sort_values("policy", key=_places(policies), kind="stable")
+    table = table.sort_values("scenario", key=_places(scenarios), kind="stable")
+    return table.reset_index(drop=True)
+
+
+def _places(names: list[str]) -> Callable[[pd.Series], pd.Series]:
+    """Returns a key that sorts names by their places in a list."""
+    return lambda column: column.map(names.index)
 
 
 def readable_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -73,35 +78,33 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for name in policies_of(table):
-        own = table[table["policy"] == name]
-        home = own[own["scenario"] == TRAINING]
-        worst = own.iloc[own["fall_rate_low"].argmax()]
-        fell = worst["falls"] > 0
+        everywhere = table[table["policy"] == name]
+        training = everywhere[everywhere["scenario"] == TRAINING]
+        worst = everywhere.iloc[everywhere["fall_rate_low"].argmax()]
         interval = f"{100 * worst['fall_rate_low']:.0f} to {100 * worst['fall_rate_high']:.0f} %"
+        there = {
+            "its worst scenario": worst["world"],
+            "falls there": f"{worst['falls']} of {worst['robots']}",
+            "95 % interval": interval,
+            "points more than the expert": f"{worst['points_more']:+.0f}",
+        }
         rows.append(
-            {
-                "policy": policy_title(name),
-                "its worst scenario": worst["world"] if fell else "–",
-                "falls there": f"{worst['falls']} of {worst['robots']}" if fell else "–",
-                "95 % interval": interval if fell else "–",
-                "points more than the expert": f"{worst['points_more']:+.0f}" if fell else "–",
-                "falls in training scenario": falls_of(home)[0] if len(home) else "–",
-                "scenarios without a fall": f"{(own['falls'] == 0).sum()} of {len(own)}",
-                "return": f"{np.average(own['return'], weights=own['robots']):,.0f}",
+            {"policy": policy_title(name)}
+            | (there if worst["falls"] > 0 else dict.fromkeys(there, "–"))
+            | {
+                "falls in training scenario": falls_of(training)[0] if len(training) else "–",
+                "scenarios without a fall": f"{sum(everywhere['falls'] == 0)} of {len(everywhere)}",
+                "return": f"{np.average(everywhere['return'], weights=everywhere['robots']):,.0f}",
             }
         )
     return pd.DataFrame(rows)
 
 
 def worst_first(table: pd.DataFrame, policies: Collection[str] = ()) -> list[str]:
-    """Lists the scenarios by the share of robots that fall, the greatest first.
+    """Lists all scenarios by the share of robots that fall, the greatest first.
 
-    Args:
-        table: Falls, a row a policy and scenario.
-        policies: Policies whose robots are counted; by default all.
-
-    Returns:
-        All scenarios of the table; those of one share stay in its order.
+    Only robots of the named policies are counted; by default all are. Scenarios of one share stay
+    in the table's order.
     """
     scenarios = table["scenario"].unique()
     counted = table[table["policy"].isin(policies)] if policies else table
@@ -116,12 +119,12 @@ def policies_of(table: pd.DataFrame) -> list[str]:
 
 
 def falls_of(means: pd.DataFrame) -> list[str]:
-    """Words falls, such as `2 of 26`."""
+    """Formats falls, such as `2 of 26`."""
     return [f"{falls} of {n}" for falls, n in zip(means["falls"], means["robots"], strict=True)]
 
 
 def with_interval(means: pd.DataFrame, name: str, digits: int) -> list[str]:
-    """Words means with the half widths of their intervals, where there are any."""
+    """Formats means with the half widths of their intervals, where there are any."""
     pairs = zip(means[name], means[f"{name}_ci"], strict=True)
     texts = ((f"{mean:,.{digits}f}", f"{half:,.{digits}f}") for mean, half in pairs)
     return [f"{mean} ± {half}".removesuffix(" ± nan").replace("nan", "–") for mean, half in texts]
@@ -144,8 +147,8 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
             "plain return": with_interval(alone, "plain_return", 1),
             "falls": falls_of(alone),
             "rhythm": alone["rhythm"].round(3),
-            SPEED_ERROR_TITLE: alone["going_speed_error"].round(3),
-            "yaw-rate error (rad/s)": alone["yaw_rate_error"].round(3),
+            TITLES["going_speed_error"]: alone["going_speed_error"].round(3),
+            TITLES["yaw_rate_error"]: alone["yaw_rate_error"].round(3),
         }
     )
 
@@ -154,9 +157,7 @@ def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:
     """Sums up the pushes that each policy survives, a row a policy."""
     rows = []
     for policy, basin in basins.items():
-        n_pushes = int(np.prod(basin.grid.shape))
-        survived = int(basin.survived.sum())
-        low, high = wilson_interval(survived, n_pushes)
+        n_pushes, survived = int(np.prod(basin.grid.shape)), int(basin.survived.sum())
         means = basin.shares.mean(axis=1)
         weakest = basin.grid.directions[means == means.min()]
         ends = sorted(basin.failures.items(), key=lambda end: -end[1])
@@ -167,10 +168,8 @@ def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:
                 "all survived up to (m/s)": basin.all_up_to,
                 "half survived up to (m/s)": basin.half_up_to,
                 "survived": f"{survived} of {n_pushes}",
-                "share": survived / n_pushes,
-                "95 % from": low,
-                "95 % to": high,
-                "weakest direction": ", ".join(f"{np.degrees(own):.0f}°" for own in weakest),
+                **_share(survived, n_pushes),
+                "weakest direction": ", ".join(f"{np.degrees(angle):.0f}°" for angle in weakest),
                 "how the others ended": ", ".join(named) or "–",
             }
         )
@@ -179,20 +178,21 @@ def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:
 
 def push_table(basins: Mapping[str, Basin]) -> pd.DataFrame:
     """Counts the robots that survive, a row a policy, direction and speed."""
-    rows = []
-    for policy, basin in basins.items():
-        for (i, j), survived in np.ndenumerate(basin.survived):
-            low, high = wilson_interval(int(survived), basin.grid.n_phases)
-            rows.append(
-                {
-                    "policy": policy_title(policy),
-                    "direction (°)": round(float(np.degrees(basin.grid.directions[i])), 6),
-                    "speed (m/s)": float(basin.grid.speeds[j]),
-                    "robots": basin.grid.n_phases,
-                    "survived": int(survived),
-                    "share": survived / basin.grid.n_phases,
-                    "95 % from": low,
-                    "95 % to": high,
-                }
-            )
+    rows = [
+        {
+            "policy": policy_title(policy),
+            "direction (°)": round(float(np.degrees(basin.grid.directions[i])), 6),
+            "speed (m/s)": float(basin.grid.speeds[j]),
+            "robots": basin.grid.n_phases,
+            "survived": int(survived),
+            **_share(int(survived), basin.grid.n_phases),
+        }
+        for policy, basin in basins.items()
+        for (i, j), survived in np.ndenumerate(basin.survived)
+    ]
     return pd.DataFrame(rows)
+
+
+def _share(survived: int, n_pushes: int) -> dict[str, float]:
+    low, high = wilson_interval(survived, n_pushes)
+    return {"share": survived / n_pushes, "95 % from": low, "95 % to": high}

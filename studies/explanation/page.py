@@ -1,5 +1,6 @@
 """The page: replay, gait diagram and the terms of every target, in one file that opens offline."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +15,11 @@ from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.policies.policy import Contributions, FactoredTerm, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.drawing import ink_on, state_colors
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.figures import (
-    embedded,
-    gait_title,
-    inline_image,
-    page_template,
-    strip_data,
-)
+from glassgait.studies.common.figures import inline_image, page_template
 from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
@@ -114,11 +112,17 @@ def render_page(
         step: Control step that is shown first.
     """
     # The page's script draws from this data.
-    known = variables_of(policy, rollout["observations"])
+    known, colors = variables_of(policy, rollout["observations"]), state_colors(gait)
     quantities = _quantities(known.titles, explained)
     values = Tape(tuple(quantities), known.values.shape[1])(known.values)
     data = {
-        **strip_data(rollout, gait),
+        "period": CONTROL_PERIOD,
+        "legs": quadruped.LEGS,
+        "states": gait.states,
+        "colors": colors,
+        "inks": [ink_on(color) for color in colors],
+        "state": rollout["rm_state"].argmax(axis=1).tolist(),
+        "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
         "joints": quadruped.JOINTS,
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "quantities": list(quantities.values()),
@@ -132,18 +136,20 @@ def render_page(
         "step": step,
     }
 
-    # The template holds the text around it.
+    # The template holds the text around it. The data may stand inside a script element.
+    robot = policy.robot.name
+    whose = "" if robot == DEFAULT_ROBOT else f" of the {robot.capitalize()}"
     return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
-        title=f"{gait_title(gait.name, policy.robot)}, {policy_title(policy_name)}",
+        title=f"{gait.name.capitalize()}{whose}, {policy_title(policy_name)}",
         joint=quadruped.JOINTS[joint].replace("_", " "),
         limited=policy.joint_law.limited,
         held_back=held_back(policy, rollout),
         additive=any(not term.weights for own in explained for term in own.terms),
         weighted=any(term.weights for own in explained for term in own.terms),
         formulas=isinstance(policy, FormulaPolicy),
-        data=embedded(data),
-        replay=embedded(replay),
+        data=json.dumps(data).replace("<", "\\u003c"),
+        replay=json.dumps(replay).replace("<", "\\u003c"),
         figures=[(path.stem, inline_image(path)) for path in figures],
     )
 
