@@ -16,7 +16,7 @@ from glassgait.models.formulas.expression import canonical
 from glassgait.models.formulas.file import SUFFIX
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
-from glassgait.models.formulas.reader import MAX_DEFINITIONS, read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import Controller, alone
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
@@ -150,14 +150,6 @@ def test_the_gain_of_odometry_can_be_edited(tmp_path):
         Controller(expert, edited, period=4)
 
 
-def test_a_number_keeps_all_its_digits():
-    numbers = (np.random.default_rng(0).normal(size=12) * 10.0 ** np.arange(-6, 6)).tolist()
-    formulas = {joint: f"{numbers[j]!r} - t" for j, joint in enumerate(quadruped.JOINTS)}
-    policy = policy_of(f"{HEAD}every state\n{shared(**formulas)}")
-    assert [formula.operands[0].value for formula in policy.formulas_by_state[0]] == numbers
-    assert policy_of(policy.to_text()).formulas_by_state == policy.formulas_by_state
-
-
 def test_definitions_keep_their_notes_and_formulas_may_go_over_lines():
     text = (
         f"# what this is\n\n{HEAD}\n\ndefinitions  # these\nlate = tanh(0.5*t\n\n"
@@ -229,11 +221,9 @@ def test_a_wrong_mirror_is_refused_where_a_file_without_a_machine_meets_its_gait
 
 HEADERS = [
     ("format: 2", "format: 1", 1, "begins with 'format: 2'"),
-    ("format: 2\n", "", 1, "begins with 'format: 2'"),
     ("gait: trot\n", "", 1, "lacks the key 'gait'"),
     ("gait: trot", "gait: trot\ngait: trot", 3, "'gait' is given twice"),
     ("states: 2", "states: two", 3, "states is 'two'"),
-    ("states: 2", "states: 33", 3, "states is 33"),
     ("states: 2", "states: 2\nrobot: ''", 4, "robot is ''"),
     ("senses: imu", "senses: sonar", 4, "senses is 'sonar'"),
     ("senses: imu\n", "", None, "add 'senses: imu'"),
@@ -241,18 +231,16 @@ HEADERS = [
     ("senses: imu", "senses: imu\nlimited: 1", 5, "limited is 1"),
     *(
         (r"[1, 0]", said, 5, "mirror")
-        for said in ("1 0", "[0, 1]", "[0]", "[1, 1]", "[0, 2]", "[0, 1, 2]", "[1.5, 0]")
+        for said in ("1 0", "[0, 1]", "[0]", "[1, 1]", "[0, 2]", "[1.5, 0]")
     ),
     *(
         ("[40, 1]", said, 6, "gains")
-        for said in ("40 1", "[40]", "[0, 1]", "[1, 2, 3]", "[.nan, 1]", "[40, 101]", "[4_0, -1]")
+        for said in ("40 1", "[40]", "[0, 1]", "[.nan, 1]", "[40, 101]")
     ),
     ("lean: 60", "lean: 91", 7, "limits.lean is 91"),
-    ("margin: 0.02", "margin: 0.3", 7, "limits.margin is 0.3"),
     ("stiffness: 40, ", "", 7, "lacks the key 'limits.stiffness'"),
     ("lean: 60", "leen: 60", 7, "unknown key 'limits.leen'"),
     ("gain: 0.15", "gain: 2", 8, "odometry.gain is 2"),
-    ("gain: 0.15", "gain: yes", 8, "odometry.gain is True"),
     ("{gain: 0.15}", "0.15", 8, "odometry is 0.15"),
     ("clearance: 0.03", "clearance: 0", 17, "clearance is 0"),
     ("clearance: 0.03", "clearance: [", None, "is not valid YAML"),
@@ -264,7 +252,6 @@ HEADERS = [
     ("states: 2", "states: 3", None, "mirror"),
     ("& ~RL}", "}", 5, "favours a side"),
     ("[-0.43, 0.81]", "[0.81, -0.43]", 28, "q.hip is read from 0.81"),
-    ("[-0.43, 0.81]", "[-0.43]", 28, "readings.q.hip"),
     ("[-0.43, 0.81]", "[-.inf, 1]", 28, "readings.q.hip"),
     ("q.hip:", "q.knee:", 28, "nothing that is sensed is called 'q.knee'"),
     ("q.hip:", "a.hip:", 28, "nothing that is sensed is called 'a.hip'"),
@@ -321,60 +308,3 @@ def test_what_is_no_formula_file_is_refused_with_its_line(text, line, said):
         read_formulas(text)
     assert str(refused.value).startswith(f"line {line}, ")
     assert said in str(refused.value)
-
-
-def test_a_refusal_is_short_where_there_are_many_names():
-    names = "".join(f"{'speed' * 6}{i} = {i}*cmd.v\n" for i in range(MAX_DEFINITIONS))
-    with pytest.raises(InputError) as refused:
-        read_formulas(f"{HEAD}definitions\n{names}every state\n{shared(FL_hip='speed')}")
-    assert len(str(refused.value)) < 500
-
-
-DAMAGE = "()+-*/=#:., \t\n019eaqs_tv'\"\\[{é−\N{LINE SEPARATOR}"
-
-
-def damaged(text, generator):
-    """Changes a few characters or lines, or cuts the text."""
-    for _ in range(generator.integers(1, 4)):
-        lines = text.split("\n")
-        i, j = generator.integers(len(lines), size=2)
-        at = int(generator.integers(len(text) + 1))
-        sign = DAMAGE[generator.integers(len(DAMAGE))]
-        match generator.integers(5):
-            case 0:
-                text = text[:at] + sign + text[at + int(generator.integers(3)) :]
-            case 1:
-                text = "\n".join(lines[:i] + lines[i + 1 :])
-            case 2:
-                text = "\n".join([*lines[:i], lines[j], *lines[i:]])
-            case 3:
-                lines[i], lines[j] = lines[j], lines[i]
-                text = "\n".join(lines)
-            case _:
-                text = text[: max(at, 30)]
-    return text
-
-
-def test_damaged_files_are_refused_with_the_place_or_work(symbolic, samples, tmp_path):
-    path, observation = tmp_path / f"policy{SUFFIX}", samples(3)[0]
-    head = without_machine(TEXT[: TEXT.index("# Each")]).replace("mirror", "# mirror")
-    texts = symbolic.to_text(), f"{head}\ndefinitions\nlate = tanh(t)  # note\n\n{EVERY}"
-    read = 0
-    for seed in range(300):
-        text = damaged(texts[seed % 2], np.random.default_rng(seed))
-        path.write_text(text)
-        try:
-            policy = load_policy(path)
-        except InputError as error:
-            reported, lines = str(error).removeprefix(f"{path}: "), text.split("\n")
-            place = PLACE.match(reported)
-            assert place, (seed, reported)
-            assert 1 <= int(place[1]) <= len(lines) + 1, (seed, reported)
-            assert 1 <= int(place[2]) <= 1 + max(map(len, lines)), (seed, reported)
-            assert "\n" not in reported
-            assert len(reported) < 500
-        else:
-            read += 1
-            if not policy.layout.imu:
-                assert policy(observation).shape == (3, 12)
-    assert 30 < read < 270

@@ -63,38 +63,23 @@ ALPHABET = [
     *("\t", "\r", "\f", "\v", "\x1c", "\x85", "\xa0", "\u2028", "\u2029", "\ufeff", "\x00", "\x7f"),
     *("\uff11", "\u0430", "\u2212"),
 ]
-FRAGMENTS = (
-    *("\nstate 1\n", "\nstate 0\n", "\nevery state\n", "\ndefinitions\n", "\n ", "\n    + t"),
-    *(
-        "\n\n",
-        "\nFL_hip = 50*q.FL_hip + 9\n",
-        "\u2028state 1\u2028FL_hip = 9\u2028",
-        "\rFL_hip = 9\r",
-    ),
-    *["#", "**2", "**3", "**(2)", "**2.0", "**-2", "//", "*-", "--", "+-+", "(", ")", "()"],
-    *[
-        "0x10",
-        "1_000",
-        "007",
-        "00",
-        "1e400",
-        "1e-400",
-        "1.",
-        ".5",
-        "1e5",
-        "2j",
-        "2t",
-        ".",
-        "t.real",
-        "late.x",
-    ],
-    *("** 2", "1" * 40, "sin (t)", "sin\n (t)", "(q).FL_hip", "q. FL_hip", "q .FL_hip"),
-    *("(sin)(t)", "sin", "sin(t, t)", " if t else t", " and t", "not t", "lambda: t"),
-    *("True", "None", "print", "'t'", "lambda = t\n", "q.FL_hip = t\n", "FL_hip = t\n"),
-    *("late = t\n", "FL_hip == t\n", "mirror: [0, 1]\n", "mirror: [1, 0]\n", "states: 3\n"),
-    *("format: 2\n", "gait: trot\n", "x = t\n", ": ", "- ", "? ", "{", "[", "!!", "&a ", "*a"),
-    *("'", "yes", "2026-01-01", "<<", "~", ".nan", "1.0e+2"),
+TITLES = ("\nstate 1\n", "\nstate 0\n", "\nevery state\n", "\ndefinitions\n", "\n\n", "\n ")
+LINES = (
+    *("\n    + t", "\nFL_hip = 50*q.FL_hip + 9\n", "\u2028state 1\u2028FL_hip = 9\u2028"),
+    *("\rFL_hip = 9\r", "lambda = t\n", "q.FL_hip = t\n", "FL_hip = t\n", "late = t\n"),
+    *("FL_hip == t\n", "mirror: [0, 1]\n", "mirror: [1, 0]\n", "states: 3\n", "format: 2\n"),
+    *("gait: trot\n", "x = t\n"),
 )
+SIGNS = "# **2 **3 **(2) **2.0 **-2 // *- -- +-+ ( ) () ' { [ !! *a yes << ~ .nan 1.0e+2"
+NUMBERS = "0x10 1_000 007 00 1e400 1e-400 1. .5 1e5 2j 2t . t.real late.x 2026-01-01"
+WORDS = (
+    *SIGNS.split(),
+    *NUMBERS.split(),
+    *("** 2", "1" * 40, "sin (t)", "sin\n (t)", "(q).FL_hip", "q. FL_hip", "q .FL_hip", ": "),
+    *("(sin)(t)", "sin", "sin(t, t)", " if t else t", " and t", "not t", "lambda: t", "- "),
+    *("True", "None", "print", "'t'", "? ", "&a "),
+)
+FRAGMENTS = (*TITLES, *LINES, *WORDS)
 
 
 def mutated(text: str, generator: np.random.Generator) -> str:
@@ -161,8 +146,11 @@ def assert_seen_alike(text: str) -> bool:
     """Returns whether a text is read, by both."""
     try:
         expected, points = seen_by_robots(text)
-    except InputError:
-        # No robot acts by what its reader refuses.
+    except InputError as error:
+        # No robot acts by what its reader refuses, which says where.
+        place = re.match(r"line (\d+), column (\d+): .", str(error))
+        assert place and 1 <= int(place[1]) <= text.count("\n") + 2, error
+        assert "\n" not in str(error) and len(str(error)) < 500
         return False
     if "machine:" not in text:
         return False

@@ -10,7 +10,6 @@ from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, constant
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import (
-    GATES,
     RobotUnits,
     Vocabulary,
     actions_of,
@@ -90,20 +89,6 @@ def test_targets_and_actions_are_each_others_inverse(generator):
     target = A1.joint_targets(action)
     np.testing.assert_allclose(A1.joint_targets(actions_of(A1, target)), target, atol=1e-14)
     np.testing.assert_array_equal(actions_of(A1, A1.default_stance), np.zeros(12))
-
-
-def test_gates_turn_from_minus_one_to_one():
-    quantities = np.zeros((3, N))
-    quantities[:, VOCABULARY.symbols.index("t")] = [0.0, 4.0, 9.0]
-    for leg in quadruped.LEGS:
-        quantities[:, VOCABULARY.symbols.index(f"h.{leg}")] = [0.0, 0.02, 0.05]
-    for gate in GATES:
-        formula = VOCABULARY.expanded(VOCABULARY.variable(gate))
-        values = Tape([formula], N)(quantities)[:, 0]
-        np.testing.assert_allclose(values, [-1.0, 0.0, 1.0], atol=0.04)
-        assert values[1] == 0.0
-        far = Tape([formula], N)(np.array([[-1e6], [1e6]]) * np.ones(N))[:, 0]
-        np.testing.assert_array_equal(far, [-1.0, 1.0])
 
 
 def test_definitions_are_what_they_say(robots, message):

@@ -157,10 +157,6 @@ def test_a_page_is_its_own_mirror_image_wherever_sensors_are(seed):
     np.testing.assert_allclose(PAGE(observations), image, rtol=0, atol=1e-9)
 
 
-PAGE_OF_AN_EARLIER_NETWORK = ("bound", "sparse_formula")
-"""It reads within the box of the network that it was fitted to, before that learned on."""
-
-
 # Whatever a box holds that lies beyond a range is read as its end.
 FORMULAS = ("q.FL_hip*v.x - 2*tanh(v.x)", "v.x**2*q.FL_hip", "0.3 - q.FL_hip - v.x*v.y")
 
