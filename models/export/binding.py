@@ -32,35 +32,19 @@ Memory = NDArray[np.void]
 
 
 class Step(NamedTuple):
-    """The result of a step of a controller.
-
-    Attributes:
-        memory: Its memory.
-        targets: Joint position targets (12; rad).
-        status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`.
-    """
+    """The result of a step of a controller."""
 
     memory: Memory
     targets: Array
+    """Joint position targets (12; rad)."""
     status: int
+    """0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`."""
 
 
 class LoadedController:
-    """Calls a controller's C functions; the caller keeps its memory.
-
-    Attributes:
-        name: Its name.
-    """
+    """Calls the C functions of a controller in a shared library; the caller keeps its memory."""
 
     def __init__(self, path: Path, interface: Interface) -> None:
-        """
-        Args:
-            path: The shared library that its C file was compiled to.
-            interface: The interface of that file.
-
-        Raises:
-            InputError: if the library is missing, or holds another controller.
-        """
         self.name, self._has_imu = interface.name, interface.has_imu
         self._declare("f8" if interface.real == "double" else "f4", odometry=interface.has_odometry)
         try:
@@ -106,13 +90,8 @@ class LoadedController:
         return memory
 
     def step(self, memory: Memory, sensors: Sensors, command: Command) -> Step:
-        """Takes one step.
-
-        Args:
-            memory: The memory after the step before, which stays as it is.
-            sensors: The present readings, of one robot.
-            command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
-        """
+        """Takes one step of one robot, from the memory after the step before, which stays as is."""
+        # The structs of the header.
         sensed = np.zeros((), self._sensors)
         sensed["joint_position"] = sensors.joint_position
         sensed["joint_velocity"] = sensors.joint_velocity
@@ -121,6 +100,8 @@ class LoadedController:
             for name, part in ImuReading.of(sensors.imu)._asdict().items():
                 sensed[name] = part
         commanded = np.array((*command.velocity, float(command.dwell)), self._command)
+
+        # C changes the memory in place.
         after, targets = np.array(memory), np.zeros((), self._targets)
         status = self._step(*map(_pointer, (after, sensed, commanded, targets)))
         return Step(after, targets["joint_position"].astype(float), status)
@@ -141,11 +122,7 @@ def has_compiler() -> bool:
 
 
 def compile_c(source: Path, output: Path, flags: Sequence[str] = FLAGS) -> None:
-    """Compiles a C file.
-
-    Raises:
-        InputError: if the compiler is missing, or refuses the file.
-    """
+    """Compiles a C file; raises InputError if the compiler is missing, or refuses the file."""
     if not has_compiler():
         raise InputError(f"there is no C compiler {COMPILER!r}; install one, such as gcc")
     command = [COMPILER, *flags, str(source), "-o", str(output), "-lm"]
@@ -155,36 +132,20 @@ def compile_c(source: Path, output: Path, flags: Sequence[str] = FLAGS) -> None:
 
 
 def write_source(written: ControllerSource, folder: Path) -> Path:
-    """Writes a controller's two files, the header first, and returns the C file's path.
-
-    Raises:
-        InputError: if they cannot be written there.
-    """
+    """Writes a controller's two files, the header first, and returns the C file's path."""
     header, path = (folder / f"{written.name}.{end}" for end in "hc")
     write_atomically(header, written.header)
-    try:
-        write_atomically(path, written.source)
-    except InputError:
-        header.unlink(missing_ok=True)
-        raise
+    write_atomically(path, written.source)
     return path
 
 
 def load_controller(written: ControllerSource, folder: Path) -> LoadedController:
-    """Writes a controller's files into a folder, compiles them there and loads the library.
-
-    Raises:
-        InputError: if one of these fails.
-    """
+    """Writes a controller's files into a folder, compiles them there and loads the library."""
     return compiled_controller(write_source(written, folder), written, folder)
 
 
 def compiled_controller(source: Path, interface: Interface, folder: Path) -> LoadedController:
-    """Compiles a controller's C file into a folder, and loads the library.
-
-    Raises:
-        InputError: if one of these fails.
-    """
+    """Compiles a controller's C file into a folder, and loads the library."""
     library = folder / f"{source.stem}.so"
     compile_c(source, library, (*FLAGS, "-shared", "-fPIC"))
     return LoadedController(library, interface)

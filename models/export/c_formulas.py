@@ -44,35 +44,28 @@ _ANY = "-HUGE_VAL, HUGE_VAL"
 
 
 class Group(NamedTuple):
-    """Definitions that share the part of their names before the dot, such as lifted.FL.
-
-    Attributes:
-        name: The part before the dot, or the whole name.
-        type: Type of C that has these members, if there is one; else empty.
-        members: The parts behind the dot; empty for a plain number.
-        lines: Their formulas, with their notes.
-    """
+    """Definitions that share the part of their names before the dot, such as lifted.FL."""
 
     name: str
     type: str
+    """Type of C that has these members, if there is one; else empty."""
     members: tuple[str, ...]
+    """The parts behind the dot; empty for a plain number."""
     lines: tuple[str, ...]
+    """Their formulas, with their notes."""
 
 
 class Mirror(NamedTuple):
-    """How formulas that the file leaves out follow from those that it holds.
-
-    Attributes:
-        signature: Declaration of the function of the formulas that the file holds.
-        states: Constant of the mirror image of each RM state.
-        written: Joints that have a formula in each state, one bit a joint.
-        arrays: The mirror images of an observation and of targets.
-    """
+    """The mirror images by which formulas act that the file leaves out."""
 
     signature: str
+    """Declaration of the function of the formulas that the file holds."""
     states: tuple[str, ...]
+    """Constant of the mirror image of each RM state."""
     written: tuple[str, ...]
+    """Joints that have a formula in each state, one bit a joint."""
     arrays: tuple[CArray, ...]
+    """The mirror images of an observation and of targets."""
 
 
 @policy_code.register

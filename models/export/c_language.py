@@ -70,14 +70,7 @@ def comment(text: str) -> str:
 
 @dataclass(frozen=True)
 class CArray:
-    """A constant array.
-
-    Attributes:
-        name: Its name.
-        values: Its numbers, any shape.
-        type: Type of its entries.
-        note: The comment beside it.
-    """
+    """A constant array of any shape, and the comment beside it."""
 
     name: str
     values: NDArray[Any]
@@ -108,16 +101,12 @@ class CArray:
     @property
     def definition(self) -> str:
         """The array with its numbers."""
-        return "\n".join([f"{self.declaration} = {{", *_rows(self._written()), "};"])
-
-    def _written(self) -> NDArray[Any]:
-        if self.values.dtype.kind in "iu":
-            return self.values.astype(str)
+        written = self.values.astype(str)
         if self.type == "float":
+            # Digits of single precision are those that tell it apart from its neighbours.
             written = np.char.add(self.values.astype(np.float32).astype(str), "f")
-        else:
-            written = self.values.astype(str)
-        return np.where(np.isinf(self.values), "INFINITY", written)
+        written = np.where(np.isinf(self.values), "INFINITY", written)
+        return "\n".join([f"{self.declaration} = {{", *_rows(written), "};"])
 
 
 def _rows(written: NDArray[Any]) -> Iterator[str]:
@@ -136,13 +125,9 @@ def _rows(written: NDArray[Any]) -> Iterator[str]:
 
 
 def rendered(template: str, real: Real, /, **values: Any) -> str:
-    """Fills a template of this package.
+    """Fills a template, which computes in the type `real`.
 
-    Args:
-        template: File name of the template. It writes its type as `real`, numbers through the
-            filter `number`, and functions of math.h through the filter `function`.
-        real: The type that is computed in.
-        values: The template's other variables.
+    It writes numbers through the filter `number`, and functions of math.h through `function`.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),

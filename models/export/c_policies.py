@@ -12,7 +12,7 @@ from glassgait.models.export.c_language import LINE_LENGTH, CArray, Real, render
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy, lower_neighbours
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import Reflection
 
@@ -22,28 +22,19 @@ ABREAST = 10
 
 @dataclass(frozen=True)
 class Code:
-    """A part of a controller's file.
-
-    Attributes:
-        title: One line that says what it is.
-        functions: Its functions; the last one is called from outside.
-        arrays: Its constant arrays, whose numbers stand at the end of the file.
-        takes_state: Whether that function takes the RM state first.
-    """
+    """A part of a controller's file."""
 
     title: str
     functions: str
+    """Its functions; the last one is called from outside."""
     arrays: tuple[CArray, ...] = ()
+    """Its constant arrays, whose numbers stand at the end of the file."""
     takes_state: bool = False
+    """Whether its last function takes the RM state first."""
 
 
 class Style(NamedTuple):
-    """How a policy is written.
-
-    Attributes:
-        constants: Name of the constant of each RM state.
-        real: The type that is computed in.
-    """
+    """Names of the constants of RM states, and the type to compute in."""
 
     constants: Sequence[str]
     real: Real
@@ -59,11 +50,7 @@ class Style(NamedTuple):
 
 @singledispatch
 def policy_code(policy: Policy, style: Style) -> Code:
-    """Writes a policy; its last function maps the observation to the action.
-
-    Raises:
-        InputError: if policies of this kind cannot be written in C.
-    """
+    """Writes a policy; its last function maps the observation to the action."""
     raise InputError(f"there is no C for policies of kind {policy.kind!r}; export another one")
 
 
@@ -95,6 +82,8 @@ def _(policy: AdditivePolicy, style: Style) -> Code:
     effects = np.moveaxis(policy.tables, 0, -1)
     pairs = np.column_stack([policy.pairs, policy.pair_joints])
     n_pairs = len(pairs)
+
+    # The arrays. Only pairs need the coarse cuts.
     fine, coarse = policy.cuts, policy.pair_cuts
     # One function searches both, so both are of the type that holds both.
     cut_type = CArray.of_reals("", np.concatenate([fine.ravel(), coarse.ravel()]), real, "").type
@@ -161,21 +150,13 @@ def _(policy: NeuralPolicy, style: Style) -> Code:
     return network_code(policy.actor, "actor", "act", style.real)
 
 
-def network_code(network: Network | MirroredNetwork, name: str, called: str, real: Real) -> Code:
-    """Writes a network.
-
-    Args:
-        network: The network.
-        name: Prefix of the names of its layers.
-        called: Name of the function that evaluates it, from its input to its output.
-        real: The type that is computed in.
-    """
-    plain, reflections = network.plain, network.reflections
-    prefix = name.upper()
+def network_code(network: Network, name: str, called: str, real: Real) -> Code:
+    """Writes a network, whose layers' names begin with `name`, as the function `called`."""
+    # The layers. The weights of one input for all outputs stand side by side.
+    reflections, prefix = network.reflections or (), name.upper()
     arrays: list[CArray] = []
-    layers = []
-    for place, (weight, bias) in enumerate(zip(plain.weights, plain.biases, strict=True), start=1):
-        # The weights of one input for all outputs stand side by side.
+    layers, layered = [], zip(network.weights, network.biases, strict=True)
+    for place, (weight, bias) in enumerate(layered, start=1):
         matrix = CArray.of_reals(
             f"{prefix}_WEIGHTS_{place}", weight.T, real, f"layer {place}: by input and output"
         )
@@ -183,6 +164,8 @@ def network_code(network: Network | MirroredNetwork, name: str, called: str, rea
         arrays += [matrix, vector]
         n_out, n_in = weight.shape
         layers.append({"n_in": n_in, "n_out": n_out, "weights": matrix.name, "biases": vector.name})
+
+    # The mirror images of its input and output, and its functions.
     for side, reflection in zip(("INPUT", "OUTPUT"), reflections, strict=False):
         arrays += reflection_arrays(f"{prefix}_{side}", reflection)
     widths = " - ".join(str(layer["n_out"]) for layer in layers[:-1])

@@ -23,7 +23,7 @@ from glassgait.models.export.c_language import (
 from glassgait.models.export.c_policies import Code, Style, network_code, policy_code
 from glassgait.models.formulas.grammar import GLUE
 from glassgait.models.policies.controller import Controller
-from glassgait.models.policies.neural import MirroredNetwork, Network
+from glassgait.models.policies.neural import Network
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import JointLaw, Robot, TargetLimits
@@ -54,18 +54,12 @@ _GROUPS: dict[Group, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Interface:
-    """The C interface of a controller.
-
-    Attributes:
-        name: Prefix of the names of its files, functions and types.
-        real: The type that it computes in.
-        joint_law: How joints are to follow its targets.
-        has_imu: Whether it reads an IMU.
-        has_odometry: Whether it estimates by odometry.
-    """
+    """The C interface of a controller."""
 
     name: str
+    """Prefix of the names of its files, functions and types."""
     real: Real
+    """The type that it computes in."""
     joint_law: JointLaw
     has_imu: bool
     has_odometry: bool
@@ -73,15 +67,10 @@ class Interface:
 
 @dataclass(frozen=True)
 class ControllerSource(Interface):
-    """The text of a controller.
-
-    Attributes:
-        takes_state: Whether its policy's function takes the RM state first.
-        source: The C file.
-        header: Its header.
-    """
+    """The text of a controller: a C file and its header."""
 
     takes_state: bool
+    """Whether its policy's function takes the RM state first."""
     source: str
     header: str
 
@@ -95,20 +84,17 @@ def write_controller(
     version: str,
     real: Real = "double",
 ) -> ControllerSource:
-    """Writes a controller that maps sensors to joint targets.
+    """Writes a controller in which one policy acts, from sensors to joint targets.
 
     Args:
-        gait: The gait, whose reward machine runs.
-        controller: One policy that acts without another.
         name: Prefix of the names of its files, functions and types.
         policy_name: Name of the policy in comments.
-        version: Version of this project.
-        real: The type to compute in.
 
     Raises:
         InputError: if the name is not valid in C, the policy is made for another gait or
             observation, or its kind or its estimator cannot be written in C.
     """
+    # The policy must be made for the gait and its observation.
     check_name(name)
     policy, robot, law = controller.policy, controller.robot, controller.joint_law
     estimator = exported_estimator(controller)
@@ -172,11 +158,7 @@ def write_controller(
 
 
 def check_name(name: str) -> None:
-    """Refuses a name that a controller and its files cannot have.
-
-    Raises:
-        InputError: if it cannot.
-    """
+    """Refuses a name that a controller and its files cannot have."""
     if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
         raise InputError(
             f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} small "
@@ -190,14 +172,10 @@ def reads_imu(controller: Controller) -> bool:
     return odometry or controller.policy.layout.imu or controller.joint_law.limits is not None
 
 
-def exported_estimator(controller: Controller) -> Network | MirroredNetwork | Odometry:
-    """Returns a controller's estimator.
-
-    Raises:
-        InputError: if it cannot be exported.
-    """
+def exported_estimator(controller: Controller) -> Network | Odometry:
+    """Returns a controller's estimator; raises InputError if there is no C of it."""
     estimator = controller.estimator
-    if not isinstance(estimator, Network | MirroredNetwork | Odometry):
+    if not isinstance(estimator, Network | Odometry):
         raise InputError(
             f"the estimator of a {controller.expert.kind} policy cannot be exported; export one of "
             "an expert"

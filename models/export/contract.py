@@ -74,14 +74,9 @@ def contract_of(
     policy_name: str,
     real: Real = "double",
 ) -> dict[str, Any]:
-    """Returns the contract of an exported file, by key.
+    """Returns the contract of an exported file, which must exist, by key.
 
-    Args:
-        gait: The gait.
-        controller: The exported controller.
-        file: The exported file, which must exist.
-        policy_name: Name of the policy.
-        real: Type of the numbers that the file reads and gives.
+    The file reads and gives numbers of type `real`.
     """
     policy, robot = controller.policy, controller.robot
     stiffness, damping = controller.joint_law.gains_of(robot)
@@ -153,14 +148,13 @@ def contract_text(contract: dict[str, Any]) -> str:
 def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
     """Reads a contract, and compares it with its robot and with the files beside it.
 
-    Args:
-        path: A `deploy.yaml`.
-        robot: The robot that is to be moved; by default the shipped one of the contract's name.
+    The robot is by default the shipped one of the contract's name.
 
     Raises:
         InputError: if a key was changed, a value is not the robot's, or the file beside it is
             missing or another one than was exported.
     """
+    # The text is as it was written.
     contract = read_yaml(path)
     if not isinstance(contract, dict) or contract.get("version") != VERSION:
         raise InputError(f"{path}: is no contract of version {VERSION}; export the controller anew")
@@ -169,6 +163,8 @@ def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
             f"{path}: key 'digest' does not match the others; one was changed, so export the "
             "controller anew"
         )
+
+    # Its numbers are the robot's.
     terms = robot_terms(robot or robot_of(path, contract["robot"]))
     for key, value in terms.items():
         if contract[key] != value:
@@ -176,6 +172,8 @@ def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
                 f"{path}: key {key!r} is {shown(contract[key])}, and the {terms['robot']} has "
                 f"{shown(value)}; export the controller for this robot"
             )
+
+    # The files beside it are those that were exported.
     file = path.parent / Path(contract["file"]).name
     for key, found in (("file_digest", digest(file)), ("header_digest", _header_digest(file))):
         if contract[key] != found:
@@ -187,11 +185,7 @@ def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
 
 
 def interface_of(contract: dict[str, Any]) -> Interface:
-    """Returns the interface of the C file of a contract.
-
-    Raises:
-        InputError: if the exported file is not C.
-    """
+    """Returns the interface of the C file of a contract; raises InputError if it is not C."""
     file = Path(contract["file"])
     if file.suffix != ".c":
         raise InputError(
@@ -208,7 +202,7 @@ def interface_of(contract: dict[str, Any]) -> Interface:
 
 
 def _offset(entry: ObservationEntry, robot: Robot) -> float:
-    """Returns the offset of a quantity: joints and their targets count from the stance."""
+    # Joints and their targets count from the stance.
     if entry.group not in ("joint position", "previous action"):
         return 0.0
     _, joint = entry.symbol.rsplit(".", 1)

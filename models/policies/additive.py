@@ -32,19 +32,6 @@ class AdditivePolicy(Policy):
 
     All joints bin the observations alike, finely for functions of one and coarsely for functions
     of two. A value falls into the bin whose index is the number of cuts that are at most as large.
-
-    Attributes:
-        cuts: Cuts of each observation, fine (n, c), increasing and padded with inf.
-        pair_cuts: Cuts of each observation, coarse (n, d), likewise; none of an observation that is
-            in no pair.
-        tables: Functions of one observation (12, n, c + 1).
-        pairs: Observations of each pair (p, 2).
-        pair_joints: Joint that each pair belongs to (p,).
-        pair_tables: Functions of two observations (p, d + 1, d + 1).
-        deviations: How much `tables` differ between the bagged models (standard deviation), same
-            shape; 0 of a single model.
-        pair_deviations: How much `pair_tables` differ, same shape.
-        intercepts: Constants (12,).
     """
 
     kind = "additive"
@@ -60,12 +47,19 @@ class AdditivePolicy(Policy):
         "intercepts": Reals("joints"),
     }
     cuts: Array
+    """Fine cuts of each observation (n, c), ascending and padded with inf."""
     pair_cuts: Array
+    """Coarse cuts of each observation that is in a pair (n, d), likewise."""
     tables: Array
+    """Functions of one observation (12, n, c + 1)."""
     pairs: NDArray[np.integer]
+    """Observations of each pair (p, 2)."""
     pair_joints: NDArray[np.integer]
+    """Joint of each pair (p,)."""
     pair_tables: Array
+    """Functions of two observations (p, d + 1, d + 1)."""
     deviations: Array
+    """Standard deviation of `tables` between the bagged models; 0 for a single model."""
     pair_deviations: Array
     intercepts: Array
 
@@ -85,16 +79,15 @@ class AdditivePolicy(Policy):
         models: "Sequence[ExplainableBoostingRegressor]",
         robot: Robot | None = None,
     ) -> Self:
-        """Compiles one fitted interpret model a joint.
-
-        Raises:
-            ValueError: if the models bin the observations differently.
-        """
+        """Compiles one fitted interpret model a joint; all must bin the observations alike."""
+        # The bins, which all joints share.
         n = len(observation_names)
         fine = [_cuts_of(models, feature, 0) for feature in range(n)]
         coarse = [_cuts_of(models, feature, 1) for feature in range(n)]
         cuts, pair_cuts = _padded(fine), _padded(coarse)
         width, size = cuts.shape[1] + 1, pair_cuts.shape[1] + 1
+
+        # Values and deviations of each function.
         tables = np.zeros((2, len(models), n, width))
         pairs, pair_joints, pair_tables = [], [], []
         for joint, model in enumerate(models):
@@ -145,8 +138,7 @@ class AdditivePolicy(Policy):
         """Returns the policy with tables that fit into single precision.
 
         Deviations, on which no action depends, are rounded to half precision, and the coarse bins
-        of observations that are in no pair are left out. The file is half as large or less. The few
-        cuts stay as they are, so an action differs by rounding only.
+        of observations that are in no pair are left out.
         """
         paired = np.isin(self._feature, self.pairs)
         cuts = zip(self.pair_cuts, paired, strict=True)
@@ -201,9 +193,8 @@ def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:
     if len(rows) == 1:
         # For one row, comparing with all cuts at once beats one search an observation.
         return np.sum(rows[0][:, None] >= cuts, axis=1)[None, :]
-    bins = [
-        np.searchsorted(own, values, side="right") for own, values in zip(cuts, rows.T, strict=True)
-    ]
+    columns = zip(cuts, rows.T, strict=True)
+    bins = [np.searchsorted(edges, values, side="right") for edges, values in columns]
     return np.stack(bins, axis=1)
 
 
@@ -214,11 +205,11 @@ def _cuts_of(models: Sequence[Any], feature: int, level: int) -> Array:
         if level == 0 or any(len(term) > 1 and feature in term for term in model.term_features_):
             bins = model.bins_[feature]
             cuts.append(np.asarray(bins[min(level, len(bins) - 1)], dtype=float))
-    if any(not np.array_equal(own, cuts[0]) for own in cuts):
+    if any(not np.array_equal(edges, cuts[0]) for edges in cuts):
         raise ValueError(f"additive: the models bin observation {feature} differently")
     return cuts[0] if cuts else np.zeros(0)
 
 
 def _padded(cuts: Sequence[Array]) -> Array:
-    width = max(1, *(len(own) for own in cuts))
-    return np.array([np.pad(own, (0, width - len(own)), constant_values=np.inf) for own in cuts])
+    width = max(1, *map(len, cuts))
+    return np.array([np.pad(row, (0, width - len(row)), constant_values=np.inf) for row in cuts])

@@ -25,15 +25,6 @@ class BoostedTreesPolicy(Policy):
 
     Every tree is stored as a complete binary tree, its nodes in breadth-first order. In a branch
     that ends early all nodes go left.
-
-    Attributes:
-        features: Observation that an inner node compares (12, n_trees, 2**depth - 1).
-        thresholds: The node goes left where the observation is at most this, same shape.
-        leaves: Contribution of each leaf, learning rate included (12, n_trees, 2**depth).
-        intercepts: Constants (12,).
-        importances: Share of the fit's gain at nodes that compare each observation (12, n), the
-            impurity importance.
-        depth: Comparisons on the longest branch.
     """
 
     kind = "boosted_trees"
@@ -46,10 +37,14 @@ class BoostedTreesPolicy(Policy):
         "importances": Reals("joints observations", least=0.0),
     }
     features: NDArray[np.integer]
+    """Observation that an inner node compares (12, n_trees, 2**depth - 1)."""
     thresholds: Array
+    """The node goes left where the observation is at most this, same shape."""
     leaves: Array
+    """Contribution of each leaf, learning rate included (12, n_trees, 2**depth)."""
     intercepts: Array
     importances: Array
+    """Share of the fit's gain at nodes that compare each observation (12, n)."""
 
     def __init__(self, gait: str, observation_names: Sequence[str], **options: Any) -> None:
         # Some arrays are of one shape: all go by name.
@@ -89,9 +84,7 @@ class BoostedTreesPolicy(Policy):
     def compact(self) -> Self:
         """Returns the policy with leaves and thresholds that fit into single precision.
 
-        The file is half as large. The thresholds of scikit-learn's exact trees stay as they are, so
-        every branch is the same and an action differs by rounding only. Those of trees by
-        histograms are rounded.
+        Thresholds of scikit-learn's exact trees stay as they are, so every branch is the same.
         """
         exact = lower_neighbours(self.thresholds) is not None
         return self.with_arrays(
@@ -139,24 +132,38 @@ class BoostedTreesPolicy(Policy):
         robot: Robot | None = None,
     ) -> Self:
         """Compiles one fitted scikit-learn model a joint."""
-        compiled = compiled_trees(models, len(observation_names))
-        return cls(gait, observation_names, robot=robot, **compiled)
+        n_observations = len(observation_names)
+        joints = [[_Tree.of(tree, model) for tree in _fitted(model)] for model in models]
+        n_trees = max(len(trees) for trees in joints)
+        depth = max(1, *(tree.depth() for trees in joints for tree in trees))
+
+        # Complete trees, whose nodes go left of infinity until they are filled.
+        features = np.zeros((len(models), n_trees, 2**depth - 1), dtype=np.int32)
+        thresholds = np.full(features.shape, np.inf)
+        leaves = np.zeros((len(models), n_trees, 2**depth))
+        for joint, trees in enumerate(joints):
+            for i, tree in enumerate(trees):
+                tree.fill(features[joint, i], thresholds[joint, i], leaves[joint, i])
+        return cls(
+            gait,
+            observation_names,
+            robot=robot,
+            features=features,
+            thresholds=thresholds,
+            leaves=leaves,
+            intercepts=np.array([_constant(model) for model in models]),
+            importances=np.array([_importances(model, n_observations) for model in models]),
+        )
 
 
 # ---- Thresholds of single precision ----------------------------------------------------------
 
 
 def single_precision_cuts(thresholds: NDArray[np.floating]) -> Array:
-    """Returns cuts for doubles that were compared in single precision.
+    """Returns cuts c such that `x <= c` if and only if `float32(x) <= threshold`.
 
     scikit-learn's exact trees round an observation before they compare it. With these cuts the
     branches are the same without rounding.
-
-    Args:
-        thresholds: Thresholds, any shape.
-
-    Returns:
-        Cuts c of the same shape: `x <= c` if and only if `float32(x) <= threshold`.
     """
     below = _single_precision_below(thresholds)
     above = np.nextafter(below, np.float32(np.inf))
@@ -180,26 +187,6 @@ def _single_precision_below(values: NDArray[Any]) -> NDArray[np.float32]:
 
 
 # ---- Models of scikit-learn ------------------------------------------------------------------
-
-
-def compiled_trees(models: "Sequence[Model]", n_observations: int) -> dict[str, NDArray[Any]]:
-    """Compiles one fitted model a joint into the arrays of `BoostedTreesPolicy`, by name."""
-    joints = [[_Tree.of(tree, model) for tree in _fitted(model)] for model in models]
-    n_trees = max(len(trees) for trees in joints)
-    depth = max(1, *(tree.depth() for trees in joints for tree in trees))
-    shape = (len(models), n_trees)
-    arrays: dict[str, NDArray[Any]] = {
-        "features": np.zeros((*shape, 2**depth - 1), dtype=np.int32),
-        "thresholds": np.full((*shape, 2**depth - 1), np.inf),
-        "leaves": np.zeros((*shape, 2**depth)),
-        "intercepts": np.array([_constant(model) for model in models]),
-        "importances": np.array([_importances(model, n_observations) for model in models]),
-    }
-    for joint, trees in enumerate(joints):
-        for index, tree in enumerate(trees):
-            parts = (arrays[name][joint, index] for name in ("features", "thresholds", "leaves"))
-            tree.fill(*parts)
-    return arrays
 
 
 def _is_histogram(model: Any) -> bool:
@@ -238,23 +225,18 @@ class _Tree(NamedTuple):
             return 0
         return 1 + max(self.depth(self.left[node]), self.depth(self.right[node]))
 
-    def fill(
-        self,
-        features: NDArray[Any],
-        thresholds: Array,
-        leaves: Array,
-        node: int = 0,
-        slot: int = 0,
-    ) -> None:
-        """Writes the branch from a node on into the arrays of a complete tree, from a slot on."""
-        if slot >= len(features):
-            leaves[slot - len(features)] = self.values[node]
-        elif self.left[node] < 0:
-            self.fill(features, thresholds, leaves, node, 2 * slot + 1)
-        else:
+    def fill(self, features: NDArray[Any], thresholds: Array, leaves: Array) -> None:
+        """Writes the tree into the arrays of a complete one, level by level."""
+        nodes = [0]
+        for slot in range(len(features)):
+            node = nodes[slot]
+            if node < 0 or self.left[node] < 0:
+                # The branch has ended: all rows go left, and none reaches the right side.
+                nodes += [node, -1]
+                continue
             features[slot], thresholds[slot] = self.features[node], self.thresholds[node]
-            self.fill(features, thresholds, leaves, self.left[node], 2 * slot + 1)
-            self.fill(features, thresholds, leaves, self.right[node], 2 * slot + 2)
+            nodes += [self.left[node], self.right[node]]
+        leaves[:] = [0.0 if node < 0 else self.values[node] for node in nodes[len(features) :]]
 
 
 def _constant(model: Any) -> float:

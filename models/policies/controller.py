@@ -20,13 +20,7 @@ Estimator = Callable[[Array], Array] | Odometry
 
 
 class ControllerOutput(NamedTuple):
-    """The result of a controller at a control step, robots along the first axis.
-
-    Attributes:
-        action: Actions (n, 12).
-        expert_acts: Whether they are the expert's (n,).
-        memory: The controller's memory until the next step.
-    """
+    """Actions (n, 12) at a control step, whether they are the expert's (n,), and the memory."""
 
     action: Array
     expert_acts: NDArray[np.bool_]
@@ -52,12 +46,7 @@ class Controller:
     period: int = 1
 
     def __post_init__(self) -> None:
-        """
-        Raises:
-            ValueError: if the period is negative, or needs a student that is not given.
-            InputError: if the student observes by the estimator of another expert; or both act, and
-                the student has another odometry, or other gains or limits of its joints.
-        """
+        # Users choose the policies: a misfit is bad input. Only code chooses the period.
         if self.student is not None:
             _refuse_other_expert(self.expert, self.student, both_act=self.period > 1)
         if self.period < 0:
@@ -75,17 +64,12 @@ class Controller:
 
     @property
     def policy(self) -> Policy:
-        """The only policy that acts.
-
-        Raises:
-            ValueError: if two policies act.
-        """
+        """The only policy that acts; raises ValueError if two do."""
         (policy,) = self.policies.values()
         return policy
 
     @property
     def robot(self) -> Robot:
-        """The robot that it is made for."""
         return self.expert.robot
 
     @property
@@ -113,17 +97,11 @@ class Controller:
         policy = self.expert if self.student is None or by_expert else self.student
         return ControllerOutput(policy(observation), np.full(len(observation), by_expert), memory)
 
-    def settings(self) -> dict[str, Any]:
-        """Returns the settings that change its actions, as values that JSON can hold."""
-        return {"period": self.period}
-
 
 def alone(policy: Policy, expert: Policy | None = None) -> Controller:
     """Returns the controller in which only one policy acts.
 
-    Args:
-        policy: An expert or a student.
-        expert: The expert whose estimator observes for a student without odometry.
+    The estimator of the expert, if one is given, observes for a student without odometry.
     """
     if expert is None or expert is policy:
         return Controller(policy)
@@ -139,16 +117,11 @@ def expert_of(controller: Controller | Policy) -> Policy:
 
 
 def refuse_other_machine(controller: Controller | Policy | None, gait: Gait) -> None:
-    """Refuses a gait for which a policy that acts was not made.
-
-    Raises:
-        InputError: as `Policy.refuse_other_machine`.
-    """
+    """Refuses a gait for which a policy that acts was not made."""
     if isinstance(controller, Policy):
-        controller.refuse_other_machine(gait)
-    elif controller is not None:
-        for policy in controller.policies.values():
-            policy.refuse_other_machine(gait)
+        controller = Controller(controller)
+    for policy in controller.policies.values() if controller else ():
+        policy.refuse_other_machine(gait)
 
 
 def estimator_in_loop(
@@ -173,6 +146,7 @@ def estimator_in_loop(
 
 def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
     """Refuses an expert whose estimator is not the student's, and joints of two laws."""
+    # The student was distilled with one estimator, and observes by no other.
     name = f"this {student.kind} student of the {student.gait}"
     if student.observes_by not in (None, expert.digest()):
         raise InputError(
@@ -181,14 +155,15 @@ def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> 
         )
     if not both_act:
         return
+
+    # One robot cannot observe in two ways, or hold its joints by two laws, by turns.
     estimator, law = student.estimator, student.joint_law.over(expert.joint_law)
-    robot, theirs = expert.robot, expert.joint_law
+    robot, theirs, differs = expert.robot, expert.joint_law, None
     if isinstance(estimator, Odometry) and estimator != expert.estimator:
         differs = "has odometry of its own, which is not the estimator of"
     elif law.gains_of(robot) != theirs.gains_of(robot):
         differs = f"moves joints of gains {law.gains_of(robot)}, not {theirs.gains_of(robot)} as"
     elif law.limits != theirs.limits:
         differs = "has other limits of its targets than"
-    else:
-        return
-    raise InputError(f"{name} {differs} the expert that acts with it; let only one of them act")
+    if differs:
+        raise InputError(f"{name} {differs} the expert that acts with it; let only one of them act")

@@ -1,16 +1,16 @@
 """Loading any policy from its file."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
-from glassgait.models.files import read_text, read_yaml
-from glassgait.models.policies.policy import Policy, read_policy_file
+from glassgait.models.files import load_arrays, read_text, read_yaml
+from glassgait.models.policies.policy import FORMAT_VERSION, Policy
 from glassgait.models.robots.library import load_robot, robot_folder, robot_of
 from glassgait.models.robots.robot import DEFAULT_ROBOT, JointLaw, Robot
 from glassgait.models.task.observation import ObservationLayout
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 FORMULAS = ".formulas"
 POLICY_SUFFIXES = (Policy.suffix, FORMULAS)
-"""Endings of the names of policy files."""
 
 SAVED_TOLERANCE = 1e-9
 """Greatest difference of the actions of a policy and of its file, absolute and relative."""
@@ -41,10 +40,7 @@ def policy_path(folder: Path, name: str) -> Path:
 
 
 def policy_class(kind: str) -> type[Policy] | None:
-    """Returns the class of the policies of a kind that have safetensors files.
-
-    It is one of this project's, or any subclass of `Policy` that was imported.
-    """
+    """Returns the class of a kind of safetensors files, among all imported ones."""
     # Imported here: programs that load one kind do not need the others.
     match kind:
         case "neural":
@@ -63,20 +59,20 @@ def policy_class(kind: str) -> type[Policy] | None:
 
 
 def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
-    """Loads a policy of any kind.
-
-    Args:
-        path: Its file.
-        robot: The robot that it must be of; by default the shipped robot that it names.
-    """
+    """Loads a policy of any kind, of the shipped robot that its file names unless one is given."""
     path = Path(path)
+
+    # Formulas are text.
     if path.suffix == FORMULAS:
         from glassgait.models.policies.symbolic import FormulaPolicy  # noqa: PLC0415
 
         with naming(path):
             file = _read_formula_file(path)
             return FormulaPolicy.from_file(file, robot_of(path, file.robot, robot))
-    arrays, header = read_policy_file(path)
+
+    # All other policies are arrays, with a header.
+    arrays, header = load_arrays(path)
+    _check_header(path, header)
     found = policy_class(header["kind"])
     if found is None:
         raise InputError(
@@ -89,6 +85,16 @@ def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
         law = JointLaw.from_plain(header.get("joint_law", {}), JointLaw.title)
         policy = found.from_arrays(arrays, header["values"], robot=robot, **names)
         return policy.with_joint_law(law)
+
+
+def _check_header(path: Path, header: Any) -> None:
+    if not isinstance(header, Mapping) or header.get("format") != FORMAT_VERSION:
+        raise InputError(f"{path}: is not a policy of format {FORMAT_VERSION}; make it anew")
+    wanted = {"kind": str, "gait": str, "observation_names": list, "values": dict}
+    for key, kind in wanted.items():
+        if not isinstance(header.get(key), kind):
+            found = shown(header.get(key))
+            raise InputError(f"{path}: key {key!r} of its header is {found}; make the policy anew")
 
 
 def _read_formula_file(path: Path) -> "FormulaFile":
@@ -110,11 +116,9 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def find_gait(gait: str | Path, robot: str | None = None) -> "Gait":
-    """Loads a gait by its name, or from a gait file, or from a formula file that holds one.
+    """Loads a gait by its name, from a gait file, or from a formula file that holds one.
 
-    Args:
-        gait: The name, or path of a file.
-        robot: Name of a robot, or path of its robot.yaml, that a formula file must be of.
+    A formula file must be of the robot, if one is given by its name or the path of its robot.yaml.
     """
     from glassgait.models.task.gait import load_gait  # noqa: PLC0415
 
@@ -131,15 +135,10 @@ def find_gait(gait: str | Path, robot: str | None = None) -> "Gait":
 
 
 def save_policy(policy: Policy, path: Path, observations: Array) -> None:
-    """Saves a policy, loads it again, and compares the actions of both.
-
-    Args:
-        policy: The policy.
-        path: Its file, which is deleted where it does not hold the policy.
-        observations: Observations at which actions are compared (m, n).
+    """Saves a policy, loads it again, and compares the actions of both at observations (m, n).
 
     Raises:
-        InputError: if the file cannot be written, cannot be loaded, or acts otherwise.
+        InputError: if the file acts otherwise; it is deleted.
     """
     policy.save(path)
     loaded, acted = load_policy(path, policy.robot)(observations), policy(observations)
@@ -210,8 +209,7 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
 def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
     """Loads a shipped student, with its estimator."""
     robot = robot or load_robot()
-    shipped = shipped_students(gait, robot.name)
-    if kind not in shipped:
+    if kind not in (shipped := shipped_students(gait, robot.name)):
         kinds = ", ".join(shipped) or "none"
         raise InputError(
             f"no student {shown(kind)} for gait {gait!r} of the {robot.name} ships with the "
@@ -225,16 +223,14 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
 def load_expert(
     gait: "str | Gait", path: Path | None = None, robot: Robot | None = None
 ) -> "NeuralPolicy":
-    """Loads the expert of a gait.
+    """Loads the expert of a gait, from the shipped file unless one is given.
 
-    Args:
-        gait: The gait, or its name if it ships.
-        path: The expert's file; the shipped one by default.
-        robot: The robot; by default that of the file, and of shipped experts the default one.
+    The robot is that of the file by default, and for shipped experts the default robot.
     """
     from glassgait.models.policies.neural import NeuralPolicy  # noqa: PLC0415
     from glassgait.models.task.gait import load_gait  # noqa: PLC0415
 
+    # The file.
     machine = load_gait(gait) if isinstance(gait, str) else gait
     if path is None:
         robot = robot or load_robot()
@@ -245,6 +241,8 @@ def load_expert(
                 f"train one with 'glassgait train --gait {machine.name}{robot.option}', or name "
                 "its run with --source"
             )
+
+    # It must hold a network for this gait and its present states.
     policy = load_policy(path, robot)
     if not isinstance(policy, NeuralPolicy):
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")

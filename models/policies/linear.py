@@ -21,12 +21,7 @@ from glassgait.models.task.observation import symbols_of
 
 
 class LinearPolicy(Policy):
-    """Each action is a weighted sum of the observations.
-
-    Attributes:
-        weights: Weights (12, n).
-        intercepts: Intercepts (12,).
-    """
+    """Each action is a weighted sum of the observations: weights (12, n), intercepts (12,)."""
 
     kind = "linear"
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {
@@ -43,10 +38,6 @@ class LinearPolicy(Policy):
         """Returns weights (k, 12, n) and intercepts (k, 12), one of each where all states share."""
         return self.weights[None], self.intercepts[None]
 
-    def state_shares(self, observations: Array) -> Array:
-        """Returns the share of observations (m, n) to which each entry of `by_state` applies."""
-        return np.ones(1)
-
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         scale, stance = self.robot.action_scale, self.robot.default_stance[joint]
         weights, intercepts = self.by_state()
@@ -58,8 +49,12 @@ class LinearPolicy(Policy):
         )
 
     def importance(self, observations: Array) -> tuple[str, Array]:
-        slopes = np.tensordot(self.state_shares(observations), np.abs(self.by_state()[0]), axes=1)
+        slopes = np.tensordot(self._state_shares(observations), np.abs(self.by_state()[0]), axes=1)
         return "derivatives", slopes * observations.std(axis=0)
+
+    def _state_shares(self, observations: Array) -> Array:
+        """Returns the share of observations (m, n) to which each entry of `by_state` applies."""
+        return np.ones(1)
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
         joint = quadruped.joint_index(joint)
@@ -73,12 +68,7 @@ class LinearPolicy(Policy):
 
 
 class StatewiseLinearPolicy(LinearPolicy):
-    """A linear policy for each state of the reward machine: a hybrid automaton to read.
-
-    Attributes:
-        weights: Weights (n_states, 12, n).
-        intercepts: Intercepts (n_states, 12).
-    """
+    """A linear policy for each RM state: weights (n_states, 12, n), intercepts (n_states, 12)."""
 
     kind = "statewise_linear"
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {
@@ -94,5 +84,5 @@ class StatewiseLinearPolicy(LinearPolicy):
     def by_state(self) -> tuple[Array, Array]:
         return self.weights, self.intercepts
 
-    def state_shares(self, observations: Array) -> Array:
+    def _state_shares(self, observations: Array) -> Array:
         return observations[:, self._one_hot].mean(axis=0)

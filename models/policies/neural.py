@@ -1,9 +1,9 @@
 """Neural policies: the experts, with the state estimator that they learned to rely on."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,31 +30,28 @@ def elu(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Network:
-    """A fully connected network with ELU between its layers.
+    """A fully connected network with ELU between its layers, in double precision.
 
-    Attributes:
-        weights: Matrices (n_out, n_in), first layer first.
-        biases: Vectors (n_out,).
+    With mirror images M the network treats left and right alike: it is the mean of f(x) and
+    M f(M x), where f is given by its layers.
     """
 
     weights: tuple[Array, ...]
+    """Matrices (n_out, n_in), first layer first."""
     biases: tuple[Array, ...]
-
-    reflections: ClassVar[tuple[Reflection, ...]] = ()
-    """Mirror images of inputs and of outputs, of networks that treat left and right alike."""
-
-    @property
-    def plain(self) -> "Network":
-        """The layers themselves."""
-        return self
-
-    @property
-    def hidden_layers(self) -> tuple[int, ...]:
-        """Widths of all layers but the last."""
-        return tuple(len(bias) for bias in self.biases[:-1])
+    """Vectors (n_out,)."""
+    reflections: tuple[Reflection, Reflection] | None = None
+    """Mirror images of inputs and of outputs."""
 
     def __call__(self, x: Array) -> Array:
-        """Maps inputs (..., n_in) to outputs (..., n_out), in double precision."""
+        """Maps inputs (..., n_in) to outputs (..., n_out)."""
+        if self.reflections is None:
+            return self._layered(x)
+        reflect_input, reflect_output = self.reflections
+        plain, image = self._layered(np.stack([x, reflect_input(x)]))
+        return 0.5 * (plain + reflect_output(image))
+
+    def _layered(self, x: Array) -> Array:
         last = len(self.weights) - 1
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = x @ weight.T + bias
@@ -82,43 +79,10 @@ def _count_layers(arrays: Mapping[str, NDArray[Any]], prefix: str) -> int:
     return next(i for i in range(len(arrays) + 1) if f"{prefix}.{i}.weight" not in arrays)
 
 
-@dataclass(frozen=True)
-class MirroredNetwork:
-    """A network that treats left and right alike: the mean of f(x) and M f(M x), M the mirror.
-
-    Attributes:
-        network: f.
-        reflect_input: M of its inputs.
-        reflect_output: M of its outputs.
-    """
-
-    network: Network
-    reflect_input: Reflection
-    reflect_output: Reflection
-
-    @property
-    def plain(self) -> Network:
-        """The layers themselves."""
-        return self.network
-
-    @property
-    def reflections(self) -> tuple[Reflection, ...]:
-        """Mirror images of inputs and of outputs."""
-        return self.reflect_input, self.reflect_output
-
-    def __call__(self, x: Array) -> Array:
-        """Maps inputs (..., n_in) to outputs (..., n_out), in double precision."""
-        plain, image = self.network(np.stack([x, self.reflect_input(x)]))
-        return 0.5 * (plain + self.reflect_output(image))
-
-
 class NeuralPolicy(Policy):
-    """An expert trained by PPO.
+    """An expert trained by PPO: an actor, and odometry or a network that estimates the body state.
 
-    Attributes:
-        actor: Maps the observation to the action.
-        mirrored_states: The mirror image of each RM state, if the networks treat left and right
-            alike.
+    With the mirror image of each RM state, its networks treat left and right alike.
     """
 
     kind = "neural"
@@ -133,17 +97,13 @@ class NeuralPolicy(Policy):
         *,
         robot: Robot | None = None,
     ) -> None:
-        """
-        Args:
-            gait: Name of the gait.
-            observation_names: Names of the observations, in order.
-            actor: Network from the observation to the action.
-            estimator: Network from proprioception to the last seven entries of the observation, or
-                odometry.
-            mirrored_states: `symmetry.mirrored_states` of the gait, or None.
-            robot: The robot; the default one by default.
+        """Takes networks without mirror images, and `symmetry.mirrored_states` of the gait.
+
+        The estimator maps proprioception to the last seven entries of the observation.
         """
         super().__init__(gait, observation_names, robot=robot)
+
+        # The layers, as in files.
         self._networks = {"actor": actor}
         if isinstance(estimator, Network):
             self._networks["estimator"] = estimator
@@ -151,22 +111,23 @@ class NeuralPolicy(Policy):
         for name, network in self._networks.items():
             layers |= network.layers(name)
         self._taken(layers, observation_names, estimator="estimator" in self._networks)
+
+        # The networks that act, which may treat left and right alike.
         self.mirrored_states = self._checked_states(mirrored_states)
-        self.actor: Network | MirroredNetwork = actor
-        self._estimator: Network | MirroredNetwork | Odometry = estimator
+        self.actor = actor
+        self._estimator: Network | Odometry = estimator
         if self.mirrored_states is not None:
             observation = reflect_observation(observation_names, self.mirrored_states)
             proprioception, body = observation.split(len(observation_names) - N_ESTIMATED)
-            self.actor = MirroredNetwork(actor, observation, REFLECT_JOINTS)
+            self.actor = replace(actor, reflections=(observation, REFLECT_JOINTS))
             if isinstance(estimator, Network):
-                self._estimator = MirroredNetwork(estimator, proprioception, body)
+                self._estimator = replace(estimator, reflections=(proprioception, body))
 
     def __call__(self, observation: Array) -> Array:
         return self.actor(observation)
 
     @property
-    def estimator(self) -> Network | MirroredNetwork | Odometry:
-        """Odometry, or the map from proprioception to the body state (..., 7)."""
+    def estimator(self) -> Network | Odometry:
         return self._estimator
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

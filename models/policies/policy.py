@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
-from glassgait.models.files import load_arrays, save_arrays
+from glassgait.models.files import save_arrays
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, OWN_LAW, JointLaw, Robot
@@ -34,7 +34,6 @@ LARGEST = 1e30
 
 MAX_ENTRIES = 2**26
 """Greatest number of entries of an array: half a gigabyte of double precision."""
-
 
 INTERCEPT = "intercept"
 """The constant among the terms of a target."""
@@ -56,7 +55,6 @@ class Reals:
     ascending: bool = False
 
     def taken(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
-        """Returns the array in double precision."""
         if array.dtype not in (np.float16, np.float32, np.float64):
             raise InputError(f"is of type {array.dtype}; it must be float16, float32 or float64")
         with np.errstate(invalid="ignore"):
@@ -80,7 +78,6 @@ class Indices:
     of: str
 
     def taken(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
-        """Returns the array."""
         if array.dtype.kind not in "iu" or not np.can_cast(array.dtype, np.int64):
             raise InputError(f"is of type {array.dtype}; it must be uint8, uint16, int32 or int64")
         inside = (array >= 0) & (array < sizes[self.of])
@@ -96,11 +93,7 @@ ArraySpec = Reals | Indices
 def take_arrays(
     arrays: Mapping[str, NDArray[Any]], specs: Mapping[str, ArraySpec], sizes: Mapping[str, int]
 ) -> dict[str, NDArray[Any]]:
-    """Checks the arrays of a policy, of which some sizes are known, and returns them.
-
-    Raises:
-        InputError: if an array is missing, left over, or not valid; the message names it.
-    """
+    """Checks the arrays of a policy and returns them; `sizes` are those known so far."""
     for name in sorted(set(arrays) ^ set(specs)):
         if name in specs:
             raise InputError(f"lacks the array {name!r}; make it anew")
@@ -116,7 +109,7 @@ def take_arrays(
 
 
 def _fit_shape(shape: tuple[int, ...], dims: str, sizes: dict[str, int]) -> None:
-    """Refuses a shape that does not have these dimensions, and notes sizes that were unknown."""
+    """Refuses a shape of other dimensions, and notes the sizes of names that are new."""
     fits = len(shape) == len(dims.split())
     for size, dim in zip(shape, dims.split(), strict=False):
         name, _, extra = dim.rstrip("?").partition("+")
@@ -150,28 +143,19 @@ def rounded(array: NDArray[Any], width: DTypeLike) -> NDArray[Any]:
 
 
 class FactoredTerm(NamedTuple):
-    """A term of a joint's target: a weight times quantities, or a function of them.
-
-    Attributes:
-        weights: The weight, one for all RM states or one each; empty where the term is a function
-            of its quantities.
-        quantities: Variables of the policy, or functions of them.
-        state: RM state whose formula the term is part of; None where it serves all.
-    """
+    """A term of a joint's target: a weight times quantities, or a function of them."""
 
     weights: tuple[float, ...]
+    """The weight, one for all RM states or one each; empty where the term is a function."""
     quantities: "tuple[Expression, ...]"
+    """Variables of the policy, or functions of them."""
     state: int | None = None
+    """RM state whose formula the term is part of; None where it serves all."""
 
 
 @dataclass(frozen=True)
 class Contributions:
-    """The parts that add up to a joint's targets.
-
-    Attributes:
-        terms: Names of the parts (k).
-        values: Contribution of each part (..., k; rad).
-    """
+    """The parts that add up to a joint's targets: k names, and contributions (..., k; rad)."""
 
     terms: tuple[str, ...]
     values: Array
@@ -191,14 +175,6 @@ class Policy(ABC):
 
     Policies are immutable: a systems diagram may share one between contexts and clones. The
     constructor checks names and arrays, whatever their source.
-
-    Attributes:
-        robot: The robot that it was made for.
-        gait: Name of the gait that it was made for.
-        observation_names: Names of the observations, in order.
-        joint_law: The law by which joints follow its targets.
-        observes_by: Digest of the expert whose estimator it observes by, if it has one from there.
-        machine: The gait itself, where the policy's file holds it.
     """
 
     kind: ClassVar[str]
@@ -209,8 +185,11 @@ class Policy(ABC):
     """The policy's arrays, by the names of its attributes."""
 
     joint_law: JointLaw = OWN_LAW
+    """The law by which joints follow its targets."""
     observes_by: str | None = None
+    """Digest of the expert whose estimator it observes by, if it has one from there."""
     machine: "Gait | None" = None
+    """The gait itself, where the policy's file holds it."""
     _estimator: "Callable[[Array], Array] | Odometry | None" = None
 
     def __init__(
@@ -221,13 +200,7 @@ class Policy(ABC):
         robot: Robot | None = None,
         **arrays: NDArray[Any],
     ) -> None:
-        """
-        Args:
-            gait: Name of the gait.
-            observation_names: Names of the observations, in order.
-            in_order: The first arrays of `array_specs`, in its order; the others go by name.
-            robot: The robot; the default one by default.
-        """
+        """Takes the arrays of `array_specs`, the first ones in order and the others by name."""
         if len(in_order) > len(self.array_specs):
             raise TypeError(f"{self.kind} policy: takes {len(self.array_specs)} arrays")
         arrays |= zip(self.array_specs, in_order, strict=False)
@@ -243,15 +216,15 @@ class Policy(ABC):
 
     @classmethod
     def _sizes(cls, observation_names: Sequence[str]) -> dict[str, int]:
-        """Returns the sizes that arrays may have, and refuses names of another observation."""
+        """Returns the sizes that are known, and refuses names of another observation."""
         names = tuple(observation_names)
         if not all(isinstance(name, str) for name in names):
             raise InputError("an observation's name is not text; make it anew")
         layout = ObservationLayout.of(names)
         if names != layout.names:
             raise InputError("its observations are not those of the task; make it anew")
-        states = layout.n_machine_states
-        return {"joints": quadruped.N_JOINTS, "observations": len(names), "states": states}
+        sizes = {"observations": len(names), "states": layout.n_machine_states}
+        return {"joints": quadruped.N_JOINTS} | sizes
 
     @classmethod
     @contextmanager
@@ -268,7 +241,6 @@ class Policy(ABC):
 
     @property
     def layout(self) -> ObservationLayout:
-        """The layout of its observations."""
         return ObservationLayout.of(self.observation_names)
 
     @cached_property
@@ -276,7 +248,7 @@ class Policy(ABC):
         return machine_state_entries(self.observation_names)
 
     def machine_state(self, observation: Array) -> NDArray[np.intp]:
-        """Returns the number of the RM state in observations (..., n)."""
+        """Returns the index of the RM state in observations (..., n)."""
         return np.argmax(observation[..., self._one_hot], axis=-1)
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -329,7 +301,6 @@ class Policy(ABC):
         return whole.hexdigest()[:16]
 
     def _named(self) -> list[str]:
-        """Returns kind and gait, and the robot where it is not the default one."""
         robot = [] if self.robot.name == DEFAULT_ROBOT else [self.robot.name]
         return [self.kind, self.gait, *robot]
 
@@ -357,11 +328,7 @@ class Policy(ABC):
         return made
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
-        """Splits a joint's targets into contributions that add up to them.
-
-        Args:
-            observation: Observations (..., n).
-            joint: Index of the joint, or its name.
+        """Splits a joint's targets at observations (..., n) into parts that add up to them.
 
         Raises:
             InputError: if the joint is unknown, or this kind of policy has no such parts.
@@ -376,10 +343,7 @@ class Policy(ABC):
         raise InputError(f"policies of kind {self.kind!r} are not sums of terms; take another one")
 
     def importance(self, observations: Array) -> tuple[str, Array] | None:
-        """Returns the importance of each observation by the policy's parts.
-
-        Args:
-            observations: Observations (m, n).
+        """Returns the importance of each observation by the policy's parts, given samples (m, n).
 
         Returns:
             The name of the method, and an array (12, n); None for policies without such parts.
@@ -408,15 +372,19 @@ class Policy(ABC):
         robot: Robot | None = None,
     ) -> None:
         """Refuses another robot, another gait or its name, or another layout of the observation."""
+        # The robot and the gait, by name.
         name = gait if isinstance(gait, str) else gait.name
+        made_for = "this policy was made for"
         if robot is not None and self.robot.name != robot.name:
-            differs = f"robot {self.robot.name!r}, not {robot.name!r}; load one of that robot"
-        elif self.gait != name:
-            differs = f"gait {self.gait!r}, not {name!r}; name its gait with --gait"
-        else:
-            differs = None
-        if differs is not None:
-            raise InputError(f"this policy was made for {differs}")
+            raise InputError(
+                f"{made_for} robot {self.robot.name!r}, not {robot.name!r}; load one of that robot"
+            )
+        if self.gait != name:
+            raise InputError(
+                f"{made_for} gait {self.gait!r}, not {name!r}; name its gait with --gait"
+            )
+
+        # The machine and the layout.
         if not isinstance(gait, str):
             self.refuse_other_machine(gait)
         ours, theirs = self.observation_names, observation_names
@@ -426,19 +394,6 @@ class Policy(ABC):
                 f"{len(ours)} entries instead of {len(theirs)}",
             )
             raise InputError(f"this policy observes {first}; distil it again for this layout")
-
-
-def read_policy_file(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Reads the arrays and the header of a policy file."""
-    arrays, header = load_arrays(path)
-    if not isinstance(header, dict) or header.get("format") != FORMAT_VERSION:
-        raise InputError(f"{path}: is not a policy of format {FORMAT_VERSION}; make it anew")
-    wanted = {"kind": str, "gait": str, "observation_names": list, "values": dict}
-    for key, kind in wanted.items():
-        if not isinstance(header.get(key), kind):
-            found = shown(header.get(key))
-            raise InputError(f"{path}: key {key!r} of its header is {found}; make the policy anew")
-    return arrays, header
 
 
 def first_not_finite(values: Array) -> tuple[int, ...] | None:

@@ -48,31 +48,22 @@ ENGINES = {"Drake": "training", "MuJoCo": "mujoco"}
 
 
 class Moment(NamedTuple):
-    """The inputs of a controller in one step.
-
-    Attributes:
-        sensors: The readings of the robot's sensors.
-        command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
-    """
+    """The inputs of a controller in one step."""
 
     sensors: Sensors
     command: Command
 
 
 class Agreement(NamedTuple):
-    """The differences between two controllers over the same sequences.
-
-    Attributes:
-        steps: Control steps that were taken.
-        target: Greatest difference of a joint target (rad).
-        machine: Control steps at which the machine's state, iterations or age differ.
-        changes: Changes of the machine's state.
-    """
+    """The differences between two controllers over the same sequences."""
 
     steps: int
     target: float
+    """Greatest difference of a joint target (rad)."""
     machine: int
+    """Control steps at which the machine's state, iterations or age differ."""
     changes: int
+    """Changes of the machine's state."""
 
 
 def agreement_table(
@@ -86,16 +77,8 @@ def agreement_table(
 ) -> pd.DataFrame:
     """Compares C and Python over recorded and over random sequences, one row each.
 
-    Args:
-        gait: The gait.
-        controller: The controller in Python.
-        compiled: The controller in C.
-        n_steps: Control steps, half of recorded and half of random sensors.
-        seed: Seed of all randomness.
-        exact: Whether differences above `SAME` are refused, as of C in double precision.
-
-    Raises:
-        InputError: if they are.
+    Half of `n_steps` are of recorded and half of random sensors. Raises InputError if `exact` and a
+    difference is above `SAME`.
     """
     recorded = (n_steps + 1) // 2
     sequences = {
@@ -123,11 +106,7 @@ def compare_controllers(
     compiled: LoadedController,
     sequences: Sequence[Sequence[Moment]],
 ) -> Agreement:
-    """Lets a controller in Python and in C take the steps of each sequence.
-
-    Raises:
-        InputError: if the controller has no estimator, or was made for another machine.
-    """
+    """Lets a controller in Python and in C take the steps of each sequence."""
     # The control step in Python, with all that the C file holds but the policy.
     refuse_other_machine(controller, gait)
     control = ControlStep(
@@ -162,16 +141,15 @@ def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[
     transition of the gait fires. The trunk leans and turns in any direction.
     """
     generator, of_trunk = np.random.default_rng(seed), np.random.default_rng([seed, 1])
-    tables = np.array([transition.when.table for transition in gait.transitions])
     counts = [min(SEQUENCE_STEPS, n_steps - k) for k in range(0, n_steps, SEQUENCE_STEPS)]
     return [
-        list(_random_moments(robot, gait, tables, random_readings(count, of_trunk), generator))
+        list(_random_moments(robot, gait, _random_readings(count, of_trunk), generator))
         for count in counts
     ]
 
 
-def random_readings(count: int, generator: np.random.Generator) -> Array:
-    """Draws readings of an IMU (count, 9) of robots that lean and turn in any direction."""
+def _random_readings(count: int, generator: np.random.Generator) -> Array:
+    """Draws readings of an IMU (count, 9)."""
     turning, change, down = generator.normal(size=(3, count, 3))
     down /= np.sqrt(np.sum(np.square(down), axis=1, keepdims=True))
     change *= CONTROL_PERIOD * GRAVITY
@@ -179,8 +157,9 @@ def random_readings(count: int, generator: np.random.Generator) -> Array:
 
 
 def _random_moments(
-    robot: Robot, gait: Gait, tables: Array, readings: Array, generator: np.random.Generator
+    robot: Robot, gait: Gait, readings: Array, generator: np.random.Generator
 ) -> Iterator[Moment]:
+    tables = np.array([transition.when.table for transition in gait.transitions])
     for step, imu in enumerate(readings):
         if step % COMMAND_STEPS == 0:
             drawn = sample_commands(gait, 1, generator)
@@ -198,29 +177,24 @@ def recorded_sequences(
     gait: Gait, controller: Controller, n_steps: int, seed: int
 ) -> list[list[Moment]]:
     """Records the sensors of robots that the controller moves, in the training scenario."""
-    n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
-    steps = _walked(gait, controller, n_robots, n_steps // n_robots, seed)
-    return [list(sequence) for sequence in zip(*map(_inputs, steps), strict=True)]
+    steps = recorded_steps(gait, controller, n_steps, seed)
+    return [
+        list(sequence) for sequence in zip(*(moments(one.before) for one in steps), strict=True)
+    ]
 
 
-def recorded_observations(
-    gait: Gait, controller: Controller, n_robots: int, n_steps: int, seed: int
-) -> Array:
-    """Records observations (m, n) of robots that the controller moves, likewise."""
-    steps = _walked(gait, controller, n_robots, n_steps, seed)
-    return np.concatenate([step.observation for step in steps])
-
-
-def _walked(
-    gait: Gait, controller: Controller, n_robots: int, n_steps: int, seed: int
+def recorded_steps(
+    gait: Gait, controller: Controller, n_steps: int, seed: int
 ) -> list[EpisodeStep]:
-    recorded = _Steps([])
+    """Records so many control steps in all of robots that walk about `SEQUENCE_STEPS` each."""
+    n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
+    recorded = _Steps()
     episode(
         gait,
         controller,
         UNLIMITED,
         n_robots=n_robots,
-        n_steps=n_steps,
+        n_steps=n_steps // n_robots,
         seed=seed,
         observers=[recorded],
         when_fallen="go on",
@@ -228,15 +202,9 @@ def _walked(
     return recorded.steps
 
 
-def _inputs(step: EpisodeStep) -> Iterator[Moment]:
-    return moments(step.before)
-
-
-@dataclass
 class _Steps(Observer):
-    """Records the control steps of an episode."""
-
-    steps: list[EpisodeStep]
+    def __init__(self) -> None:
+        self.steps: list[EpisodeStep] = []
 
     def observe(self, step: EpisodeStep) -> None:
         self.steps.append(step)
@@ -261,9 +229,8 @@ def closed_loop_table(
 ) -> pd.DataFrame:
     """Lets robots walk by Python and by C, in both physics engines, with the same noise.
 
-    Returns:
-        One row an engine: `falls` and mean `return` of both, and the greatest difference of a
-        robot's return (share of it).
+    Returns one row an engine: falls and mean return of both, and the greatest difference of a
+    robot's return (% of it).
     """
     parts = controller.expert, controller.student, controller.period
     in_c = _CompiledController(*parts, compiled)

@@ -77,7 +77,7 @@ class Export(OneGait):
         # The files, their contract, and the tables of the comparison with Python.
         with open_run(folder, study=self.title, settings=self, inputs=inputs):
             write = self._write_c if self.format == "c" else self._write_onnx
-            files, tables = write(found.gait, controller, name, policy_name, folder)
+            files, tables = write(found.gait, controller, folder / name, policy_name)
             contract = contract_of(found.gait, controller, files[0], policy_name, self.precision)
             files.append(folder / CONTRACT)
             write_atomically(files[-1], contract_text(contract))
@@ -88,69 +88,46 @@ class Export(OneGait):
             write_metrics({"bytes": files[0].stat().st_size} | records, folder / "metrics.json")
         console.print(f"written to {', '.join([str(files[0]), *(one.name for one in files[1:])])}")
 
-    def _write_c(
-        self,
-        gait: Gait,
-        controller: Controller,
-        name: str,
-        policy_name: str,
-        folder: Path,
-    ) -> Written:
-        written = write_controller(
-            gait,
-            controller,
-            name=name,
-            policy_name=policy_name,
-            version=version("glassgait"),
-            real=self.precision,
-        )
+    def _write_c(self, gait: Gait, controller: Controller, stem: Path, policy_name: str) -> Written:
+        names = {"name": stem.name, "policy_name": policy_name, "version": version("glassgait")}
+        written = write_controller(gait, controller, **names, real=self.precision)
         # Compare with Python first, so that a file that differs is not written.
         tables: dict[str, pd.DataFrame] = {}
         if not has_compiler():
             say("there is no C compiler here, cc: the file was not compared with Python")
         else:
             with tempfile.TemporaryDirectory() as temporary:
-                compiled = load_controller(written, Path(temporary))
+                compiled, seed = load_controller(written, Path(temporary)), self.seed
                 say(f"taking {self.n_steps} steps, in Python and in C")
                 exact = self.precision == "double"
                 tables["agreement"] = agreement_table(
-                    gait, controller, compiled, self.n_steps, self.seed, exact=exact
+                    gait, controller, compiled, self.n_steps, seed, exact=exact
                 )
                 if self.n_robots:
                     say(f"robots that walk, moved by Python and by C: {self.n_robots}")
+                    size = {"n_robots": self.n_robots, "n_steps": EPISODE_STEPS}
                     tables["closed_loop"] = closed_loop_table(
-                        gait,
-                        controller,
-                        compiled,
-                        n_robots=self.n_robots,
-                        n_steps=EPISODE_STEPS,
-                        seed=self.seed,
+                        gait, controller, compiled, **size, seed=seed
                     )
-        source = write_source(written, folder)
+        source = write_source(written, stem.parent)
         return [source, source.with_suffix(".h")], tables
 
     def _write_onnx(
-        self,
-        gait: Gait,
-        controller: Controller,
-        name: str,
-        policy_name: str,
-        folder: Path,
+        self, gait: Gait, controller: Controller, stem: Path, policy_name: str
     ) -> Written:
         try:
             # Imported here: ONNX and its runtime are an extra.
-            from glassgait.studies.export.onnx_network import (  # noqa: PLC0415
-                compare_graph,
-                graph_bytes,
-            )
+            from glassgait.studies.export import onnx_network  # noqa: PLC0415
         except ImportError as error:
             raise InputError(
                 "--format onnx: ONNX is not installed; run pip install 'glassgait[onnx]'"
             ) from error
-        model = graph_bytes(gait, controller, policy_name, version("glassgait"), self.precision)
+        model = onnx_network.graph_bytes(
+            gait, controller, policy_name, version("glassgait"), self.precision
+        )
         say(f"acting on {self.n_steps} observations, in Python and by ONNX Runtime")
-        table = compare_graph(model, gait, controller, self.n_steps, self.seed)
-        path = folder / f"{name}.onnx"
+        table = onnx_network.compare_graph(model, gait, controller, self.n_steps, self.seed)
+        path = stem.with_name(f"{stem.name}.onnx")
         write_atomically(path, model)
         return [path], {"agreement": table}
 

@@ -20,11 +20,11 @@ from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import exported_estimator
 from glassgait.models.export.contract import robot_terms
 from glassgait.models.policies.controller import Controller
-from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
-from glassgait.studies.export.agreement import SAME, SEQUENCE_STEPS, recorded_observations
+from glassgait.studies.export.agreement import SAME, recorded_steps
 
 OPSET = 17
 """Version of ONNX's operators; runtimes since 2022 have it."""
@@ -55,13 +55,13 @@ class _Graph:
         self.nodes.append(helper.make_node(operator, inputs, [output], output, **attributes))
         return output
 
-    def network(self, network: Network | MirroredNetwork, value: str) -> str:
-        """Adds a network, the mean of itself and its mirror image if it is mirrored."""
-        output = self._layers(network.plain, value)
-        if not network.reflections:
+    def network(self, network: Network, value: str) -> str:
+        """Adds a network."""
+        output = self._layers(network, value)
+        if network.reflections is None:
             return output
         mirrored_input, mirrored_output = network.reflections
-        image = self._layers(network.plain, self._reflected(mirrored_input, value))
+        image = self._layers(network, self._reflected(mirrored_input, value))
         both = self.add("Add", output, self._reflected(mirrored_output, image))
         return self.add("Mul", both, self.constant(0.5))
 
@@ -121,11 +121,8 @@ def graph_bytes(
         graph.add("Cast", value, named=name, to=_TYPES[real])
 
     # The model.
-    sizes = {
-        OBSERVATION: layout.n_proprioceptive,
-        ACTIONS: quadruped.N_JOINTS,
-        ESTIMATE: N_ESTIMATED,
-    }
+    width = layout.n_proprioceptive
+    sizes = {OBSERVATION: width, ACTIONS: quadruped.N_JOINTS, ESTIMATE: N_ESTIMATED}
     reads, gives = (
         [helper.make_tensor_value_info(name, _TYPES[real], ["batch", sizes[name]]) for name in part]
         for part in (inputs, outputs)
@@ -145,6 +142,7 @@ def graph_bytes(
 
 def _metadata(gait: Gait, controller: Controller, policy_name: str) -> dict[str, str]:
     """Describes a graph as deployment stacks do; lists are separated by commas."""
+    # The robot's numbers, and the machine that a program around the graph has to run.
     terms, entries = robot_terms(controller.robot), controller.policy.layout.entries
     stiffness, damping = controller.joint_law.gains_of(controller.robot)
     machine = {
@@ -157,6 +155,8 @@ def _metadata(gait: Gait, controller: Controller, policy_name: str) -> dict[str,
             for edge in gait.transitions
         ],
     }
+
+    # All as text. Joints share their gains and their scale.
     found = {
         "robot": terms["robot"],
         "joint_names": _listed(terms["joints"]),
@@ -187,20 +187,16 @@ def compare_graph(
 ) -> pd.DataFrame:
     """Compares a graph with Python on observations of robots that the controller moves.
 
-    Returns:
-        One row: the number of observations, the greatest difference of a joint target (rad) and of
-        an estimated velocity (0.5 m/s) or foot height (m).
-
-    Raises:
-        InputError: if they differ by more than `SAME`.
+    Returns one row: the number of observations, the greatest difference of a joint target (rad) and
+    of an estimated velocity (0.5 m/s) or foot height (m). More than `SAME` is refused.
     """
     session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
     narrow = session.get_inputs()[0].type == "tensor(float)"
     dtype = np.float32 if narrow else np.float64
 
     # The graph reads inputs of its precision, so Python gets the same.
-    n_robots = max(1, round(n_rows / SEQUENCE_STEPS))
-    rows = recorded_observations(gait, controller, n_robots, -(-n_rows // n_robots), seed)[:n_rows]
+    steps = recorded_steps(gait, controller, n_rows, seed)
+    rows = np.concatenate([step.observation for step in steps])
     observed, body = np.split(rows.astype(dtype).astype(float), [-N_ESTIMATED], 1)
     inputs = {OBSERVATION: observed.astype(dtype)}
     if isinstance(controller.estimator, Odometry):

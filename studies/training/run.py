@@ -248,7 +248,7 @@ class TrainingRun(LearningRun):
         observations = environment.observe()
         actor = gaussian_actor(config.ppo, observations)
         if start is not None:
-            set_layers(actor.mlp, start.actor.plain)
+            set_layers(actor.mlp, start.actor)
         if reflection is not None:
             act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
         return environment, Learner(config, observations, actor, learned)
@@ -294,7 +294,7 @@ def _load_start(
             f"{len(layout.names)} of this run; start from an expert with the same senses, of a "
             "gait with as many states"
         )
-    widths = start.actor.plain.hidden_layers
+    widths = tuple(len(bias) for bias in start.actor.biases[:-1])
     if widths != config.ppo.actor_layers:
         raise InputError(
             f"{path}: has layers of {widths}; train with --ppo.actor-layers "

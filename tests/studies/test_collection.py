@@ -12,7 +12,6 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, alone
-from glassgait.models.policies.neural import MirroredNetwork
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation import collection
@@ -99,11 +98,9 @@ def test_as_many_go_straight_as_the_worlds_ask_for(expert):
 def test_samples_that_are_not_finite_are_refused(request, owner, network, message):
     broken = copy(request.getfixturevalue(owner))
     own = getattr(broken, network)
-    last = own.plain.biases[-1].copy()
+    last = own.biases[-1].copy()
     last[2] = np.nan
-    inner = replace(own.plain, biases=(*own.plain.biases[:-1], last))
-    mirrored = isinstance(own, MirroredNetwork)
-    setattr(broken, network, replace(own, network=inner) if mirrored else inner)
+    setattr(broken, network, replace(own, biases=(*own.biases[:-1], last)))
     with pytest.raises(InputError, match=f"{message} at control step 0 of its episode"):
         collect(
             load_gait("trot"),
