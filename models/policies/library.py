@@ -5,9 +5,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, read_text, read_yaml
 from glassgait.models.policies.policy import FORMAT_VERSION, Policy
@@ -22,9 +19,6 @@ if TYPE_CHECKING:
 
 FORMULAS = ".formulas"
 POLICY_SUFFIXES = (Policy.suffix, FORMULAS)
-
-SAVED_TOLERANCE = 1e-9
-"""Greatest difference of the actions of a policy and of its file, absolute and relative."""
 
 EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
 STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
@@ -132,24 +126,6 @@ def find_gait(gait: str | Path, robot: str | None = None) -> "Gait":
     if file.machine is None:
         raise InputError(f"{path}: has no key 'machine'; name a gait, or a gait file")
     return file.machine
-
-
-def save_policy(policy: Policy, path: Path, observations: Array) -> None:
-    """Saves a policy, loads it again, and compares the actions of both at observations (m, n).
-
-    Raises:
-        InputError: if the file acts otherwise; it is deleted.
-    """
-    policy.save(path)
-    loaded, acted = load_policy(path, policy.robot)(observations), policy(observations)
-    # Sums over an array with another memory layout differ in their last bits.
-    if not np.allclose(loaded, acted, rtol=SAVED_TOLERANCE, atol=SAVED_TOLERANCE):
-        path.unlink()
-        raise InputError(
-            f"{path}: does not hold the {type(policy).__name__}: loaded again, its actions differ "
-            f"by up to {np.abs(loaded - acted).max():.3g}; let its to_arrays and from_arrays hold "
-            "all that it acts by"
-        )
 
 
 def shipped_experts(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:

@@ -32,9 +32,6 @@ FORMAT_VERSION = 1
 LARGEST = 1e30
 """Greatest size of a parameter: products of a few, as in a network, stay finite."""
 
-MAX_ENTRIES = 2**26
-"""Greatest number of entries of an array: half a gigabyte of double precision."""
-
 INTERCEPT = "intercept"
 """The constant among the terms of a target."""
 
@@ -116,11 +113,10 @@ def _fit_shape(shape: tuple[int, ...], dims: str, sizes: dict[str, int]) -> None
         base, least = size - int(extra or 0), 0 if dim.endswith("?") else 1
         known = int(name) if name.isdigit() else sizes.setdefault(name, max(base, least))
         fits = fits and base == known
-    if not fits or np.prod(shape, dtype=float) > MAX_ENTRIES:
+    if not fits:
         known = ", ".join(f"{size} {name}" for name, size in sizes.items())
         raise InputError(
-            f"is of shape {shown(shape)}; it must be ({', '.join(dims.split())}), with {known} and "
-            f"at most {MAX_ENTRIES} entries"
+            f"is of shape {shown(shape)}; it must be ({', '.join(dims.split())}), with {known}"
         )
 
 

@@ -18,7 +18,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_atomically, write_record
 from glassgait.models.formulas.latex import to_latex
 from glassgait.models.policies.controller import Controller
-from glassgait.models.policies.library import policy_path, save_policy
+from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -222,7 +222,7 @@ class _Distillation:
             student = student.with_readings(ranges).with_machine(self.gait)
             latex = to_latex(student.to_file())
             write_atomically(self.folder / f"{kind}.tex", latex)
-        save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
+        student.save(self.folder / f"{kind}{student.suffix}")
         scores = r2_scores(student, held_out)
 
         # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are

@@ -23,11 +23,10 @@ from glassgait.models.policies.library import (
     EXPERT_DIRECTORY,
     load_expert,
     load_policy,
-    save_policy,
 )
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy, elu
-from glassgait.models.policies.policy import first_not_finite, narrowest
+from glassgait.models.policies.policy import narrowest
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -131,7 +130,7 @@ def policy_of(request, random_trees, random_additive):
 def test_a_file_gives_back_the_same_policy(kind, policy_of, samples, tmp_path):
     policy = policy_of(kind).with_joint_law(JointLaw((40.0, 1.0), limited=True))
     path, rows = tmp_path / f"policy{policy.suffix}", samples(20, seed=5)[0]
-    save_policy(policy, path, rows)
+    policy.save(path)
     loaded = load_policy(path)
     assert type(loaded) is type(policy)
     assert (loaded.gait, loaded.observation_names) == ("trot", NAMES)
@@ -173,27 +172,6 @@ def test_a_header_that_is_not_valid_is_refused(change, imu_expert, tmp_path):
     save_arrays(path, arrays, header | change)
     with pytest.raises(InputError, match=rf"^{path}: "):
         load_policy(path)
-
-
-class ForgetfulPolicy(LinearPolicy):
-    """Leaves a part out of its file."""
-
-    kind = "forgetful"
-    more = 0.0
-
-    def __call__(self, observation):
-        return super().__call__(observation) + self.more
-
-
-def test_a_policy_that_acts_otherwise_once_loaded_is_refused(tmp_path, samples):
-    path, rows = tmp_path / "policy.safetensors", samples(5)[0]
-    policy = ForgetfulPolicy("trot", NAMES, np.ones((12, N)), np.zeros(12))
-    save_policy(policy, path, rows)
-    assert isinstance(load_policy(path), ForgetfulPolicy)
-    policy.more = 0.25
-    with pytest.raises(InputError, match=r"0\.25"):
-        save_policy(policy, path, rows)
-    assert not path.exists()
 
 
 @pytest.mark.parametrize("real", [np.float16, np.float32])
@@ -324,13 +302,6 @@ def test_additive_equals_interpret_also_outside_the_training_range(additive_mode
     policy = AdditivePolicy.compile("trot", NAMES, additive_models)
     expected = np.stack([model.predict(rows) for model in additive_models], axis=1)
     np.testing.assert_allclose(policy(rows), expected, rtol=0, atol=1e-12)
-
-
-def test_the_first_entry_that_is_not_finite_is_found():
-    values = np.zeros((2, 12))
-    assert first_not_finite(values) is None
-    values[1, 3], values[1, 7] = np.inf, np.nan
-    assert first_not_finite(values) == (1, 3)
 
 
 # ---- Explanations ----------------------------------------------------------------------------

@@ -13,7 +13,6 @@ from glassgait.models.policies.library import (
     load_expert,
     load_student,
 )
-from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.studies.common.policies import ORDER, find_policies
 from glassgait.studies.common.run import default_folder
@@ -46,6 +45,7 @@ def keep(policy, folder, name, gait=None):
 def test_students_are_in_the_order_of_the_registry():
     found = find_policies(TROT)
     assert list(found.files) == [kind for kind in STUDENTS if kind in found.files]
+    assert tuple(STUDENTS) == ORDER
     assert found.named(["all"]) == ("expert", *found.files)
 
 
@@ -129,14 +129,6 @@ def test_formulas_that_hold_all_they_need_act_without_an_expert(own_gait, tmp_pa
         find_policies(replace(find_gait(path), dwell=(6, 12))).controller(str(path))
 
 
-def test_a_page_of_another_gait_is_refused_with_its_name(tmp_path):
-    path = keep(load_student("trot", "sparse_formula"), tmp_path, "page")
-    with pytest.raises(InputError) as refused:
-        find_policies(load_gait("pace")).policy(str(path))
-    said = f"{path}: this policy was made for gait 'trot', not 'pace'; name its gait with --gait"
-    assert str(refused.value).startswith(said)
-
-
 def test_a_neural_file_acts_by_itself(tmp_path, other_expert):
     path = keep(other_expert, tmp_path, "still")
     controllers = find_policies(TROT).controllers(["expert", str(path)])
@@ -151,24 +143,11 @@ def test_a_policy_that_is_not_there_is_refused(name):
         find_policies(TROT).policy(name)
 
 
-def test_the_remedy_for_a_missing_student_is_of_its_robot():
-    with pytest.raises(InputError, match=r"distill --gait pace --robot go2 --students linear'"):
-        find_policies(load_gait("pace"), robot="go2").policy("linear")
-    with pytest.raises(InputError, match=r"distill --gait pace --students linear'"):
-        find_policies(load_gait("pace")).policy("linear")
-    with pytest.raises(InputError, match=r"distill --gait pace --robot go2 --students linear'"):
-        load_student("pace", "linear", load_robot("go2"))
-
-
 def test_of_policies_of_one_name_the_second_is_called_by_its_path(tmp_path, other_expert):
     path = str(keep(other_expert, tmp_path, "expert"))
     found = find_policies(TROT).controllers(["expert", path])
     assert list(found) == ["expert", path]
     assert found[path].expert.digest() == other_expert.digest()
-
-
-def test_every_student_has_its_place_in_tables():
-    assert tuple(STUDENTS) == ORDER
 
 
 def test_what_compares_with_an_expert_says_that_there_is_none(own_gait, tmp_path, refused):
