@@ -132,8 +132,8 @@ class BoostedTreesPolicy(Policy):
         robot: Robot | None = None,
     ) -> Self:
         """Compiles one fitted scikit-learn model a joint."""
-        n_observations = len(observation_names)
-        joints = [[_Tree.of(tree, model) for tree in _fitted(model)] for model in models]
+        fitted = [_fitted(model, len(observation_names)) for model in models]
+        joints, constants, importances = zip(*fitted, strict=True)
         n_trees = max(len(trees) for trees in joints)
         depth = max(1, *(tree.depth() for trees in joints for tree in trees))
 
@@ -151,8 +151,8 @@ class BoostedTreesPolicy(Policy):
             features=features,
             thresholds=thresholds,
             leaves=leaves,
-            intercepts=np.array([_constant(model) for model in models]),
-            importances=np.array([_importances(model, n_observations) for model in models]),
+            intercepts=np.array(constants),
+            importances=np.array(importances),
         )
 
 
@@ -189,17 +189,6 @@ def _single_precision_below(values: NDArray[Any]) -> NDArray[np.float32]:
 # ---- Models of scikit-learn ------------------------------------------------------------------
 
 
-def _is_histogram(model: Any) -> bool:
-    return hasattr(model, "_predictors")
-
-
-def _fitted(model: Any) -> list[Any]:
-    """Returns the fitted trees of a model, as scikit-learn holds them."""
-    if _is_histogram(model):
-        return [predictors[0].nodes for predictors in model._predictors]
-    return [estimator.tree_ for estimator in model.estimators_[:, 0]]
-
-
 class _Tree(NamedTuple):
     """A fitted tree, nodes in any order and the root first; a leaf's `left` is negative."""
 
@@ -208,16 +197,6 @@ class _Tree(NamedTuple):
     left: NDArray[Any]
     right: NDArray[Any]
     values: Array
-
-    @classmethod
-    def of(cls, tree: Any, model: Any) -> Self:
-        if _is_histogram(model):
-            left = np.where(tree["is_leaf"], -1, tree["left"].astype(int))
-            right = tree["right"].astype(int)
-            return cls(tree["feature_idx"], tree["num_threshold"], left, right, tree["value"])
-        cuts = single_precision_cuts(tree.threshold)
-        values = model.learning_rate * tree.value[:, 0, 0]
-        return cls(tree.feature, cuts, tree.children_left, tree.children_right, values)
 
     def depth(self, node: int = 0) -> int:
         """Counts the comparisons on the longest branch."""
@@ -239,17 +218,30 @@ class _Tree(NamedTuple):
         leaves[:] = [0.0 if node < 0 else self.values[node] for node in nodes[len(features) :]]
 
 
-def _constant(model: Any) -> float:
-    if _is_histogram(model):
-        return float(np.ravel(model._baseline_prediction)[0])
+def _fitted(model: Any, n_observations: int) -> tuple[list[_Tree], float, Array]:
+    """Returns the trees, the constant and the impurity importances (n,) of a model."""
+    if hasattr(model, "_predictors"):
+        return _fitted_by_histograms(model, n_observations)
+    trees = []
+    for tree in (estimator.tree_ for estimator in model.estimators_[:, 0]):
+        cuts, values = single_precision_cuts(tree.threshold), tree.value[:, 0, 0]
+        children = tree.children_left, tree.children_right
+        trees.append(_Tree(tree.feature, cuts, *children, model.learning_rate * values))
     # scikit-learn starts from the mean of the samples, held by a dummy regressor.
-    return float(np.ravel(model.init_.constant_)[0])
+    return trees, float(np.ravel(model.init_.constant_)[0]), model.feature_importances_
 
 
-def _importances(model: Any, n_observations: int) -> Array:
-    if not _is_histogram(model):
-        return model.feature_importances_
-    nodes = np.concatenate([predictors[0].nodes for predictors in model._predictors])
+def _fitted_by_histograms(model: Any, n_observations: int) -> tuple[list[_Tree], float, Array]:
+    trees = []
+    fitted = [predictors[0].nodes for predictors in model._predictors]
+    for nodes in fitted:
+        left = np.where(nodes["is_leaf"], -1, nodes["left"].astype(int))
+        parts = nodes["feature_idx"], nodes["num_threshold"], left, nodes["right"].astype(int)
+        trees.append(_Tree(*parts, nodes["value"]))
+
+    # scikit-learn leaves the importances of these trees to its users.
+    nodes = np.concatenate(fitted)
     inner = nodes[nodes["is_leaf"] == 0]
     gains = np.bincount(inner["feature_idx"], inner["gain"], minlength=n_observations)
-    return gains / max(gains.sum(), np.finfo(float).tiny)
+    shares = gains / max(gains.sum(), np.finfo(float).tiny)
+    return trees, float(np.ravel(model._baseline_prediction)[0]), shares

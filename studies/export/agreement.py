@@ -1,22 +1,20 @@
 """Comparison of an exported controller with Python, on the same sensors and in a closed loop."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from glassgait.diagrams.scenario import Scenario, load_scenario
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task import TaskState
 from glassgait.models import GRAVITY
 from glassgait.models.arrays import Array
 from glassgait.models.control import ControlStep, Sensors
 from glassgait.models.errors import InputError
-from glassgait.models.export.binding import LoadedController, Memory
+from glassgait.models.export.binding import LoadedController
 from glassgait.models.policies.controller import (
     Controller,
-    ControllerOutput,
     estimator_in_loop,
     refuse_other_machine,
 )
@@ -26,10 +24,8 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands, sound_command
 from glassgait.models.task.gait import STANCES, Gait
 from glassgait.models.task.reward_machine import RewardMachine
-from glassgait.studies.common.episode import BoolArray, Episode, Event, Observer, episode
 from glassgait.studies.common.episode import ControlStep as EpisodeStep
-from glassgait.studies.common.observers import Log
-from glassgait.studies.common.scores import score_rollouts
+from glassgait.studies.common.episode import Observer, episode
 
 SAME = 1e-6
 """Difference of a joint target (rad) up to which C in double precision is the same controller."""
@@ -42,9 +38,6 @@ SEQUENCE_STEPS = 500
 
 UNLIMITED = Scenario(limit_targets=False)
 """The training scenario, except that joints follow any target."""
-
-ENGINES = {"Drake": "training", "MuJoCo": "mujoco"}
-"""Scenario of each physics engine."""
 
 
 class Moment(NamedTuple):
@@ -216,74 +209,3 @@ def moments(state: TaskState) -> Iterator[Moment]:
         *state.sensors(), *state.command, strict=True
     ):
         yield Moment(Sensors(position, speed, touching, imu), Command(velocity, dwell))
-
-
-def closed_loop_table(
-    gait: Gait,
-    controller: Controller,
-    compiled: LoadedController,
-    *,
-    n_robots: int,
-    n_steps: int,
-    seed: int,
-) -> pd.DataFrame:
-    """Lets robots walk by Python and by C, in both physics engines, with the same noise.
-
-    Returns one row an engine: falls and mean return of both, and the greatest difference of a
-    robot's return (% of it).
-    """
-    parts = controller.expert, controller.student, controller.period
-    in_c = _CompiledController(*parts, compiled)
-    rows = []
-    for engine, name in ENGINES.items():
-        # The same robots, commands and noise, by Python and then by C.
-        scenario, scores = load_scenario(name), []
-        for acting, events in ((controller, []), (in_c, [Event(None, None, in_c.sense)])):
-            log = Log(acting, scenario)
-            episode(
-                gait,
-                acting,
-                scenario,
-                n_robots=n_robots,
-                n_steps=n_steps,
-                seed=seed,
-                observers=[log],
-                events=events,
-            )
-            scores.append(score_rollouts(log.rollout(n_steps), controller.robot.mass))
-        python, ours = (one["return"] for one in scores)
-        rows.append(
-            {
-                "engine": engine,
-                "robots": n_robots,
-                "falls, Python": int(scores[0]["fell"].sum()),
-                "falls, C": int(scores[1]["fell"].sum()),
-                "return, Python": float(python.mean()),
-                "return, C": float(ours.mean()),
-                "apart, robot (%)": 100.0 * float(((ours - python).abs() / python.abs()).max()),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-@dataclass(frozen=True)
-class _CompiledController(Controller):
-    """Acts by a compiled controller for each robot, whose sensors an event reads."""
-
-    compiled: LoadedController | None = None
-    _sensed: list[Moment] = field(default_factory=list)
-
-    def sense(self, running: Episode, _: BoolArray) -> None:
-        """Reads the present sensors of each robot."""
-        self._sensed[:] = moments(running.simulator.state)
-
-    def begin(self, n_robots: int) -> Memory:
-        assert self.compiled is not None
-        return np.stack([self.compiled.initial()] * n_robots)
-
-    def advance(self, step: int, observation: Array, memory: Memory) -> ControllerOutput:
-        assert self.compiled is not None
-        pairs = zip(memory, self._sensed, strict=True)
-        memory = np.stack([self.compiled.step(one, *moment).memory for one, moment in pairs])
-        action = memory["action"].astype(float)
-        return ControllerOutput(action, np.zeros(len(action), dtype=bool), memory)

@@ -15,15 +15,14 @@ from glassgait.models.export.c_source import MOST_NAME, check_name, write_contro
 from glassgait.models.export.contract import CONTRACT, contract_of, contract_text
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
-from glassgait.models.settings import Count, Natural, Seed, checked
-from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.settings import Count, Seed, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import REPORTED_SEEDS, OneGait
 from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students import default_student
-from glassgait.studies.export.agreement import agreement_table, closed_loop_table
+from glassgait.studies.export.agreement import agreement_table
 
 Written = tuple[list[Path], dict[str, pd.DataFrame]]
 """Files of an export, the most important one first, and tables of its comparison with Python."""
@@ -42,7 +41,6 @@ class Export(OneGait):
         name: Prefix of the names of its files, functions and types; <gait>_<policy> by default.
         n_steps: Control steps through which Python and the export are compared, half of them of
             recorded and half of random sensors.
-        n_robots: Robots that Python and C let walk for 20 s, in Drake and in MuJoCo.
         seed: Seed of all randomness.
         output: Folder of the results; runs/export/<gait>/<policy> by default.
     """
@@ -54,7 +52,6 @@ class Export(OneGait):
     precision: Real = "double"
     name: str | None = None
     n_steps: Count = 10_000
-    n_robots: Natural = 0
     seed: Seed = REPORTED_SEEDS[0]
     output: Path | None = None
 
@@ -97,18 +94,12 @@ class Export(OneGait):
             say("there is no C compiler here, cc: the file was not compared with Python")
         else:
             with tempfile.TemporaryDirectory() as temporary:
-                compiled, seed = load_controller(written, Path(temporary)), self.seed
+                compiled = load_controller(written, Path(temporary))
                 say(f"taking {self.n_steps} steps, in Python and in C")
                 exact = self.precision == "double"
                 tables["agreement"] = agreement_table(
-                    gait, controller, compiled, self.n_steps, seed, exact=exact
+                    gait, controller, compiled, self.n_steps, self.seed, exact=exact
                 )
-                if self.n_robots:
-                    say(f"robots that walk, moved by Python and by C: {self.n_robots}")
-                    size = {"n_robots": self.n_robots, "n_steps": EPISODE_STEPS}
-                    tables["closed_loop"] = closed_loop_table(
-                        gait, controller, compiled, **size, seed=seed
-                    )
         source = write_source(written, stem.parent)
         return [source, source.with_suffix(".h")], tables
 
