@@ -108,7 +108,6 @@ class LoadedController:
 
 
 def _struct(*fields: tuple[Any, ...]) -> np.dtype[np.void]:
-    """Returns the layout of a struct in the memory of C."""
     return np.dtype(list(fields), align=True)
 
 
@@ -117,7 +116,6 @@ def _pointer(record: Memory) -> ctypes.c_void_p:
 
 
 def has_compiler() -> bool:
-    """Returns whether the system has a C compiler."""
     return shutil.which(COMPILER) is not None
 
 

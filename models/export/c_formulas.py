@@ -75,8 +75,7 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
     Formulas that the policy's file leaves out as mirror images are left out as well. Their joints
     act by the formulas of the mirrored robot.
     """
-    real, vocabulary = style.real, policy.vocabulary
-    statewise = policy.statewise
+    real, vocabulary, statewise = style.real, policy.vocabulary, policy.statewise
     written = policy.to_file().written()
 
     # The formulas of each state, and the definitions and quantities that they use.
@@ -137,14 +136,13 @@ def _mirror(
 
 
 def _limited(readings: Readings | None, quantities: Sequence[str]) -> tuple[str, ...]:
-    """Returns the quantities, by the part of their names before the dot, that have ranges."""
+    """Returns the quantities that have ranges, by the part of their names before the dot."""
     ranges = readings.ranges if readings else ()
     has_range = {kind.partition(".")[0] for kind, _ in ranges}
     return tuple(name for name in quantities if name in has_range)
 
 
 def _ranges(readings: Readings | None, limited: Sequence[str], real: Real) -> tuple[str, ...]:
-    """Writes the statements that move readings into their ranges."""
     ends = {
         kind: ", ".join(number(end, real) for end in pair)
         for kind, pair in (readings.ranges if readings else ())
@@ -263,7 +261,6 @@ def _notation(real: Real) -> Notation:
 def _state_lines(
     row: Mapping[int, Expression], symbols: Sequence[str], real: Real, *, statewise: bool
 ) -> list[tuple[str, ...]]:
-    """Writes the formulas of a state's joints."""
     indent = 8 if statewise else 4
     return [
         _lines(f"target[{quadruped.JOINTS[joint].upper()}] = ", formula, symbols, real, indent)

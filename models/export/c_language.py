@@ -37,7 +37,6 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 def is_identifier(name: str) -> bool:
-    """Returns whether a name is valid in C."""
     return bool(_IDENTIFIER.fullmatch(name)) and name not in KEYWORDS
 
 

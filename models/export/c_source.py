@@ -3,7 +3,7 @@
 import ast
 import textwrap
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -258,7 +258,7 @@ def _ranges(robot: Robot, limits: TargetLimits | None) -> dict[str, Any]:
 
 
 def _efforts(robot: Robot) -> list[tuple[str, float, str]]:
-    """Lists the greatest torques, one entry where all joints share it."""
+    # One constant serves all joints that share it.
     if np.ptp(robot.effort) == 0.0:
         return [("EFFORT", float(robot.effort[0]), "greatest torque of a joint, N m")]
     return [
@@ -268,7 +268,6 @@ def _efforts(robot: Robot) -> list[tuple[str, float, str]]:
 
 
 def _odometry_code(odometry: Odometry, robot: Robot, real: Real) -> str:
-    """Writes odometry line by line as Python has it."""
     return rendered(
         "odometry.c",
         real,
@@ -288,14 +287,11 @@ def _odometry_code(odometry: Odometry, robot: Robot, real: Real) -> str:
 # ---- The reward machine ----------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Case:
-    """The transitions out of an RM state.
+class Case(NamedTuple):
+    """The transitions out of the state of a constant.
 
-    Attributes:
-        state: The state's constant.
-        exits: Of each transition its formula as in the gait's file, the lines of its condition, and
-            the constant of the next state.
+    Each has its formula as in the gait's file, the lines of its condition, and the constant of the
+    next state.
     """
 
     state: str
@@ -315,10 +311,10 @@ def machine_cases(gait: Gait, real: Real) -> list[Case]:
     named = dict(zip(gait.states, state_constants(gait), strict=True))
     found = []
     for state in gait.states:
-        leaving = [edge for edge in gait.transitions if edge.source == state]
         exits = tuple(
             (commented(edge.when.text), _condition(edge, real), named[edge.target])
-            for edge in leaving
+            for edge in gait.transitions
+            if edge.source == state
         )
         if exits:
             found.append(Case(named[state], exits))
@@ -327,6 +323,7 @@ def machine_cases(gait: Gait, real: Real) -> list[Case]:
 
 def _condition(edge: Transition, real: Real) -> tuple[str, ...]:
     """Returns the lines of a condition over `now`, the propositions of a control step."""
+    # What must hold: the formula, high feet that swing, and time.
     parts = _conjuncts(ast.parse(edge.when.text, mode="eval").body)
     swings = zip(quadruped.LEGS, edge.when.swing_feet, strict=True)
     parts += [f"now->height[{leg}] >= CLEARANCE" for leg, swing in swings if swing]
@@ -335,6 +332,8 @@ def _condition(edge: Transition, real: Real) -> tuple[str, ...]:
         parts.append(f"now->spent >= {share}now->dwell")
     if edge.grace > 0:
         parts.append(f"now->age >= {edge.grace}")
+
+    # Lines break between these parts only.
     glued = [part.replace(" ", GLUE) for part in parts]
     lines = textwrap.wrap(f" &&{GLUE}".join(glued), LINE_LENGTH - 14, break_long_words=False)
     return tuple(line.replace(GLUE, " ") for line in lines)

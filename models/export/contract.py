@@ -26,10 +26,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationEntry
 
 CONTRACT = "deploy.yaml"
-"""Name of the file."""
-
 VERSION = 5
-"""Version of the contract's keys."""
 
 HEADER = """\
 # What {name} needs of the robot that it moves. Compare it with the robot's own numbers before
@@ -139,7 +136,6 @@ def robot_terms(robot: Robot) -> dict[str, Any]:
 
 
 def contract_text(contract: dict[str, Any]) -> str:
-    """Returns the text of a contract's file."""
     plain = json.loads(json.dumps(contract))
     body = yaml.safe_dump(plain, sort_keys=False, width=100, allow_unicode=True)
     return HEADER.format(name=contract["file"]) + body
@@ -210,7 +206,6 @@ def _offset(entry: ObservationEntry, robot: Robot) -> float:
 
 
 def _digest(contract: dict[str, Any]) -> str:
-    """Returns the SHA-256 of all keys but `digest`."""
     text = json.dumps({**contract, "digest": ""}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

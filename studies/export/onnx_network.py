@@ -36,14 +36,13 @@ _TYPES = {"double": TensorProto.DOUBLE, "float": TensorProto.FLOAT}
 
 
 class _Graph:
-    """Nodes and constants of a graph; a value is known by its name. Rows are the first axis."""
+    """Nodes and constants of a graph, whose values are known by name; rows are the first axis."""
 
     def __init__(self) -> None:
         self.nodes: list[onnx.NodeProto] = []
         self.constants: list[onnx.TensorProto] = []
 
     def constant(self, values: Any, dtype: type = np.float64) -> str:
-        """Adds a constant array and returns its name."""
         name = f"constant_{len(self.constants)}"
         array = np.asarray(values, dtype=dtype, order="C")
         self.constants.append(numpy_helper.from_array(array, name))
@@ -56,7 +55,6 @@ class _Graph:
         return output
 
     def network(self, network: Network, value: str) -> str:
-        """Adds a network."""
         output = self._layers(network, value)
         if network.reflections is None:
             return output
@@ -207,6 +205,7 @@ def compare_graph(
         action, estimate = session.run([ACTIONS, ESTIMATE], inputs)
     wanted = controller.policy(np.concatenate([observed, body], axis=1))
     target, apart = controller.robot.action_scale * _apart(action, wanted), _apart(estimate, body)
+    # A difference that is not a number is refused as well.
     if not max(target, apart) <= SAME:
         raise InputError(
             f"the ONNX graph differs from Python by {max(target, apart):.2g}, more than {SAME:g}; "
