@@ -1,11 +1,12 @@
 """`glassgait importance`: which observations each student uses (paper, Section IV-B)."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-import pandas as pd
 from annotated_types import Ge
 
 from glassgait.diagrams.scenario import TRAINING
@@ -17,13 +18,9 @@ from glassgait.models.settings import Count, checked
 from glassgait.studies.common.experiment import Case, Experiment, PolicyNames, Report
 from glassgait.studies.distillation.dataset import Dataset
 from glassgait.studies.distillation.students import STUDENTS, samples_folder
-from glassgait.studies.importance.figures import student_figures
-from glassgait.studies.importance.study import (
-    held_out_samples,
-    importance_report,
-    measure_importances,
-    visited_samples,
-)
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MEASURED = ("gbm", "ebm", "statewise_linear", "symbolic", "statewise_symbolic")
 """Kinds of students that are measured by default."""
@@ -55,11 +52,7 @@ class Importance(Experiment):
 
     @cached_property
     def students(self) -> dict[str, Policy]:
-        """The students by kind.
-
-        Raises:
-            InputError: if a policy is neural.
-        """
+        """The students by kind; neural policies are refused."""
         found = {
             kind: acting.policy for kind, acting in self.controllers[self.gaits[0].name].items()
         }
@@ -78,12 +71,15 @@ class Importance(Experiment):
         return folder if kept else None
 
     def cases(self) -> list[Case]:
-        """Lists the students, and refuses neural policies before anything is measured."""
+        """Lists the students."""
+        # This refuses neural policies before anything is measured.
         _ = self.students
         return super().cases()
 
     def samples(self, kind: str) -> Dataset:
         """Returns the samples of a student that importances are measured on."""
+        from glassgait.studies.importance.study import held_out_samples, visited_samples
+
         gait, folder, of = self.gaits[0], self.fitted_to, (self.n_samples, self.seed)
         if folder is not None:
             return held_out_samples(folder, kind, *of)
@@ -92,12 +88,17 @@ class Importance(Experiment):
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Measures a student's importances by every method."""
+        from glassgait.studies.importance.study import measure_importances
+
         kind = case.labels["policy"]
         student, samples = self.students[kind], self.samples(kind)
         return measure_importances(student, samples, seed=self.seed, repeats=self.repeats)
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports importances as maps and tables, and draws the students from within."""
+        from glassgait.studies.importance.figures import student_figures
+        from glassgait.studies.importance.study import importance_report
+
         gait = self.gaits[0].name
         report = importance_report(gait, table)
         joint, figures = joint_index(self.joint), dict(report.figures)

@@ -33,6 +33,8 @@ def importance_map(importances: Array, names: Sequence[str], title: str) -> Figu
     positive = np.maximum(importances, 0.0)
     totals = positive.sum(axis=1, keepdims=True)
     shares = np.divide(positive, totals, out=np.zeros_like(positive), where=totals > 0)
+
+    # The map, a row for each joint.
     figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 2.9))
     image = axes.imshow(shares, cmap="viridis", aspect="auto", vmin=0.0)
     axes.set_yticks(
@@ -51,31 +53,23 @@ _BOX = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
 
 @styled
 def tree_figure(
-    policy: BoostedTreesPolicy,
-    joint: int,
-    observations: Array,
-    tree: int = 0,
-    depth: int = 3,
+    policy: BoostedTreesPolicy, joint: int, observations: Array, depth: int = 3
 ) -> Figure:
-    """Draws the first questions of one of a joint's trees (paper, Figure 6).
+    """Draws the first questions of a joint's first tree, at most `depth` on a branch (paper, Figure
+    6).
 
-    Each box says how many samples come there and what the tree adds to their targets (rad), on
-    average.
-
-    Args:
-        policy: The boosted trees.
-        observations: Samples (m, n).
-        tree: Index of the tree.
-        depth: Questions to draw on a branch, at most.
+    Each box says how many samples (m, n) come there and what the tree adds to their targets, on
+    average (rad).
     """
     depth = min(depth, policy.depth)
-    added = policy.robot.action_scale * policy.tree_values(observations, joint)[:, tree]
+    added = policy.robot.action_scale * policy.tree_values(observations, joint)[:, 0]
+    features, thresholds = policy.features[joint, 0], policy.thresholds[joint, 0]
     units = RobotUnits.of(policy.robot, policy.observation_names)
     entries = entries_of(policy.observation_names)
     figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 0.4 + 0.65 * (depth + 1)))
     axes.set_axis_off()
     axes.set(xlim=(0, 1), ylim=(-depth - 0.4, 0.4))
-    axes.set_title(f"{_title(joint)}: tree {tree + 1} of {policy.features.shape[1]}")
+    axes.set_title(f"{_title(joint)}: tree 1 of {policy.features.shape[1]}")
 
     # Walk the nodes from the root, each with the samples that come there.
     members = {0: np.ones(len(observations), dtype=bool)}
@@ -86,9 +80,8 @@ def tree_figure(
         mean = float(added[mine].mean()) if mine.any() else 0.0
         label = f"{mine.sum():,} samples\nadds {mean:+.4f} rad".replace("-", "\N{MINUS SIGN}")
         face = "#fde3d3" if mean > 0 else "#d6e8f5"
-        if _level(node) < depth and np.isfinite(policy.thresholds[joint, tree, node]):
-            feature = int(policy.features[joint, tree, node])
-            threshold = float(policy.thresholds[joint, tree, node])
+        if _level(node) < depth and np.isfinite(thresholds[node]):
+            feature, threshold = int(features[node]), float(thresholds[node])
             # In the robot's units, and still the question that is asked of the observation.
             quantity = threshold / units.scale[feature] + units.offset[feature]
             entry = entries[feature]
@@ -128,9 +121,9 @@ def dependence_figure(
     Args:
         observations: Samples (m, n).
         columns: Observations to vary.
-        generator: Source of randomness, for the samples whose curves are drawn.
-        n_curves: Number of these samples.
+        generator: Draws the samples that have curves.
     """
+    # scikit-learn varies one quantity at a time.
     figure, panels = subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
     quantities = RobotUnits.of(policy.robot, policy.observation_names).quantities(observations)
     PartialDependenceDisplay.from_estimator(
@@ -163,11 +156,10 @@ class _JointRegressor(RegressorMixin, BaseEstimator):
     """One joint of a policy as a regressor of scikit-learn, for its partial dependence."""
 
     def __init__(self, policy: Policy, joint: int) -> None:
-        self.policy = policy
-        self.joint = joint
+        self.policy, self.joint = policy, joint
 
     def fit(self, X: Array, y: None = None) -> "_JointRegressor":
-        """Stores the number of observations; the policy is fitted already."""
+        # The policy is fitted already; scikit-learn looks for this attribute.
         self.n_features_in_ = X.shape[1]
         return self
 
@@ -242,6 +234,8 @@ def shape_figure(
         )
         above.stairs(scores, edges, baseline=None, color="#0072B2", linewidth=1.0)
         above.axhline(0.0, color="0.5", linewidth=0.5)
+
+        # The density of the samples below.
         counts, places = np.histogram(quantities[:, column], HISTOGRAM_BINS)
         below.stairs(counts, places, fill=True, color="0.6")
         below.set_xlabel(_with_unit(policy, column))
@@ -260,6 +254,8 @@ def pair_figure(policy: AdditivePolicy, pair: int, observations: Array, title: s
     first, second = (_edges(cuts[column], quantities[:, column]) for column in columns)
     table = policy.pair_tables[pair, : len(first) - 1, : len(second) - 1]
     scores = policy.robot.action_scale * table
+
+    # The same colour for the same size, of either sign.
     reach = max(float(np.abs(scores).max()), 1e-9)
     figure, axes = subplots(figsize=(COLUMN_WIDTH, 2.6))
     image = axes.pcolormesh(
@@ -317,10 +313,7 @@ def student_figures(
     Additive models: the terms' importances, functions of one observation with their bands, and of
     two as maps. Other students have no such figures. Names begin with the kind and the joint.
 
-    Args:
-        kind: Kind of student.
-        observations: Observations (m, n) that importances and averages are taken over.
-        seed: Seed of the samples whose curves are drawn.
+    Importances and averages are taken over the observations (m, n).
     """
     name = quadruped.JOINTS[joint]
     title = f"{gait.capitalize()}, {policy_title(kind)}, {name.replace('_', ' ')}"

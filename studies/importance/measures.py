@@ -42,27 +42,16 @@ METHOD_TITLES = {
 def permutation_importance(
     policy: Policy, samples: Dataset, generator: np.random.Generator, repeats: int = 10
 ) -> Array:
-    """Measures how much R² each joint loses when one observation is shuffled.
-
-    The entries of the machine's state are shuffled together, so that each sample keeps exactly one
-    state. Their loss is divided equally among them.
-
-    Args:
-        samples: Held-out samples with the expert's actions.
-        generator: Source of randomness.
-        repeats: Shuffles of each observation.
-
-    Returns:
-        Losses of R² (repeats, 12, n).
-    """
-    # The state's entries are one block; every other observation is one by itself.
+    """Measures how much R² each joint loses when one observation is shuffled (repeats, 12, n)."""
+    # The state's entries are one block, so that each sample keeps exactly one state; every other
+    # observation is one by itself.
     whole = r2_scores(policy, samples)
     observations = samples.observations
     state = set(indices_of("machine state", policy.observation_names))
     blocks = [[column] for column in range(observations.shape[1]) if column not in state]
     blocks += [sorted(state)] if state else []
 
-    # Shuffle a block, and score the student on it.
+    # Shuffle a block, score the student, and divide the loss equally among the block's entries.
     losses = np.zeros((repeats, len(whole), observations.shape[1]))
     for repeat in range(repeats):
         for columns in blocks:
@@ -82,11 +71,9 @@ PAPER_TOP: dict[str, dict[str, dict[str, list[list[str]]]]] = read_yaml(
 
 
 def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, list[list[str]]]:
-    """Lists the first, second and third observations of each joint type.
-
-    Importances are added up over observations that differ only by leg. Each of a type's four joints
-    names its first, second and third; a place lists the names of all four, the most frequent first.
-    """
+    """Lists the first, second and third observations of each joint type, legs merged."""
+    # Each of a type's four joints names its first, second and third; a place lists the names of all
+    # four, the most frequent first.
     groups = tuple(observation_groups(names))
     order = np.argsort(-merge_importances(importances, names), axis=1, kind="stable")
     tops = {}
@@ -102,7 +89,7 @@ def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, li
 def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str) -> pd.DataFrame:
     """Sets the three most important observations beside the paper's.
 
-    A name that the paper lists at the same place is marked with an asterisk.
+    An asterisk marks a name that the paper lists at the same place.
     """
     paper = PAPER_TOP[method].get(gait, {})
     rows = []

@@ -44,11 +44,7 @@ def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int)
 def visited_samples(
     gait: Gait, expert: NeuralPolicy, student: Policy, n_samples: int, seed: int
 ) -> Dataset:
-    """Draws samples from new episodes of a student without the expert, in the training scenario.
-
-    Raises:
-        InputError: if a sample is not finite.
-    """
+    """Draws samples from new episodes of a student without the expert, in the training scenario."""
     data = collect(
         gait,
         alone(student, expert),
@@ -74,11 +70,14 @@ def measure_importances(
     Returns:
         A row for each method, repeat, joint and observation.
     """
+    # Values by method (repeats, 12, n).
     generator = np.random.default_rng([seed, 1])
     found = {"permutation": permutation_importance(student, samples, generator, repeats)}
     if (importance := student.importance(samples.observations)) is not None:
         method, values = importance
         found[method] = values[None]
+
+    # As rows.
     tables = []
     for method, values in found.items():
         axes = [range(len(values)), quadruped.JOINTS, student.observation_names]
@@ -102,10 +101,13 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
     tables: dict[str, pd.DataFrame] = {}
     figures: dict[str, Figure] = {}
     for keys, mine in table.groupby(["policy", "method"], sort=False):
+        # The rows as an array again (repeats, 12, n).
         kind, method = map(str, keys)
         names = tuple(dict.fromkeys(mine["observation"]))
         values = mine["importance"].to_numpy().reshape(-1, quadruped.N_JOINTS, len(names))
         mean, stem = values.mean(axis=0), f"{kind}_{method}"
+
+        # A table and a map, the groups' importances, and the first three beside the paper's.
         title = f"{gait.capitalize()}, {policy_title(kind)}: {METHOD_TITLES[method]}"
         tables[stem] = pd.DataFrame(mean, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
         figures[stem] = importance_map(mean, symbols_of(names), title)
