@@ -18,9 +18,7 @@ def clip(values: Array, least: Array | float, greatest: Array | float) -> Array:
 def map_arrays(change: Callable[..., Any], *trees: Any) -> Any:
     """Changes every array of nested tuples, together with those of others of the same shape.
 
-    Args:
-        change: Returns the new array for the arrays at one place.
-        trees: Arrays, or tuples of such; None stays None.
+    `change` returns the new array for the arrays at one place; None stays None.
     """
     first = trees[0]
     if first is None:

@@ -35,8 +35,7 @@ _REMEDIES = {
 def write_atomically(path: Path, data: bytes | str) -> None:
     """Writes a file under a temporary name and renames it, so that no reader sees half of it.
 
-    Raises:
-        InputError: if it cannot be written there; what was there before is kept.
+    If it cannot be written, what was there before is kept.
     """
     temporary = path.parent / f".{path.name}.{os.getpid()}.partial"
     try:
@@ -61,12 +60,7 @@ def digest(path: Path) -> str:
 
 
 def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") -> str:
-    """Reads a text file that a person wrote.
-
-    Raises:
-        InputError: if it cannot be read, is larger than `limit` bytes, is not UTF-8 or holds
-            control characters.
-    """
+    """Reads a text file of at most `limit` bytes, and refuses control characters."""
     try:
         text = _read_bytes(path, limit).decode(encoding)
     except UnicodeDecodeError as error:
@@ -92,9 +86,6 @@ def parse_yaml(text: str) -> Any:
     """Reads plain values from YAML text.
 
     Aliases, which may unfold to gigabytes, tags and keys given twice are refused. A date is text.
-
-    Raises:
-        InputError: if the text is not valid or holds more than plain values.
     """
     try:
         return yaml.load(text, Loader=_Loader)
@@ -158,11 +149,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], header: Mapping[
 
 
 def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Reads back the arrays and the header that `save_arrays` wrote.
-
-    Raises:
-        InputError: if the file is missing, damaged or of another kind.
-    """
+    """Reads back the arrays and the header that `save_arrays` wrote, and refuses damaged files."""
     try:
         _refuse_irregular(path)
         with safe_open(path, framework="numpy") as file:
@@ -184,24 +171,14 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 def write_record(path: Path, values: Any, of: str = "") -> None:
     """Writes what a run needs in order to resume, as JSON, atomically.
 
-    Args:
-        path: The file.
-        values: What JSON can hold; floats keep every digit, and NaN stays NaN.
-        of: Name of the run and of the part of it that they belong to.
+    Floats keep every digit, and NaN stays NaN. `of` names the run and the part of it that the
+    values belong to.
     """
     write_atomically(path, json.dumps({"of": of, "values": values}) + "\n")
 
 
 def read_record(path: Path, of: str | None = None) -> Any:
-    """Reads back the values that `write_record` wrote.
-
-    Args:
-        path: The file.
-        of: What they must belong to; anything if None.
-
-    Raises:
-        InputError: if the file is missing, damaged, or belongs to something else.
-    """
+    """Reads back the values that `write_record` wrote, and refuses those of something else."""
     data = _read_bytes(path, RECORD_BYTES)
     try:
         record = json.loads(data)

@@ -66,21 +66,15 @@ _CONFIG = ConfigDict(
 
 
 class Settings:
-    """Base of settings. Decorate subclasses with `checked`.
+    """Base of settings. Decorate subclasses with `checked`."""
 
-    Attributes:
-        title: Name of the settings in errors.
-    """
-
-    title: ClassVar[str] = "settings"
+    title: ClassVar[str] = "settings"  # in errors
 
     @classmethod
     def from_plain(cls, values: Any, where: str = "") -> Self:
-        """Builds settings from the plain values that YAML and JSON hold.
+        """Builds settings from the plain values that YAML and JSON hold, by the fields' names.
 
-        Args:
-            values: Fields by name; those left out keep their defaults.
-            where: Name of the source, with which errors begin.
+        Errors begin with `where`, the name of the source.
 
         Raises:
             InputError: if a key is unknown, or a value is of another kind or out of range.

@@ -90,7 +90,11 @@ class Odometry(Settings):
         # The velocity by the accelerometer, corrected by the feet that stand.
         free = change + CONTROL_PERIOD * GRAVITY * gravity
         predicted = before.velocity - CONTROL_PERIOD * turned[..., -1, :] + free
-        standing = _standing(touching & before.touching, sole + predicted[..., None, :])
+        stood = touching & before.touching
+        over = sole + predicted[..., None, :]
+        near = stood & (np.add.reduce(np.square(over), axis=-1) < SLIP * SLIP)
+        # If no foot is nearly at rest, the prediction is wrong.
+        standing = np.where(near.any(axis=-1, keepdims=True), near, stood)
         count = np.asarray(standing.sum(axis=-1))[..., None]
         of_feet = -np.where(standing[..., None], sole, 0.0).sum(axis=-2) / np.maximum(count, 1)
         correction = self.gain * (of_feet - predicted)
@@ -133,10 +137,3 @@ def _heights(feet: Array, footholds: Array) -> Array:
     normal = normal / np.sqrt(np.add.reduce(np.square(normal), axis=-1, keepdims=True))
     middle = np.add.reduce(footholds, axis=-2, keepdims=True) / quadruped.N_LEGS
     return np.add.reduce((feet - middle) * normal[..., None, :], axis=-1)
-
-
-def _standing(stood: NDArray[np.bool_], over: Array) -> NDArray[np.bool_]:
-    """Returns which feet stand (..., 4): those that touch and are nearly at rest."""
-    near = stood & (np.add.reduce(np.square(over), axis=-1) < SLIP * SLIP)
-    # If none is nearly at rest, the prediction is wrong.
-    return np.where(near.any(axis=-1, keepdims=True), near, stood)

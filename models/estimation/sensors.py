@@ -27,8 +27,6 @@ IMU_NOISE: Array = np.repeat([0.2, 0.3 * CONTROL_PERIOD, 0.05], 3)
 """Half-widths of the uniform noise of a reading (9; rad/s, m/s, none)."""
 IMU_NOISE.flags.writeable = False
 
-MOST_DELAY = 5  # greatest delay of a reading (control steps)
-
 BoolArray = NDArray[np.bool_]
 
 STUCK_OPEN, SOUND, STUCK_CLOSED = np.array([-1, 0, 1], dtype=np.int8)
@@ -67,7 +65,7 @@ class ImuErrors(Settings):
     accelerometer_bias: Annotated[NotNegative, Le(100.0)] = 0.0
     # Greatest constant error of each coordinate of gravity's direction.
     attitude_bias: Annotated[NotNegative, Le(1.0)] = 0.0
-    delay: Annotated[int, Ge(0), Le(MOST_DELAY)] = 0  # Control steps by which readings are late.
+    delay: Annotated[int, Ge(0), Le(5)] = 0  # Control steps by which readings are late.
 
     @property
     def half_widths(self) -> Array:

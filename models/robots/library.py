@@ -47,11 +47,9 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
 
 
 def robot_of(path: Path, name: object, robot: Robot | None = None) -> Robot:
-    """Returns the robot that a file is of, and refuses a file of another.
+    """Returns the robot that a file is of, by its key "robot"; without one, the default robot.
 
-    Args:
-        name: What its key "robot" holds; None where it has none, and is of the default robot.
-        robot: The robot that it has to be of; by default any that ships.
+    The file has to be of `robot` if that is given, else of any robot that ships.
     """
     name = DEFAULT_ROBOT if name is None else name
     if robot is None:

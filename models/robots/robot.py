@@ -17,12 +17,10 @@ from glassgait.models.settings import DISTINCT, Positive, Range, Settings, check
 
 DEFAULT_ROBOT = "a1"  # name of the robot that is meant where none is named
 ROBOT_DIRECTORY = Path(__file__).parent  # where the folders of robots are that ship, by their names
-NAME = r"^[a-z][a-z0-9_]{0,39}$"  # what a robot may be called
 
-RobotName = Annotated[str, StringConstraints(pattern=NAME)]
+RobotName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
 Length = Annotated[float, Gt(0.0), Le(10.0)]
 Box = tuple[Length, Length, Length]
-Triple = tuple[float, float, float]
 
 
 @checked
@@ -38,7 +36,9 @@ class Robot(Settings):
     name: RobotName
     full_name: Annotated[str, MinLen(1), MaxLen(80)]  # Name for people.
     description: Annotated[str, MinLen(1), MaxLen(200)]  # File of its URDF, beside its own.
-    stance: dict[str, Triple]  # Joint angles of the default stance by leg: hip, thigh, calf (rad).
+    stance: dict[
+        str, tuple[float, float, float]
+    ]  # Joint angles of the default stance by leg: hip, thigh, calf (rad).
     stiffness: Positive  # Gain of the joints' position control (N·m/rad).
     damping: Positive  # Gain of their velocity control (N·m·s/rad).
     action_scale: Positive  # What an action of 1 adds to a joint's target (rad).
@@ -272,12 +272,9 @@ class TargetLimits(Settings):
     def applied(
         self, robot: Robot, action: Array, *, before: Array, position: Array, gravity: Array
     ) -> Array:
-        """Returns the actions (..., 12) that the limits leave.
-
-        An action that no limit touches is returned to the last digit.
+        """Returns what the limits leave of actions (..., 12); those within them keep every digit.
 
         Args:
-            action: What a policy asks for (..., 12).
             before: The actions of the step before (..., 12), within the limits.
             position: Measured joint positions (..., 12; rad).
             gravity: Measured direction of gravity in the trunk's frame (..., 3).

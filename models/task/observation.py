@@ -196,10 +196,9 @@ def _foot_height(leg: str) -> ObservationEntry:
 
 def entry_of(name: str) -> ObservationEntry:
     """Returns the entry of a name that a policy stores, and refuses unknown names."""
-    entry = _entries_by_name().get(name)
-    if entry is None:
+    if name not in _entries_by_name():
         raise InputError(f"no observation is called {shown(name)}; make the policy anew")
-    return entry
+    return _entries_by_name()[name]
 
 
 def entries_of(names: Sequence[str]) -> tuple[ObservationEntry, ...]:

@@ -58,11 +58,6 @@ PHYSICAL_FALL = TerminationLimits(
 """A robot has fallen if it lies on its trunk or a thigh, or leans over 60°."""
 
 
-def limits_of(falls: Falls, limits: TerminationLimits) -> TerminationLimits:
-    """Returns a task's limits, or those of a physical fall."""
-    return PHYSICAL_FALL if falls == "physical" else limits
-
-
 def failures(
     robot: Robot,
     state: Array,
@@ -74,12 +69,8 @@ def failures(
 ) -> NDArray[np.bool_]:
     """Finds which failures robots show, a flag for each name in `FAILURES` (..., 7).
 
+    The plant's state x (..., 37) is that after the step, the action (..., 12) was held during it.
     A state that is not finite only shows `not_finite`.
-
-    Args:
-        state: The plant's state x after the step (..., 37).
-        action: Action held during the step (..., 12).
-        previous_action: Action of the step before (..., 12).
     """
     finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
     state = np.where(finite[..., None], state, 0.0)

@@ -30,7 +30,7 @@ from joblib import delayed
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_record, write_atomically, write_record
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, checked
-from glassgait.models.task.termination import Falls, limits_of
+from glassgait.models.task.termination import PHYSICAL_FALL, Falls
 from glassgait.studies.common.console import console, note, progress_bar, report_errors, say
 from glassgait.studies.common.jobs import (
     Gaits,
@@ -342,7 +342,7 @@ class Experiment(PolicySource):
         from glassgait.diagrams.scenario import load_scenarios
 
         return {
-            name: replace(scenario, limits=limits_of(self.falls, scenario.limits))
+            name: replace(scenario, limits=PHYSICAL_FALL) if self.falls == "physical" else scenario
             for name, scenario in load_scenarios(self.scenario).items()
         }
 

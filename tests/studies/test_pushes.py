@@ -11,7 +11,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.termination import limits_of
+from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.evaluation.figures import push_figure
@@ -50,8 +50,8 @@ def test_what_ends_by_a_high_foot_alone_is_no_physical_fall(expert):
     grid = PushGrid(np.linspace(0.0, 2 * np.pi, 6, endpoint=False), np.array([2.0, 8.0]), 2)
     low = replace(WORLD.limits, foot_height=0.15)
     task, physical = (
-        pushed(alone(expert), world=replace(WORLD, limits=limits_of(falls, low)), grid=grid)
-        for falls in ("task", "physical")
+        pushed(alone(expert), world=replace(WORLD, limits=limits), grid=grid)
+        for limits in (low, PHYSICAL_FALL)
     )
     assert (physical.survived >= task.survived).all()
     assert physical.survived[:, 0].sum() > task.survived[:, 0].sum()
