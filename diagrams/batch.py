@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.physics import Physics, PhysicsStep
-from glassgait.diagrams.task import TaskConfig, TaskState, measured
-from glassgait.models.arrays import Array
+from glassgait.diagrams.task import TaskConfig, TaskState, measured, put
+from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.control import BoolArray, ControlStep
 from glassgait.models.estimation.sensors import N_IMU, measure_imu, read_contacts
 from glassgait.models.policies.controller import Estimator
@@ -219,7 +219,7 @@ class BatchSimulator:
             s.memory._replace(action=moved.action),
             after.sensors(read_contacts(feet.touching, wrong, s.stuck)),
             command,
-            true_height=self._true_height(feet),
+            true_height=feet.height if self.estimator is None else None,
             difficulty=self.difficulty,
         )
         self._state = after._replace(memory=memory)
@@ -307,7 +307,8 @@ class BatchSimulator:
         """Returns the commands once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
         if len(due) and not self._is_commanded:
-            state = state.with_commands(due, self._draw_commands(len(due)))
+            drawn = self._draw_commands(len(due))
+            return map_arrays(lambda own, new: put(own, due, new), state.command, drawn)
         return state.command
 
     def _draw_commands(self, count: int) -> Command:
@@ -351,7 +352,7 @@ class BatchSimulator:
             None,
             measured(plant, joint_noise, reading, imu),
             command,
-            true_height=self._true_height(feet),
+            true_height=feet.height if self.estimator is None else None,
             difficulty=self.difficulty,
         )
         return TaskState(
@@ -369,6 +370,3 @@ class BatchSimulator:
             latency=latency,
             steps=np.zeros(count, dtype=np.int64),
         )
-
-    def _true_height(self, feet: FootSense) -> Array | None:
-        return feet.height if self.estimator is None else None

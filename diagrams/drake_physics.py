@@ -84,8 +84,14 @@ class _Group:
         """Advances robots by a control period, in Drake's threads or, for None, in Python's."""
         if len(states) == 0:
             return states
+        # From one robot's change of targets to the next's, all targets stay.
+        waits, moved = held.waits(self._n_steps), states
+        changes = np.unique([0, *waits, self._n_steps]).tolist()
         try:
-            return self._evaluate(states, held, parallelism)
+            for start, stop in pairwise(changes):
+                targets = np.where(waits[:, None] > start, held.late, held.targets)
+                moved = self._advance(moved, targets, stop - start, parallelism)
+            return moved
         except RuntimeError:
             # Drake does not say which robot it cannot advance: halve until it stands alone.
             if len(states) == 1:
@@ -95,16 +101,6 @@ class _Group:
             return np.concatenate(
                 [self.step(states[part], held.of(part), parallelism) for part in parts]
             )
-
-    def _evaluate(self, states: Array, held: Held, parallelism: Parallelism | None) -> Array:
-        # From one robot's change of targets to the next's, all targets stay.
-        waits = held.waits(self._n_steps)
-        changes = np.unique([0, *waits, self._n_steps]).tolist()
-        for start, stop in pairwise(changes):
-            waiting = waits[:, None] > start
-            targets = np.where(waiting, held.late, held.targets)
-            states = self._advance(states, targets, stop - start, parallelism)
-        return states
 
     def _advance(
         self, states: Array, targets: Array, n_steps: int, parallelism: Parallelism | None

@@ -88,9 +88,6 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             senses: "true" to observe the true velocity and heights of the feet, "odometry" for
                 their estimates, "imu" for that, gravity's direction and the angular velocity.
             max_episode_steps: Control steps after which an episode is truncated.
-
-        Raises:
-            InputError: if there is no such gait, robot or senses.
         """
         if senses not in SENSES:
             raise InputError(
@@ -163,10 +160,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
 
 class LocomotionEnv(gymnasium.Env[Array, Array]):
-    """One robot, as `LocomotionVectorEnv` has them.
-
-    Its episode only ends by a failure; `gymnasium.make` adds a `TimeLimit` of 20 s.
-    """
+    """One robot, as `LocomotionVectorEnv` has them; `gymnasium.make` limits its time to 20 s."""
 
     # Drake's `DrakeGymEnv` writes its modes into the one that all environments share.
     metadata = {"render_modes": []}  # noqa: RUF012

@@ -177,13 +177,12 @@ def _add(builder: DiagramBuilder, name: str, system: S, **inputs: OutputPort | N
 
 
 def _outputs(system: System) -> Ports:
-    """Returns a system's output ports by their names."""
     ports = (system.get_output_port(index) for index in range(system.num_output_ports()))
     return {port.get_name(): port for port in ports}
 
 
 def _add_sensor_errors(builder: DiagramBuilder, scenario: Scenario, *, imu: bool) -> Ports:
-    """Adds the sources of the errors of joints, contacts and IMU; without errors nothing."""
+    """Adds the sources of the errors of joints, contacts and IMU."""
     errors: Ports = {}
     for name, share, size in (
         ("sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS),
@@ -193,6 +192,8 @@ def _add_sensor_errors(builder: DiagramBuilder, scenario: Scenario, *, imu: bool
         if share > 0.0:
             noise = RandomSource(RandomDistribution.kUniform, size, CONTROL_PERIOD)
             errors[name] = builder.AddNamedSystem(name, noise).get_output_port()
+
+    # Errors that hold for a whole rollout.
     if scenario.encoder_bias > 0.0 or (imu and scenario.imu.half_widths.any()):
         bias = SensorBias(scenario.randomization())
         _add(builder, "sensor_bias", bias, seed=AddSeed(builder, "sensor_bias_seed"))

@@ -47,9 +47,7 @@ class Scenario(Disturbances):
 
     Attributes:
         title: Name in tables and errors.
-        station: Physics.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
-        command: The source of commands.
         latency: Time from an observation until its action reaches the joints (s), in whole steps
             of a discrete plant.
         limit_targets: Whether joints only follow targets within their ranges; by default they do if
@@ -57,8 +55,6 @@ class Scenario(Disturbances):
         true_body_state: Whether policies observe the true body state, and the reward machine reads
             the true heights of the feet. By default both are estimated from sensors.
         max_robots: Greatest number of robots for a seed, where the physics is slow.
-        weights: Weights of the reward.
-        limits: Bounds of the fall monitor.
         robot: Name of a robot that ships, or path of a `robot.yaml`; by default that of the policy.
     """
 
@@ -129,13 +125,8 @@ class Scenario(Disturbances):
         return JointLaw(gains, limited, law.limits)
 
     def station_of(self, policy: "Controller | Policy | None") -> StationConfig:
-        """Returns the station whose joints have the gains of a policy."""
+        """Returns the station, its joints with a policy's gains."""
         return self.station.with_gains(self.robot_of(policy), self.joint_law(policy))
-
-    @property
-    def names_a_command(self) -> bool:
-        """Whether it asks for anything but commands drawn over a gait's whole range."""
-        return self.command != DrawnCommands()
 
     def randomization(self) -> Randomization:
         """Returns the differences between the robots of an evaluation."""

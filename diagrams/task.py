@@ -58,12 +58,8 @@ class TaskConfig(Settings):
         *,
         episode_steps: int = EPISODE_STEPS,
     ) -> "TaskConfig":
-        """Returns the task of a gait in a scenario, with a policy's joints and observation.
-
-        Raises:
-            InputError: if commands come from sliders, or the gait is not made for them, or the
-                policy holds another machine.
-        """
+        """Returns the task of a gait in a scenario, with a policy's joints and observation."""
+        # Refuse what cannot be played.
         command = scenario.command
         if isinstance(command, SliderCommand):
             raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
@@ -83,9 +79,7 @@ class TaskConfig(Settings):
 
 
 class TaskState(NamedTuple):
-    """All that the task remembers of each robot between two control steps.
-
-    It is a value: its arrays are never written to, and whatever changes gives another state.
+    """All that the task remembers of each robot between two control steps; a value.
 
     Attributes:
         plant: Plant states x (n, 37).
@@ -104,6 +98,7 @@ class TaskState(NamedTuple):
         steps: Control steps since the episode's start (n,).
     """
 
+    # Arrays are never written to: whatever changes gives another state.
     plant: Array
     command: Command
     memory: Memory
@@ -133,7 +128,7 @@ class TaskState(NamedTuple):
 
     def with_robots(self, index: NDArray[np.int64], others: "TaskState") -> "TaskState":
         """Returns a state whose robots at `index` are those of `others`, in their order."""
-        return map_arrays(lambda values, new: _put(values, index, new), self, others)
+        return map_arrays(lambda values, new: put(values, index, new), self, others)
 
     def sensors(self, touching: BoolArray | None = None) -> Sensors:
         """Returns what the controllers read; contacts (n, 4) are the last ones by default."""
@@ -145,11 +140,6 @@ class TaskState(NamedTuple):
         plant = self.plant.copy()
         plant[:, quadruped.LINEAR_VELOCITY] += velocity
         return self._replace(plant=plant)
-
-    def with_commands(self, index: NDArray[np.int64], command: Command) -> "TaskState":
-        """Returns a state whose robots at `index` have other commands."""
-        changed = map_arrays(lambda values, new: _put(values, index, new), self.command, command)
-        return self._replace(command=changed)
 
 
 def measured(plant: Array, joint_noise: Array, touching: BoolArray, imu: Array) -> Sensors:
@@ -163,7 +153,8 @@ def measured(plant: Array, joint_noise: Array, touching: BoolArray, imu: Array) 
     )
 
 
-def _put(values: NDArray, index: NDArray[np.int64], new: NDArray) -> NDArray:
+def put(values: NDArray, index: NDArray[np.int64], new: NDArray) -> NDArray:
+    """Returns an array with new values at `index`."""
     changed = values.copy()
     changed[index] = new
     return changed

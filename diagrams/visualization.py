@@ -139,10 +139,7 @@ def save_replay(
 
 
 def _replay_page(meshcat: Meshcat) -> str:
-    """Returns what Meshcat shows as a page that opens without a server.
-
-    A page around it may ask for a moment by the message `{replay: seconds}`.
-    """
+    # A page around it may ask for a moment by the message `{replay: seconds}`.
     page, end = meshcat.StaticHtml(), "</body>"
     for plain, named in _NAMED:
         page = page.replace(plain, named, 1)
@@ -233,7 +230,6 @@ class LiveDisplay:
 
 
 def _paint(plant: MultibodyPlant, scene_graph: SceneGraph, ghost: ModelInstanceIndex) -> None:
-    """Gives the ghost its colour, before a visualizer is added."""
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     for body in plant.GetBodyIndices(ghost):
         frame = plant.GetBodyFrameIdOrThrow(body)

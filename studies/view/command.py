@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import yaml
 from annotated_types import Ge
 
-from glassgait.diagrams.commands import FixedCommand, SliderCommand
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scenario_name
 from glassgait.diagrams.visualization import open_meshcat
@@ -50,7 +50,7 @@ class OwnCommand(Settings):
     def over(self, scenario: Scenario) -> Scenario:
         """Returns a scenario with this command."""
         given = {name: value for name, value in asdict(self).items() if value is not None}
-        if scenario.names_a_command and not given:
+        if scenario.command != DrawnCommands() and not given:
             return scenario
         fixed = scenario.command
         if not isinstance(fixed, FixedCommand):

@@ -47,7 +47,6 @@ def test_the_training_file_shows_every_setting_at_its_default():
     shown = yaml.safe_load((SCENARIO_DIRECTORY / "training.yaml").read_text())
     assert shown == to_plain(Scenario())
     assert Scenario().randomization() == NOMINAL
-    assert not Scenario().names_a_command
 
 
 def test_a_file_says_only_what_differs_from_training(written):
