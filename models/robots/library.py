@@ -27,11 +27,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
-    """Loads a robot that ships by its name, or another from its file, once a process and edit.
-
-    Raises:
-        InputError: if there is no such robot, or its files break a rule.
-    """
+    """Loads a robot that ships by its name, or another from its file, once a process and edit."""
     path = Path(robot)
     if path.is_dir() and str(robot) not in robot_names():
         raise InputError(f"{path}: is a folder; give a robot's file in it, as {path / ROBOT_FILE}")

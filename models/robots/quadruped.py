@@ -31,11 +31,7 @@ JOINT_VELOCITY = slice(N_POSITIONS + 6, N_POSITIONS + N_VELOCITIES)
 
 
 def joint_index(joint: str | int) -> int:
-    """Returns the index of a joint such as FL_hip; an index stays one.
-
-    Raises:
-        InputError: if there is no such joint.
-    """
+    """Returns the index of a joint such as FL_hip; an index stays one."""
     if isinstance(joint, str) and joint in JOINTS:
         return JOINTS.index(joint)
     # True and False are whole numbers, too.

@@ -217,11 +217,7 @@ def gait_names() -> tuple[str, ...]:
 
 
 def load_gait(gait: str | Path) -> Gait:
-    """Loads a gait that ships by its name, or a gait from the path of a YAML file.
-
-    Raises:
-        InputError: if there is no such gait, or its file breaks a rule.
-    """
+    """Loads a gait that ships by its name, or a gait from the path of a YAML file."""
     path = Path(gait)
     if path.suffix not in (".yaml", ".yml"):
         if str(gait) not in gait_names():
@@ -230,6 +226,7 @@ def load_gait(gait: str | Path) -> Gait:
                 "or give the path of a gait file ending in .yaml"
             )
         path = GAIT_DIRECTORY / f"{gait}.yaml"
+    # Read it, and refuse a gait that only has the name of one that ships.
     text = read_text(path, YAML_BYTES)
     try:
         loaded = parse_gait(text, name=path.stem)

@@ -97,15 +97,12 @@ class Grid(NamedTuple):
 
 
 class GroundBox(NamedTuple):
-    """A box of the ground: centre (3; m), axes as columns (3, 3), and edges (3; m).
+    """A box of the ground."""
 
-    `is_patch` says whether it has the patches' friction.
-    """
-
-    centre: Array
-    rotation: Array
-    size: Array
-    is_patch: bool
+    centre: Array  # (3; m)
+    rotation: Array  # its axes, as columns (3, 3)
+    size: Array  # its edges (3; m)
+    is_patch: bool  # whether it has the patches' friction
 
 
 @checked
