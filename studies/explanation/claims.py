@@ -12,7 +12,7 @@ from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.formulas.mirror import Place
-from glassgait.models.formulas.quantities import GATES, Vocabulary
+from glassgait.models.formulas.quantities import GATES
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import Group, entries_of
 
@@ -109,7 +109,16 @@ def readable_terms(file: FormulaFile) -> list[Term]:
     Products of sums are multiplied out. Terms with a function, a quotient, two inputs or joint
     readings are left out. Terms of the same input and gates in one formula are joined.
     """
-    inputs, gates = _inputs(file.vocabulary), _gates(file.vocabulary)
+    entries, symbols = entries_of(file.vocabulary.names), file.vocabulary.symbols
+    gates = {i for i, entry in enumerate(entries) if entry.group == "machine state"}
+    gates |= {symbols.index(gate) for gate in GATES if gate in symbols}
+
+    # A definition is an input unless it says when.
+    inputs = {i for i, entry in enumerate(entries) if entry.group in INPUTS}
+    clocks = {i for i, entry in enumerate(entries) if entry.group in CLOCKS}
+    for i, definition in enumerate(file.vocabulary.definitions, start=len(entries)):
+        if definition.symbol not in GATES and not definition.formula.variables & clocks:
+            inputs.add(i)
     return [
         term
         for place, formula in sorted(file.written().items())
@@ -139,7 +148,6 @@ def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
 
 
 def refuse_too_few(found: int, count: int) -> None:
-    """Refuses to derive more claims than there are terms."""
     if found < count:
         raise InputError(
             f"--n-claims: {count} claims are asked for, and {found} terms can be read as a weight "
@@ -172,7 +180,7 @@ def _acting(term: Term, walk: Walk) -> NDArray[np.bool_]:
 
 
 def _terms_of(
-    place: Place, formula: Expression, inputs: frozenset[int], gates: frozenset[int]
+    place: Place, formula: Expression, inputs: set[int], gates: set[int]
 ) -> Iterator[Term]:
     weights: dict[tuple[int, tuple[int, ...]], float] = {}
     for whole in formula.terms():
@@ -195,32 +203,10 @@ def _product(formula: Expression) -> tuple[float, list[int]] | None:
         case "variable":
             return 1.0, [formula.variable]
         case "neg" | "mul":
-            weight, factors = (-1.0, []) if formula.operator == "neg" else (1.0, [])
-            for operand in formula.operands:
-                read = _product(operand)
+            weight, factors = -1.0 if formula.operator == "neg" else 1.0, list[int]()
+            for read in map(_product, formula.operands):
                 if read is None:
                     return None
                 weight, factors = weight * read[0], factors + read[1]
             return weight, factors
-        case _:
-            return None
-
-
-def _gates(vocabulary: Vocabulary) -> frozenset[int]:
-    """Returns the variables that say when: the known gates, and the machine's states."""
-    observed, symbols = entries_of(vocabulary.names), vocabulary.symbols
-    states = [i for i, entry in enumerate(observed) if entry.group == "machine state"]
-    return frozenset([*states, *(symbols.index(gate) for gate in GATES if gate in symbols)])
-
-
-def _inputs(vocabulary: Vocabulary) -> frozenset[int]:
-    observed = entries_of(vocabulary.names)
-    inputs = [i for i, entry in enumerate(observed) if entry.group in INPUTS]
-    clocks = {i for i, entry in enumerate(observed) if entry.group in CLOCKS}
-    # A definition is an input unless it says when.
-    defined = [
-        len(observed) + i
-        for i, definition in enumerate(vocabulary.definitions)
-        if definition.symbol not in GATES and not definition.formula.variables & clocks
-    ]
-    return frozenset([*inputs, *defined])
+    return None

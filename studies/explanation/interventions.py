@@ -81,17 +81,16 @@ class ExplainInterventions(OnePolicy):
             said = f"{term.joint}: {term.text(symbols)} with {symbols[term.input]} + {claim.step:g}"
             say(f"walking with {said}")
             text = f"# {said}\n{write_formulas(with_input_raised(file, claim))}"
-            path = folder / "edited" / f"{number}_{term.joint}{SUFFIX}"
-            write_atomically(path, text)
+            write_atomically(folder / "edited" / f"{number}_{term.joint}{SUFFIX}", text)
             edited = FormulaPolicy.from_file(read_formulas(text), policy.robot)
             after = walk(found.gait, expert, edited, rollouts)
             rows.append(result(claim, symbols, plain, after))
+
         table = pd.DataFrame(rows)
         write_table(table, folder / "interventions")
         print_table(f"{found.gait.name}: {policy_title(stem)}", table)
-        console.print(
-            f"{(table['holds'] == 'yes').sum()} of {len(table)} claims hold; written to {folder}"
-        )
+        n_holding = (table["holds"] == "yes").sum()
+        console.print(f"{n_holding} of {len(table)} claims hold; written to {folder}")
 
 
 def walk(

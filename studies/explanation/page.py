@@ -81,15 +81,11 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
     # Terms add up to what the policy asks for, before limits.
     targets = policy.robot.joint_targets(policy(observations))
     states = rollout["rm_state"].argmax(axis=1)
-    return tuple(
-        ExplainedJoint(
-            policy.factored_terms(joint),
-            policy.explain(observations, joint).values,
-            targets[:, joint],
-            states,
-        )
-        for joint in range(quadruped.N_JOINTS)
-    )
+    explained = []
+    for joint in range(quadruped.N_JOINTS):
+        terms, values = policy.factored_terms(joint), policy.explain(observations, joint).values
+        explained.append(ExplainedJoint(terms, values, targets[:, joint], states))
+    return tuple(explained)
 
 
 def render_page(
@@ -112,9 +108,9 @@ def render_page(
         step: Control step that is shown first.
     """
     # The page's script draws from this data.
-    known, colors = variables_of(policy, rollout["observations"]), state_colors(gait)
-    quantities = _quantities(known.titles, explained)
-    values = Tape(tuple(quantities), known.values.shape[1])(known.values)
+    titles, units, variables = variables_of(policy, rollout["observations"])
+    quantities, colors = _quantities(titles, explained), state_colors(gait)
+    values = Tape(tuple(quantities), variables.shape[1])(variables)
     data = {
         "period": CONTROL_PERIOD,
         "legs": quadruped.LEGS,
@@ -126,7 +122,7 @@ def render_page(
         "joints": quadruped.JOINTS,
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "quantities": list(quantities.values()),
-        "units": known.units,
+        "units": units,
         # No term shows a value that is not finite.
         "values": _rounded(np.nan_to_num(values, posinf=0.0, neginf=0.0)),
         "explained": [_joint_data(own, list(quantities)) for own in explained],

@@ -1,6 +1,5 @@
 """What pages show of a policy: its variables, and which lines of its file act."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,10 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, symbols_of
 
 
-@dataclass(frozen=True)
-class Variables:
-    """What a policy's terms are functions of, over a rollout; values are (n_steps, k)."""
-
-    titles: tuple[str, ...]
-    units: tuple[str, ...]
-    values: np.ndarray
-
-
-def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
-    """Returns what the terms of a policy are functions of, given observations (n_steps, n)."""
+def variables_of(
+    policy: Policy, observations: np.ndarray
+) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:
+    """Returns names (k), units (k) and values (n_steps, k) of what a policy's terms are of."""
     names = policy.observation_names
     entries, symbols = entries_of(names), symbols_of(names)
     units = tuple(entry.unit for entry in entries)
@@ -33,13 +25,12 @@ def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
         case FormulaPolicy(vocabulary=vocabulary):
             notes = (definition.note for definition in vocabulary.definitions)
             quantities = policy.quantities(observations)
-            return Variables(vocabulary.symbols, (*units, *notes), quantities)
+            return vocabulary.symbols, (*units, *notes), quantities
         case AdditivePolicy():
-            # Its terms are functions that are named at values, in whichever unit these are.
+            # Its terms are functions that are named at values, so that any unit will do.
             quantities = RobotUnits.of(policy.robot, names).quantities(observations)
-            return Variables(symbols, units, quantities)
-    scaled = tuple(entry.scaled_unit(policy.robot) for entry in entries)
-    return Variables(symbols, scaled, observations)
+            return symbols, units, quantities
+    return symbols, tuple(entry.scaled_unit(policy.robot) for entry in entries), observations
 
 
 def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:

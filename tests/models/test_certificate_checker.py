@@ -1,12 +1,10 @@
 """The checker: shipped certificates hold, and changed ones, or changed policies, do not."""
 
 import json
-import re
 import shutil
 from copy import deepcopy
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
@@ -71,26 +69,13 @@ def test_every_policy_of_formulas_that_ships_has_a_certificate_of_less_than_a_me
     assert not certified
 
 
-def says_the_same(changed, text):
-    # The last of many digits may leave a number as it is; a first 0 leaves no number.
-    try:
-        return json.loads(changed) == json.loads(text)
-    except json.JSONDecodeError:
-        return False
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_refuses_a_certificate_of_which_one_character_was_changed(tmp_path, seed):
-    generator, text = np.random.default_rng(seed), PATH.read_text()
-    places = [found.start() for found in re.finditer(r"\d", text)]
-    changed = text
-    while says_the_same(changed, text):
-        place = int(generator.choice(places))
-        digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
-        changed = text[:place] + digit + text[place + 1 :]
+@pytest.mark.parametrize(
+    ("old", "new"), [('"state": 0', '"state": 1'), ('"bound": ', '"bound": 1'), ("0.0", "0.00001")]
+)
+def test_refuses_a_certificate_that_was_changed(tmp_path, old, new):
     path = tmp_path / "certificate.json"
-    path.write_text(changed)
-    with pytest.raises(RefusedError):
+    path.write_text(PATH.read_text().replace(old, new, 1))
+    with pytest.raises(RefusedError, match="the certificate was changed"):
         check(path)
 
 

@@ -307,15 +307,13 @@ def test_what_forgeries_are_made_from_holds(tmp_path):
     Truth(content, path).assert_holds(content)
 
 
-def test_no_forgery_proves_what_observations_refute(tmp_path):
-    assert assert_no_forgery_counts(tmp_path, 0, 16) < 16
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_none_of_hundreds_of_forgeries_proves_what_observations_refute(tmp_path, seed):
+@pytest.mark.parametrize(
+    ("seed", "count"),
+    [(0, 16), *(pytest.param(seed, 200, marks=pytest.mark.slow) for seed in (1, 2))],
+)
+def test_no_forgery_proves_what_observations_refute(tmp_path, seed, count):
     # Some harm nothing: another name of a claim, another digit of a formula nothing is said of.
-    assert 0 < assert_no_forgery_counts(tmp_path, seed, 200) < 100
+    assert assert_no_forgery_counts(tmp_path, seed, count) < count / 2
 
 
 @pytest.mark.parametrize("term", ATTACKS)

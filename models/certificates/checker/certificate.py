@@ -188,8 +188,8 @@ class Check:
         """Returns a box with the machine's state held."""
         where, *stuck = place
         taken = {name: self.boxes["physical"][name] for name in stuck}
-        held = {f"s{i}": (float(i == state),) * 2 for i in range(len(self.states))}
-        return self.boxes[where] | taken | held
+        held = (float(i == state) for i in range(len(self.states)))
+        return self.boxes[where] | taken | {f"s{i}": (one, one) for i, one in enumerate(held)}
 
     def rounding(self, state: int, joint: str, place: Place) -> arb:
         """Bounds what double precision does to a target over a box (rad)."""
