@@ -210,28 +210,25 @@ def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:
 
 
 def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[float, float]:
-    velocities = {
-        "commanded velocity": gait.max_speed if entry.symbol == "cmd.v" else gait.max_yaw_rate,
-        "gravity": 1.0 + float(IMU_NOISE[-1]),
-        "angular velocity": FASTEST_TURN,
-        "joint velocity": FASTEST_JOINT,
-        "base velocity": FASTEST_TRUNK,
+    if entry.group in ("joint position", "previous action"):
+        reach = TerminationLimits().joint_overrun + JOINT_POSITION_NOISE
+        reach = reach if entry.group == "joint position" else 0.0
+        joint = quadruped.joint_index(entry.symbol.partition(".")[2])
+        low, high = robot.lower_limits[joint] - reach, robot.upper_limits[joint] + reach
+        # Round outward; a number that is off the last decimal by rounding only stays on it.
+        low, high = np.round(np.array([low, high]) * 10.0**DECIMALS, 6)
+        return math.floor(low) / 10.0**DECIMALS, math.ceil(high) / 10.0**DECIMALS
+    speed = gait.max_speed if entry.symbol == "cmd.v" else gait.max_yaw_rate
+    steepest = 1.0 + float(IMU_NOISE[-1])
+    ranges: dict[str, tuple[float, float]] = {
+        "commanded velocity": (-speed, speed),
+        "gravity": (-steepest, steepest),
+        "angular velocity": (-FASTEST_TURN, FASTEST_TURN),
+        "joint velocity": (-FASTEST_JOINT, FASTEST_JOINT),
+        "base velocity": (-FASTEST_TRUNK, FASTEST_TRUNK),
+        "machine state": (0.0, 1.0),
+        "iterations": (0.0, float(gait.dwell[1] + OVERDUE)),
+        "commanded iterations": (float(gait.dwell[0]), float(gait.dwell[1])),
+        "foot height": FOOT_HEIGHTS,
     }
-    match entry.group:
-        case "joint position" | "previous action":
-            reach = TerminationLimits().joint_overrun + JOINT_POSITION_NOISE
-            reach = reach if entry.group == "joint position" else 0.0
-            joint = quadruped.joint_index(entry.symbol.partition(".")[2])
-            low, high = robot.lower_limits[joint] - reach, robot.upper_limits[joint] + reach
-            # Round outward; a number that is off the last decimal by rounding only stays on it.
-            low, high = np.round(np.array([low, high]) * 10.0**DECIMALS, 6)
-            return math.floor(low) / 10.0**DECIMALS, math.ceil(high) / 10.0**DECIMALS
-        case "machine state":
-            return 0.0, 1.0
-        case "iterations":
-            return 0.0, float(gait.dwell[1] + OVERDUE)
-        case "commanded iterations":
-            return float(gait.dwell[0]), float(gait.dwell[1])
-        case "foot height":
-            return FOOT_HEIGHTS
-    return -velocities[entry.group], velocities[entry.group]
+    return ranges[entry.group]

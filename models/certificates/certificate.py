@@ -76,6 +76,7 @@ def _statement(key: tuple[Query, Place], found: Maximum, symbols: Sequence[str])
     written: dict[str, Any] = {"of": query.of, "state": query.state}
     written |= {"joint": quadruped.JOINTS[query.joint], "sign": query.sign}
     written |= {"box": place.box, "bound": found.bound}
+    # Leave out what says nothing.
     if query.observation >= 0:
         written["observation"] = symbols[query.observation]
     if place.stuck:

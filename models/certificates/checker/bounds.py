@@ -46,6 +46,8 @@ Span = tuple[arb, arb]
 Factor = tuple[str, int]
 """A variable and its power."""
 
+Terms = list[tuple[arb, list[Factor]]]
+
 
 def hull(values: list[arb]) -> Span:
     """Returns the least and the greatest of numbers."""
@@ -208,7 +210,7 @@ class Polynomials:
                 whole += formula.derivative(own) * derivatives[function](value, inner) * along
         return whole
 
-    def terms(self, formula: fmpq_mpoly) -> list[tuple[arb, list[Factor]]]:
+    def terms(self, formula: fmpq_mpoly) -> Terms:
         """Lists coefficients with the factors of each."""
         return [
             (arb(number), [(self.names[i], power) for i, power in enumerate(powers) if power])
@@ -220,7 +222,7 @@ class Polynomials:
         return self.inner[name].of if name in self.inner else {self.names.index(name)}
 
     def order(self, factor: Factor) -> tuple[list[int], str, int, str]:
-        """Orders factors as the prover does, which has no names for functions."""
+        """Orders factors as the prover does."""
         name, power = factor
         function = self.inner[name].name if name in self.inner else "variable"
         return sorted(self.of(name)), function, power, name
@@ -249,17 +251,18 @@ class Polynomials:
     def power_span(self, factor: Factor, cell: Box, spans: dict[str, Span]) -> Span:
         """Bounds a power of a variable over a cell; `spans` keeps the variables' bounds."""
         name, power = factor
-        if name not in spans:
-            if name in self.inner:
-                own, low, high = self.inner[name], arb(0), arb(0)
-                for number, term in own.terms:
-                    part = number, number
-                    for own_factor in term:
-                        part = multiplied(part, self.power_span(own_factor, cell, spans))
-                    low, high = low + part[0], high + part[1]
-                spans[name] = image(own.name, low, high)
-            else:
-                spans[name] = arb(cell[name][0]), arb(cell[name][1])
+        if name in self.inner and name not in spans:
+            own, low, high = self.inner[name], arb(0), arb(0)
+            for number, term in own.terms:
+                part = number, number
+                for own_factor in term:
+                    part = multiplied(part, self.power_span(own_factor, cell, spans))
+                low, high = low + part[0], high + part[1]
+            spans[name] = image(own.name, low, high)
+        elif name not in spans:
+            spans[name] = arb(cell[name][0]), arb(cell[name][1])
+
+        # An even power has its least value at 0.
         low, high = spans[name]
         holds_zero = not (low > 0 or high < 0)
         ends = [low**power, high**power]
@@ -271,14 +274,14 @@ class Function(NamedTuple):
 
     name: str
     inner: fmpq_mpoly
-    terms: list[tuple[arb, list[Factor]]]
+    terms: Terms
     of: set[int]
 
 
 class Elimination:
     """Tables of terms, and the order in which they are added up and maximised."""
 
-    def __init__(self, terms: list[tuple[arb, list[Factor]]], factors: list[Factor]) -> None:
+    def __init__(self, terms: Terms, factors: list[Factor]) -> None:
         number = {factor: index for index, factor in enumerate(factors)}
         self.terms = [(value, sorted(number[own] for own in term)) for value, term in terms]
         self.scopes = [scope for _, scope in self.terms]
