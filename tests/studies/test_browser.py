@@ -22,29 +22,22 @@ PAGES = {
 }
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def find_barriers():
-    """Lists what axe-core finds serious or critical in a browser's page, or in a part of it.
-
-    axe-core comes with a package of PyPI, whose own driver is not used.
-    """
+    """Lists what axe-core finds serious or critical in a browser's page, or in a part of it."""
     pytest.importorskip("axe_playwright_python", reason="needs axe-core (the dev extra)")
     axe = (resources.files("axe_playwright_python") / "axe.min.js").read_text()
 
     def find(browser, part="body"):
         browser.set_script_timeout(120)
-        browser.execute_script(axe)
         run = (
             "const [part, done] = arguments;"
             "axe.run(part, {resultTypes: ['violations'], iframes: false})"
             ".then((found) => done(found.violations))"
         )
-        return [
-            f"{own['impact']} {own['id']}: {node['html'][:160]}"
-            for own in browser.execute_async_script(run, part)
-            if own["impact"] in ("serious", "critical")
-            for node in own["nodes"]
-        ]
+        violations = browser.execute_async_script(axe + run, part)
+        serious = [own for own in violations if own["impact"] in ("serious", "critical")]
+        return [f"{own['id']}: {node['html'][:160]}" for own in serious for node in own["nodes"]]
 
     return find
 
@@ -52,27 +45,18 @@ def find_barriers():
 WIDTHS = (390, 1400)
 """Of a telephone and of a desk's screen (pixels)."""
 
-UNFOLD = """
-for (const own of document.querySelectorAll("details")) own.open = true;
-document.querySelector("button.witness")?.click();
-"""
+UNFOLD = "for (const own of document.querySelectorAll('details')) own.open = true;"
 
 
 @pytest.fixture(scope="module")
 def faults_of(browser, find_barriers):
-    """Finds what is wrong with a page, all of it unfolded, on a narrow and on a wide screen.
-
-    That is what sticks out sideways, an error on the console, and what axe-core finds serious or
-    critical.
-    """
+    """Finds what sticks out sideways, errors on the console, and barriers of an unfolded page."""
 
     def find(page):
         found = []
         for width in WIDTHS:
             screen = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
-            browser.get("about:blank")
-            browser.get_log("browser")
             browser.get(page.as_uri())
             # Replays load after their page.
             time.sleep(2.0)
@@ -131,11 +115,8 @@ def until(condition, patience=180.0):
 
 
 def press(browser, name):
-    for button in browser.find_elements("css selector", "button"):
-        if button.text.lower() == name:
-            button.click()
-            return
-    raise AssertionError(f"no button {name}")
+    buttons = browser.find_elements("css selector", "button")
+    next(button for button in buttons if button.text.lower() == name).click()
 
 
 def test_the_studio_edits_a_formula_while_the_robot_walks(studio, browser, find_barriers):

@@ -104,9 +104,7 @@ def test_students_are_those_of_their_libraries_defaults(paper, generator):
     assert (formulas.engine, formulas.max_length, formulas.iterations) == ("pysr", 90, 20)
 
 
-def test_policies_are_rolled_out_as_the_paper_says(paper):
-    assert len(paper.periods) == 11
-    assert (paper.rollouts.n_robots, paper.rollouts.n_seeds) == (26, 1)
+def test_policies_are_rolled_out_at_most_as_fast_as_the_gait_goes(paper):
     assert paper.rollouts_of(load_gait("walk")).speed_range == (0.0, 0.5)
     assert paper.rollouts_of(load_gait("trot")).speed_range == (0.0, 0.75)
 
@@ -132,11 +130,7 @@ def test_without_julia_the_papers_formulas_are_refused_at_once(tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("training: {n_robot: 5}\n", "n_robot"),
-        ("- trot\n", "mapping"),
-    ],
+    ("text", "message"), [("training: {n_robot: 5}\n", "n_robot"), ("- trot\n", "mapping")]
 )
 def test_settings_files_that_are_wrong_are_refused(text, message, tmp_path, refused):
     path = tmp_path / "mine.yaml"
@@ -154,13 +148,8 @@ def test_a_quick_run_needs_quick_settings(tmp_path):
 
 @pytest.fixture
 def results(tmp_path):
-    r2 = pd.DataFrame(
-        {
-            "student": paper_students(),
-            "r2": [0.9, 0.8, 0.7],
-            "r2_shuffled_split": [0.95, 0.85, 0.75],
-        }
-    )
+    scores = {"r2": [0.9, 0.8, 0.7], "r2_shuffled_split": [0.95, 0.85, 0.75]}
+    r2 = pd.DataFrame({"student": paper_students(), **scores})
     tops = pd.DataFrame({"gait": ["pace"], "student": ["gbm"], "method": ["impurity"], "1st": "x"})
     return [GaitResults("pace", tmp_path / "pace", r2, pd.DataFrame({"policy": ["GBM"]}), tops)]
 
@@ -205,14 +194,13 @@ def test_the_paper_is_reproduced_in_small_and_resumed(small, tmp_path, refused):
 @pytest.mark.slow
 @pytest.mark.parametrize("full", [[], ["--full"]])
 def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path, monkeypatch):
+    formulas = StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
     tiny = DistillationConfig(
         students=("linear", "statewise_symbolic"),
         episodes=5,
         alone_rounds=0,
         episode_steps=60,
-        settings=StudentsSettings(
-            statewise_symbolic=StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
-        ),
+        settings=StudentsSettings(statewise_symbolic=formulas),
         n_workers=1,
     )
     for name, value in {"QUICK": tiny, "FULL": tiny, "REPLAY_STEPS": 50}.items():

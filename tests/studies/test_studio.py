@@ -64,8 +64,9 @@ def with_constant(session, value, place=FL_THIGH):
 
 @pytest.fixture
 def observations(session):
-    drawn = np.random.default_rng(3).normal(scale=0.1, size=(20, 55))
-    drawn[:, machine_state_entries(session.policy.observation_names)] = [1.0, 0.0]
+    names = session.policy.observation_names
+    drawn = np.random.default_rng(3).normal(scale=0.1, size=(20, len(names)))
+    drawn[:, machine_state_entries(names)] = [1.0, 0.0]
     return drawn
 
 
@@ -119,11 +120,11 @@ def test_the_saved_file_is_the_policy_that_walks(session, observations, tmp_path
 
 def test_robot_and_ghost_part_at_an_edit(robot, session):
     robot.steer(FixedCommand(0.3, 0.0, 8))
-    for edited, ghost in [walk(robot, 30)]:
-        np.testing.assert_array_equal(edited.state, ghost.state)
+    edited, ghost = walk(robot, 30)
+    np.testing.assert_array_equal(edited.state, ghost.state)
     session.replace(FL_THIGH, with_constant(session, "0.75"))
     robot.act_by(session.policy)
-    edited, ghost = walk(robot, 50)
+    walk(robot, 50)
     thigh = (quadruped.JOINT_POSITION.start or 0) + 1
     angles = np.array([[own.state[thigh] for own in pair] for pair in robot.samples()[-25:]])
     assert abs(angles[:, 0].mean() - angles[:, 1].mean()) > 0.02
@@ -134,11 +135,6 @@ def test_a_push_to_the_left_moves_both_to_the_left(robot):
     robot.push(np.array([0.0, 0.5, 0.0]))
     for pushed in walk(robot, 10):
         assert pushed.state[quadruped.POSITION][1] > 0.03
-
-
-def test_commands_beyond_the_gait_are_refused(robot):
-    with pytest.raises(InputError):
-        robot.steer(FixedCommand(9.0, 0.0, 8))
 
 
 def test_both_stand_again_a_second_after_a_fall(robot, session):
