@@ -1,12 +1,12 @@
 """The report's contents: the paper's tables and figures, and ours in their place."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
 from glassgait.studies.distillation.students import STUDENTS, paper_students, policy_title
-from glassgait.studies.reproduction.gait import GaitResults
 from glassgait.studies.reproduction.page import Section
 
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
@@ -26,6 +26,23 @@ WIDE = ("6", "7", "8, top")
 
 IMPORTANCES = {"gbm_impurity": "impurity importance", "gbm_permutation": "permutation importance"}
 """Maps of importances by the stems of their files."""
+
+
+@dataclass(frozen=True)
+class GaitResults:
+    """Results of one gait.
+
+    Attributes:
+        r2: R² of each student, as `distill` returns them.
+        standalone: Scores without the expert, formatted.
+        tops: The most important observations beside the paper's.
+    """
+
+    gait: str
+    folder: Path
+    r2: pd.DataFrame
+    standalone: pd.DataFrame
+    tops: pd.DataFrame
 
 
 def contents(results: Sequence[GaitResults]) -> list[Section]:

@@ -8,10 +8,16 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import numpy as np
+import pandas as pd
 import tyro
 from annotated_types import Ge, MinLen
 
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots.library import load_robot
@@ -19,23 +25,39 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.jobs import Gaits, Job, WorkersConfig, gaits_named, run_sweep
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students import paper_students
+from glassgait.studies.distillation.students import load_students, paper_students, policy_title
+from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.distillation.symbolic import Engine, pysr_starts
-from glassgait.studies.evaluation.alternation import PERIODS
-from glassgait.studies.reproduction.contents import contents, r2_by_gait
-from glassgait.studies.reproduction.gait import GaitResults, study_gait
+from glassgait.studies.evaluation.alternation import PERIODS, alternation_report, alternation_scores
+from glassgait.studies.evaluation.tables import standalone_table
+from glassgait.studies.importance.figures import contribution_figure, student_figures
+from glassgait.studies.importance.study import (
+    held_out_samples,
+    importance_report,
+    measure_importances,
+)
+from glassgait.studies.reproduction.contents import GaitResults, contents, r2_by_gait
 from glassgait.studies.reproduction.page import Section, write_page
 from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
 from glassgait.studies.training.command import train_job
 from glassgait.studies.training.config import TrainingConfig
 
 PAPER_GAITS = ("walk", "trot", "pace", "bound")
+
+JOINT = 0
+"""The joint of the paper's single-joint figures, FL hip."""
+
+SEQUENCE_STEPS = 200
+EXPLAINED_STEP = 100
+SPEED = 0.5
+"""Commanded forward speed of the gait sequences (m/s)."""
 
 WITHOUT_PYSR = (
     "Formulas are searched by Operon, not by PySR: operators, nodes and iterations are counted in "
@@ -106,9 +128,9 @@ class Report(Settings):
             # A single gait is studied in this process, which shows its progress.
             jobs = [Job(name, 0, folder / load_gait(name).name, name) for name in names]
             if len(jobs) == 1 and self.workers.backend == "loky":
-                results = [_study_job(report, jobs[0])]
+                results = [study_gait(report, jobs[0])]
             else:
-                results = run_sweep(jobs, partial(_study_job, report), self.workers)
+                results = run_sweep(jobs, partial(study_gait, report), self.workers)
             path = report.write(results, folder)
         print_table("R²", r2_by_gait(results))
         minutes = (time.monotonic() - started) / 60
@@ -204,16 +226,50 @@ class Report(Settings):
         return {f"expert of the {name}": own.expert.digest() for name, own in found.items()}
 
 
-def _study_job(report: Report, job: Job) -> GaitResults:
-    """Studies one gait, from where the job stopped."""
-    gait = load_gait(job.gait)
-    return study_gait(
-        gait,
-        report.expert(job.gait, job.folder),
-        job.folder,
-        distillation=replace(report.distillation, gait=job.gait),
-        rollouts=report.rollouts_of(gait),
-        periods=report.periods,
-        n_samples=report.n_samples,
-        repeats=report.repeats,
-    )
+def study_gait(report: Report, job: Job) -> GaitResults:
+    """Trains or finds an expert, then distils, evaluates and explains it, from where it stopped."""
+    gait, folder = load_gait(job.gait), job.folder
+    name, title = gait.name, gait.name.capitalize()
+    expert, rollouts = report.expert(job.gait, folder), report.rollouts_of(gait)
+
+    # Section III-C of the paper: students, and their R² (Table II).
+    source = folder / "distillation"
+    r2 = distill(replace(report.distillation, gait=job.gait), gait, expert, source, resume=True)
+    write_r2_table(r2, name, source)
+    students = load_students(source, expert)
+
+    # Section IV-A: returns against the alternation ratio (Figure 2).
+    say(f"{title}: rolling out every student at every alternation ratio")
+    kept = folder / "rollouts"
+    scores = alternation_scores(gait, expert, students, rollouts, kept, report.periods)
+    alternation_report(scores, title).write(folder)
+    standalone = standalone_table(scores)
+
+    # Section IV-B: importances and explanations of the ensembles (Table I, Figures 6 to 11).
+    seed = rollouts.seed
+    explained = {kind: students[kind] for kind in ("gbm", "ebm")}
+    measured = []
+    for kind, student in explained.items():
+        samples = held_out_samples(source, kind, report.n_samples, seed)
+        found = measure_importances(student, samples, seed=seed, repeats=report.repeats)
+        measured.append(found.assign(policy=kind))
+        drawn = student_figures(name, kind, student, JOINT, samples.observations, seed)
+        for stem, figure in drawn.items():
+            save_figure(figure, folder / stem)
+    importances = importance_report(name, pd.concat(measured, ignore_index=True))
+    importances.write(folder)
+    tops = importances.tables["top_observations"]
+
+    # Gait sequences of every student (Figures 3 to 5), and a local explanation (Figure 9).
+    scenario = Scenario(command=FixedCommand(speed=min(SPEED, gait.max_speed)))
+    for kind, student in students.items():
+        diagram = MakeLocomotion(gait, scenario, policy=alone(student, expert))
+        rollout = record(make_simulator(diagram), SEQUENCE_STEPS)
+        drawn = f"{title}, {policy_title(kind)}"
+        save_figure(gait_figure(rollout, gait, f"{drawn} alone"), folder / f"{kind}_sequence")
+        if kind == "ebm":
+            step = min(EXPLAINED_STEP, len(rollout.time) - 1)
+            parts = student.explain(rollout["observations"][step], JOINT)
+            local = contribution_figure(parts, f"{drawn}, FL hip, step {step}")
+            save_figure(local, folder / f"{kind}_local")
+    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == "gbm"])

@@ -19,8 +19,7 @@ from glassgait.studies.distillation.config import DistillationConfig, StudentsSe
 from glassgait.studies.distillation.students import paper_students
 from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings
 from glassgait.studies.reproduction import demo, report
-from glassgait.studies.reproduction.contents import contents, r2_by_gait
-from glassgait.studies.reproduction.gait import GaitResults
+from glassgait.studies.reproduction.contents import GaitResults, contents, r2_by_gait
 from glassgait.studies.reproduction.report import WITHOUT_PYSR, Report
 from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
 
