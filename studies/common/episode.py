@@ -180,8 +180,6 @@ def episode(
     Equal seeds give equal starts, commands and noise, whatever the controller does.
 
     Args:
-        controller: The controller, or a policy that acts without an expert.
-        scenario: The scenario, or a world made of one.
         seed: Seed of starts, commands and noise, or the generator that draws them.
         observers: Observers that record the steps; the episode ends as soon as one is done.
         events: Events before the steps, in this order.

@@ -55,10 +55,7 @@ REPORTED_SEEDS = range(1000, 1005)
 """Seeds of the rollouts that tables report, unless others are named."""
 
 SELECTION_SEEDS = range(500, 510)
-"""Seeds of the rollouts that choose among candidates.
-
-A choice among candidates by few robots takes luck for skill, so no table reports these seeds.
-"""
+"""Seeds that choose among candidates; the chosen one is lucky in them, so no table reports them."""
 
 PolicyNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of policies, as `Policies.controllers` takes them."""
@@ -68,11 +65,7 @@ ScenarioNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 
 
 def refuse_to_report(seeds: Sequence[int]) -> None:
-    """Refuses to report rollouts of seeds that choose among candidates.
-
-    Raises:
-        InputError: if one of the seeds is kept for selection.
-    """
+    """Raises an InputError if one of the seeds chooses among candidates."""
     for seed in {*seeds} & {*SELECTION_SEEDS}:
         kept = f"{SELECTION_SEEDS[0]} to {SELECTION_SEEDS[-1]}"
         raise InputError(
@@ -117,9 +110,7 @@ class OneGait(PolicySource):
 class Case:
     """One measurement: a controller in a scenario, with a seed.
 
-    Attributes:
-        labels: Columns that distinguish the case's rows from the others'.
-        seed: Seed of everything that is drawn.
+    The labels are columns that distinguish the case's rows from the others'.
     """
 
     labels: dict[str, Any]
@@ -267,10 +258,6 @@ class Experiment(PolicySource):
 
         In a scenario all policies meet the same initial states, commands and noise: robots can be
         compared in pairs.
-
-        Raises:
-            InputError: if a scenario's command is beyond the gait's range, or a seed is kept for
-                selection.
         """
         seeds = range(self.seed, self.seed + self.n_seeds)
         refuse_to_report(seeds)
@@ -299,7 +286,7 @@ class Experiment(PolicySource):
             one.run_in(folder / one.gaits[0].name if several else folder)
 
     def run_in(self, folder: Path) -> None:
-        """Runs the experiment as a single run of all its gaits, in a folder."""
+        """Runs the experiment of all gaits together, in a folder."""
         cases = self.cases()
         for policies in self.policies.values():
             note(policies.origin)
@@ -358,14 +345,9 @@ class Experiment(PolicySource):
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, Controller]]:
-        """Each policy without the expert, by the gait's name and the policy's.
-
-        Of several gaits, and of the default policies, those are taken that there are.
-
-        Raises:
-            InputError: if there is no such policy.
-        """
+        """Each policy without the expert, by the gait's name and the policy's."""
         found = {}
+        # Of several gaits, and of the default policies, missing ones are left out.
         some = len(self.gaits) > 1 or self.policy == type(self).policy
         for gait, policies in self.policies.items():
             names = policies.named(self.policy)

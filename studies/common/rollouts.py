@@ -1,11 +1,8 @@
 """Rolling controllers out: many robots in batch, or single ones in the systems diagram."""
 
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from threading import Event as Flag
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -43,7 +40,6 @@ class RolloutConfig(Settings):
 
     Attributes:
         n_robots: Number of robots for each seed; the paper's 26.
-        n_steps: Control steps of a rollout.
         seed: First seed of initial states, commands and noise.
         n_seeds: Number of seeds: seed, seed + 1, …
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
@@ -128,15 +124,8 @@ def play(
 ) -> Rollout:
     """Rolls one robot out as fast as it goes, pushed as the scenario says, and writes the replay.
 
-    Args:
-        gait: The gait.
-        policy: The controller.
-        scenario: The scenario.
-        meshcat: Draws the replay.
-        replay: HTML file of the replay.
-        n_steps: Control steps of the rollout; a fall ends it before.
-        seed: Seed of noise, pushes and drawn commands.
-        repetitions: How often the replay plays before it stands still.
+    A fall ends the rollout before `n_steps`. The replay plays `repetitions` times, and stands still
+    then. The seed is that of noise, pushes and drawn commands.
     """
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
     simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
@@ -150,32 +139,15 @@ def play(
 def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], None]:
     """Returns a function to call between control steps, which pushes the robot at times."""
     randomization, generator = scenario.randomization(), np.random.default_rng(seed)
-    shown = simulator.get_system()
-    assert isinstance(shown, Diagram)
+    diagram = simulator.get_system()
+    assert isinstance(diagram, Diagram)
 
     def pushed() -> None:
         if scenario.push_speed > 0:
             velocity = randomization.pushes(1, generator)[0]
-            push(shown, simulator.get_mutable_context(), velocity)
+            push(diagram, simulator.get_mutable_context(), velocity)
 
     return pushed
-
-
-@contextmanager
-def first_interrupt() -> Iterator[Callable[[], bool]]:
-    """Has the first Ctrl-C ask for the end, not break off a step; the second one breaks off."""
-    asked = Flag()
-    usual = signal.getsignal(signal.SIGINT)
-
-    def ask(*_: object) -> None:
-        asked.set()
-        signal.signal(signal.SIGINT, usual)
-
-    signal.signal(signal.SIGINT, ask)
-    try:
-        yield asked.is_set
-    finally:
-        signal.signal(signal.SIGINT, usual)
 
 
 def _roll_out_diagrams(

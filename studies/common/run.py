@@ -84,9 +84,7 @@ def open_run(
     if begun:
         _refuse_another(path, study, made_of, free, resume)
     elif _visible(folder):
-        raise InputError(
-            f"{folder}: holds files of something else; name a new folder with --output"
-        )
+        raise InputError(f"{folder}: holds other files; name a new folder with --output")
 
     # Write the record, and let the caller work.
     write_atomically(path, yaml.safe_dump(record, sort_keys=False))

@@ -1,7 +1,11 @@
 """Plays one robot in real time in Meshcat until a person stops it."""
 
+import signal
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -14,7 +18,7 @@ from glassgait.models.policies.controller import Controller
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.rollouts import first_interrupt, pusher
+from glassgait.studies.common.rollouts import pusher
 
 STOP_BUTTON = "stop and save"
 
@@ -45,7 +49,7 @@ def play_live(
         f"open {meshcat.web_url()} and move sliders under 'Open Controls', or a gamepad; "
         f"'{STOP_BUTTON}' there, or Ctrl-C here, ends and saves the last minute"
     )
-    with first_interrupt() as interrupted:
+    with _first_interrupt() as interrupted:
 
         def stopped() -> bool:
             return interrupted() or meshcat.GetButtonClicks(STOP_BUTTON) > 0
@@ -75,3 +79,20 @@ def _joined(before: Rollout, after: Rollout) -> Rollout:
     values = {name: np.concatenate([before[name], after[name]]) for name in before.values}
     last = slice(-KEPT_STEPS - 1, None)
     return Rollout(time[last], {name: value[last] for name, value in values.items()})
+
+
+@contextmanager
+def _first_interrupt() -> Iterator[Callable[[], bool]]:
+    """Lets the first Ctrl-C ask for the end after the step; the second one breaks it off."""
+    asked = Event()
+    usual = signal.getsignal(signal.SIGINT)
+
+    def ask(*_: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, usual)
+
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGINT, usual)

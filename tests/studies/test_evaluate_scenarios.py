@@ -11,7 +11,7 @@ from glassgait.studies.common.scores import SCORES, wilson_interval
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.figures import fall_map
 from glassgait.studies.evaluation.scenarios import Scenarios
-from glassgait.studies.evaluation.tables import fall_table, policies_of, worst_first, worst_table
+from glassgait.studies.evaluation.tables import fall_table, worst_first, worst_table
 
 WORLDS = {"training": "home", "icy": "ice", "late": "delay", "calm": "calm"}
 
@@ -85,14 +85,8 @@ def test_one_fallen_robot_is_no_worst_world_beside_many(table):
     assert worst.loc["Linear", "scenarios without a fall"] == "2 of 4"
     assert worst["return"].notna().all()
     assert worst["falls in training scenario"].tolist() == ["0 of 10"] * 3
-
-
-def test_a_policy_that_never_fell_has_no_worst_world():
-    scores = scores_of({("expert", "icy"): 0})
-    (row,) = worst_table(fall_table(scores, {"icy": "ice"})).to_dict(orient="records")
-    assert (
-        row["its worst scenario"] == row["falls there"] == row["falls in training scenario"] == "–"
-    )
+    never = worst_table(fall_table(scores_of({("expert", "icy"): 0}), WORLDS)).iloc[0]
+    assert never["its worst scenario"] == never["falls in training scenario"] == "–"
 
 
 def test_the_map_has_a_cell_for_each_policy_and_scenario(table):
@@ -103,16 +97,9 @@ def test_the_map_has_a_cell_for_each_policy_and_scenario(table):
     assert numbers_of(first) == [["2", "8", "3"], ["·", "1", "·"], ["·"] * 3, ["·"] * 3]
     labels = [label.get_text() for label in first.get_yticklabels()]
     assert labels == ["ice", "delay (1 robots)", "home", "calm"]
-    assert [label.get_text() for label in first.get_xticklabels()] == [
-        "Neural expert", "Linear", "GBM",
-    ]  # fmt: skip
-    # A cell that was not measured is hatched, and the training scenario is framed.
-    assert [len([cell for cell in axes.patches if cell.get_hatch()]) for axes in figure.axes] == [
-        0,
-        1,
-    ]
-    (frame,) = [patch for patch in second.patches if patch.get_width() != 1]
-    assert frame.get_y() + 0.5 == labels.index("home")
+    # A cell that was not measured is hatched.
+    hatched = [sum(bool(cell.get_hatch()) for cell in axes.patches) for axes in (first, second)]
+    assert hatched == [0, 1]
 
 
 def numbers_of(axes, n_columns=3):
@@ -129,9 +116,7 @@ def test_policies_meet_the_same_robots_by_the_commands_of_the_scenario(tmp_path)
     cases = study.cases()
     assert len(cases) == 3 * 2 * 2
     # The slow world comes first.
-    assert cases[0].labels == {
-        "gait": "trot", "policy": "expert", "scenario": "cenic_1e-5", "seed": 1000,
-    }  # fmt: skip
+    assert [*cases[0].labels.values()] == ["trot", "expert", "cenic_1e-5", 1000]
     by_policy = [
         [(own.scenario, own.seed) for own in cases if own.labels["policy"] == policy]
         for policy in ("expert", "statewise_linear")
@@ -159,12 +144,9 @@ def run(expert, tmp_path):
 
 def test_command_writes_table_metrics_and_map(run, capsys):
     folder = run()
-    written = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
-    both = {
-        "scenarios.csv", "scenarios.md", "scenarios.png", "scenarios.pdf",
-    }  # fmt: skip
-    robots = {"robots.csv", "robots.md"}
-    assert written == {"config.yaml", "metrics.json", "cases"} | both | robots
+    written = {path.name for path in folder.iterdir()}
+    both = {f"scenarios.{suffix}" for suffix in ("csv", "md", "png", "pdf")}
+    assert written == {"config.yaml", "metrics.json", "cases", "robots.csv", "robots.md"} | both
     table = pd.read_csv(folder / "scenarios.csv")
     assert table[["policy", "scenario", "robots"]].to_numpy().tolist() == [
         ["Neural expert", "SAP 10 ms (training)", 2],
@@ -173,12 +155,9 @@ def test_command_writes_table_metrics_and_map(run, capsys):
         ["Linear", "lonely", 1],
     ]
     assert table["share of the expert's return"].tolist()[::2] == [1.0, 1.0]
-    metrics = json.loads((folder / "metrics.json").read_text(), parse_constant=pytest.fail)
-    worlds = pd.DataFrame(metrics["scenarios"])
-    assert policies_of(worlds) == ["expert", "linear"]
-    captured = capsys.readouterr()
-    assert "trot: falls" in captured.out
-    assert str(folder.parent / "source") in captured.err.splitlines()[0]
+    # NaN is no JSON.
+    json.loads((folder / "metrics.json").read_text(), parse_constant=pytest.fail)
+    assert str(folder.parent / "source") in capsys.readouterr().err.splitlines()[0]
 
 
 def test_falls_by_the_task_and_physical_ones_are_told_apart(run, tmp_path):

@@ -6,7 +6,6 @@ import pytest
 from scipy import stats
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
-from glassgait.diagrams.station import StationConfig
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
@@ -90,15 +89,6 @@ def test_intervals_are_students():
     assert np.isnan(interval(pd.Series([1.0])))
 
 
-def test_summary_counts_falls():
-    scores = score_rollouts(log(n_robots=4), A1.mass)
-    scores["scenario"] = ["a", "a", "b", "b"]
-    scores.loc[0, "fell"] = True
-    summary = summarize(scores, ["scenario"])
-    assert summary["falls"].tolist() == [1, 0]
-    assert summary["fall_rate"].tolist() == [0.5, 0.0]
-
-
 @pytest.fixture(scope="module")
 def expert():
     return load_expert("trot")
@@ -167,20 +157,6 @@ def test_shares_compare_robot_with_robot(generator):
     assert half == pytest.approx(1.96 * resampled.std(), rel=0.15)
     unpaired = interval(scores["return"]) / whole["return"].mean()
     assert half < 0.1 * unpaired
-
-
-@pytest.mark.slow
-def test_scenarios_disturb(expert):
-    gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100, n_seeds=1)
-    logs = {
-        name: roll_out(gait, alone(expert), load_scenario(name), config)
-        for name in ("training", "push_1.0", "friction_0.5", "payload_2kg", "true_body_state")
-    }
-    plain = logs.pop("training").velocity
-    assert all(not np.array_equal(log.velocity, plain) for log in logs.values())
-
-
-CONTINUOUS = Scenario("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
 
 
 def test_cost_of_transport_is_work_per_weight_and_distance():

@@ -87,13 +87,6 @@ def test_dollars_in_names_are_no_mathematics(curve, tmp_path):
     assert len(list(tmp_path.iterdir())) == len(figures)
 
 
-def test_long_terms_are_drawn_whole():
-    term = "0.393 * Prev Action RR Thigh * Late * sin(DoF Pos FL Hip)"
-    figure = contribution_figure(Contributions((term, "b"), np.array([1.0, 2.0])), "title")
-    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert term in [label.replace("\n", " ") for label in labels]
-
-
 def test_a_rollout_without_a_cycle_is_refused(rollout):
     standing = {**rollout.values, "rm_state": np.tile([1.0, 0.0], (101, 1))}
     with pytest.raises(InputError, match="no whole cycle"):
@@ -127,9 +120,3 @@ def test_camera_sees_the_robot_and_follows_it():
 @pytest.fixture
 def curve():
     return pd.read_csv(Path(EXPERT_DIRECTORY) / "trot.csv")
-
-
-def test_learning_curves_have_a_line_for_each_run(curve):
-    figure = learning_curves({"trot": curve, "walk": curve})
-    for panel in figure.axes:
-        assert [line.get_label() for line in panel.get_lines()] == ["trot", "walk"]

@@ -14,7 +14,6 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.students import policy_title
-from glassgait.studies.evaluation.figures import push_figure
 from glassgait.studies.evaluation.pushing import (
     Basin,
     Pushed,
@@ -22,7 +21,6 @@ from glassgait.studies.evaluation.pushing import (
     horizontal,
     push_everywhere,
 )
-from glassgait.studies.evaluation.tables import push_summary, push_table
 
 TROT = load_gait("trot")
 WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
@@ -92,33 +90,6 @@ def test_one_direction_that_fails_ends_what_all_survive():
     assert gap.all_up_to == gap.half_up_to == 1.0
     assert basin([[3, 4], [4, 4], [4, 4]]).all_up_to == 0.0
     assert basin(np.full((3, 2), 4)).all_up_to == 2.0
-
-
-def test_tables_hold_shares_and_their_intervals():
-    table = push_table({"expert": basin([[4, 2], [4, 0], [3, 1]])})
-    assert len(table) == 6 and table["policy"].unique().tolist() == ["Neural expert"]
-    row = table[(table["direction (°)"] == 0) & (table["speed (m/s)"] == 2)].iloc[0]
-    assert (row["robots"], row["survived"], row["share"]) == (4, 2, 0.5)
-    assert 0 < row["95 % from"] < 0.5 < row["95 % to"] < 1
-    (summed,) = push_summary({"sparse_formula": basin([[4, 2], [4, 0], [3, 1]])}).to_dict("records")
-    assert summed["survived"] == "14 of 24" and summed["weakest direction"] == "120°, 240°"
-    assert summed["how the others ended"] == "low trunk 3"
-
-
-def test_the_picture_has_a_panel_for_each_policy_and_a_cell_for_each_push():
-    own = basin([[4, 2], [4, 0], [3, 1]])
-    figure = push_figure(dict.fromkeys(("expert", "gbm", "sparse_formula"), own), "Trot")
-    *panels, bar = figure.axes
-    assert [axes.get_title().splitlines()[0] for axes in panels] == [
-        "Neural expert",
-        "GBM",
-        "Page of formulas",
-    ]
-    for axes in panels:
-        assert axes.collections[0].get_array().size == 6
-        assert "up to 0 m/s" in axes.get_title()
-    assert bar.get_ylabel() == "share of phases survived"
-    assert push_figure({"expert": basin([[4], [4], [3]])}, "one speed").axes
 
 
 def test_command_writes_tables_and_a_picture(tmp_path, monkeypatch):

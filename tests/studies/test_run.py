@@ -87,7 +87,7 @@ def test_other_software_is_refused(run, monkeypatch):
 def test_other_studies_and_other_files_are_left_alone(run, tmp_path):
     assert "holds a run of 'distill', not of 'glassgait train'" in refusal(run, study="train")
     (tmp_path / "notes.txt").write_text("mine")
-    assert "holds files of something else" in refusal(tmp_path)
+    assert "holds other files" in refusal(tmp_path)
     assert not (tmp_path / CONFIG_NAME).exists()
     assert "notes.txt" in refusal(tmp_path / "notes.txt" / "run")
 

@@ -55,33 +55,15 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
 @pytest.mark.parametrize(
     ("arguments", "reported"),
     [
-        (
-            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "ice"],
-            "unknown scenario 'ice'; the scenarios are training,",
-        ),
-        (
-            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "gone.yaml"],
-            "gone.yaml: cannot be read, no such file",
-        ),
-        (
-            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "bad.yaml"],
-            "bad.yaml: unknown key 'frictoin'; remove",
-        ),
-        (
-            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "watched.yaml"],
-            "scenario 'watched': command is of sliders",
-        ),
-        (
-            ["evaluate", "scenarios", "--policy", "expert", "--scenario", "fast.yaml"],
-            "command: speed is 9.0; give -1 to 1",
-        ),
-        (
-            ["evaluate", "alternation", "--scenario", "training", "sap_2ms"],
-            "of one scenario; name one",
-        ),
-        (["view", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
-        (["distill", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
-        (["distill", "--scenario", "cenic_1e-5"], "time_step is 0.0; it must divide the control"),
+        ("evaluate scenarios --scenario ice", "unknown scenario 'ice'; the scenarios are training"),
+        ("evaluate scenarios --scenario gone.yaml", "gone.yaml: cannot be read, no such file"),
+        ("evaluate scenarios --scenario bad.yaml", "bad.yaml: unknown key 'frictoin'; remove"),
+        ("evaluate scenarios --scenario watched.yaml", "'watched': command is of sliders"),
+        ("evaluate scenarios --scenario fast.yaml", "command: speed is 9.0; give -1 to 1"),
+        ("evaluate alternation --scenario training sap_2ms", "of one scenario; name one"),
+        ("view --scenario bad.yaml", "bad.yaml: unknown key"),
+        ("distill --scenario bad.yaml", "bad.yaml: unknown key"),
+        ("distill --scenario cenic_1e-5", "time_step is 0.0; it must divide the control"),
     ],
 )
 def test_bad_scenarios_are_refused_before_anything_is_written(
@@ -91,7 +73,7 @@ def test_bad_scenarios_are_refused_before_anything_is_written(
     (tmp_path / "bad.yaml").write_text("frictoin: 0.3\n")
     (tmp_path / "watched.yaml").write_text("command: {sliders: true}\n")
     (tmp_path / "fast.yaml").write_text("command: {speed: 9.0}\n")
-    assert reported in refused([*arguments, "--output", "run"])
+    assert reported in refused([*arguments.split(), "--output", "run"])
     assert not (tmp_path / "run").exists()
 
 
@@ -124,14 +106,20 @@ def test_students_are_asked_for_what_experts_are_over_the_whole_range(expert):
     assert np.all(np.abs(speed) <= TROT.max_speed)
 
 
-def test_a_command_is_laid_over_the_scenarios():
-    drawn = Scenario(command=DrawnCommands((0.0, 0.2)))
-    fixed = Scenario(command=COMMANDED)
-    assert OwnCommand().over(Scenario()).command == FixedCommand(speed=0.5)
-    assert OwnCommand().over(drawn) == drawn
-    assert OwnCommand().over(fixed) == fixed
-    assert OwnCommand(speed=0.1).over(fixed).command == replace(COMMANDED, speed=0.1)
-    assert OwnCommand(dwell=7).over(drawn).command == FixedCommand(dwell=7)
+DRAWN, FIXED = Scenario(command=DrawnCommands((0.0, 0.2))), Scenario(command=COMMANDED)
+
+
+@pytest.mark.parametrize(
+    ("given", "scenario", "command"),
+    [
+        (OwnCommand(), Scenario(), FixedCommand(speed=0.5)),
+        (OwnCommand(), DRAWN, DRAWN.command),
+        (OwnCommand(speed=0.1), FIXED, replace(COMMANDED, speed=0.1)),
+        (OwnCommand(dwell=7), DRAWN, FixedCommand(dwell=7)),
+    ],
+)
+def test_a_command_is_laid_over_the_scenarios(given, scenario, command):
+    assert given.over(scenario).command == command
 
 
 def test_a_rollout_records_its_world(icy, tmp_path):
@@ -191,12 +179,3 @@ def test_commands_of_sliders_are_for_one_robot(expert):
         watched = replace(scenario, command=SliderCommand())
         with pytest.raises(InputError, match="command is of sliders"):
             roll_out(TROT, alone(expert), watched, RolloutConfig(n_robots=1))
-
-
-def test_a_rollout_is_called_by_its_scenarios_name_whatever_the_files_path(tmp_path):
-    world = tmp_path / "worlds" / "icy.yml"
-    world.parent.mkdir()
-    world.write_text("station: {friction: 0.4}\n")
-    shown = tmp_path / "shown"
-    main(["view", "--scenario", str(world), "--n-steps", "5", "--output", str(shown)])
-    assert (shown / "expert_alone_icy.html").exists()
