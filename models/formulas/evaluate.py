@@ -131,6 +131,7 @@ class _Nodes:
                 self._chains[id(node)] = _chain(node)
             _, operands, _ = self._chains[id(node)]
             missing = [operand for operand in operands if id(operand) not in numbers]
+            # Operands first, from left to right.
             if missing:
                 pending += reversed(missing)
                 continue

@@ -49,7 +49,6 @@ from math import inf
 
 import yaml
 
-from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.grammar import written_lines, written_number
@@ -138,6 +137,7 @@ class FormulaFile:
         """
         if self.mirror is None:
             return dict(self.formulas)
+        # Two images of each other may differ: both then stand in the file.
         mirror = FormulaMirror.of(self.vocabulary, self.mirror)
         pairs = {place: mirror.place(place) for place in self.formulas}
         images = {
@@ -163,15 +163,8 @@ def formula_lines(file: FormulaFile, place: Place) -> list[str]:
 
 
 def header_lines(file: FormulaFile) -> Iterator[str]:
-    """Writes a file's header.
-
-    Raises:
-        InputError: if the observations are not exactly those of the task.
-    """
-    names, law = file.vocabulary.names, file.joint_law
-    layout = ObservationLayout.of(names)
-    if names != layout.names:
-        raise InputError("a formula file must hold exactly the task's observations, in their order")
+    """Writes a file's header."""
+    law, layout = file.joint_law, ObservationLayout.of(file.vocabulary.names)
     # Who moves, by what senses.
     yield f"format: {FORMAT}"
     yield _text("gait", file.gait)
@@ -217,6 +210,7 @@ def _formulas(file: FormulaFile) -> Iterator[str]:
         lines = written_lines(start, definition.formula, symbols)
         note = f"    # {definition.note}" if definition.note else ""
         yield from (*lines[:-1], lines[-1] + note)
+    # A title stands before the first formula of each section.
     section = None
     for place in sorted(file.written()):
         title = EVERY_STATE if len(place) == 1 else f"state {place[0]}"

@@ -145,7 +145,7 @@ class _Parser:
     def __init__(self, code: str, symbols: Sequence[str], functions: Collection[str]) -> None:
         self.index = {name: i for i, name in enumerate(symbols)}
         self.functions, self.depth, self.at = functions, 0, 0
-        # Each token's kind, text and place.
+        # Split the code into tokens: kind, text and place of each.
         self.tokens: list[tuple[str, str, int]] = []
         end = 0
         while end < len(code.rstrip(" ")):
@@ -186,6 +186,7 @@ class _Parser:
         return formula
 
     def _factor(self) -> Expression:
+        # A power binds more than the signs before it.
         minus = 0
         while sign := self._take("+", "-"):
             minus += sign == "-"

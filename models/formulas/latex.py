@@ -141,6 +141,7 @@ def _targets(file: FormulaFile) -> Iterator[str]:
     yield _section("targets")
     for place in sorted(file.formulas):
         joint = _joint(quadruped.JOINTS[place[-1]])
+        # A heading of each state, and of an image the formula that stands in the file.
         if len(place) > 1 and place[0] != state:
             state = place[0]
             yield rf"\subsection*{{State {state}}}"

@@ -8,7 +8,7 @@ Definitions are formulas of quantities, such as the error of the speed or the pl
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Self
@@ -118,6 +118,7 @@ class Readings:
         ordered = sorted(self.ranges, key=lambda named: known.get(named[0], len(known)))
         ranges = tuple((kind, (float(low), float(high))) for kind, (low, high) in ordered)
         object.__setattr__(self, "ranges", ranges)
+        # A mirror would read within another range, and the policy would favour a side.
         for kind, (low, high) in ranges:
             if not -math.inf < low < high < math.inf:
                 raise InputError(
@@ -152,23 +153,19 @@ class Readings:
 
     def ends(self, names: Sequence[str]) -> tuple[Array, Array]:
         """Returns the least and the greatest of each quantity (n, n), infinite without a range."""
-        ends = np.array([self._ends_of(entry) for entry in entries_of(names)])
-        return ends[:, 0], ends[:, 1]
+        known, ends = dict(self.ranges), []
+        for entry in entries_of(names):
+            low, high = known.get(_kind_of(entry), (-math.inf, math.inf))
+            ends.append((-high, -low) if _is_turned(entry) else (low, high))
+        least, greatest = np.array(ends).T
+        return least, greatest
 
     def refuse_others(self, names: Sequence[str]) -> None:
         """Refuses ranges of quantities that are not observed."""
         known = {_kind_of(entry) for entry in entries_of(names)}
-        if other := [kind for kind in self._by_kind if kind not in known]:
+        if other := [kind for kind, _ in self.ranges if kind not in known]:
             imu = ", or add 'senses: imu' to the header" if other[0] in _KINDS else ""
             raise InputError(f"nothing that is sensed is called {other[0]!r}; leave it out{imu}")
-
-    @cached_property
-    def _by_kind(self) -> Mapping[str, Range]:
-        return dict(self.ranges)
-
-    def _ends_of(self, entry: ObservationEntry) -> Range:
-        low, high = self._by_kind.get(_kind_of(entry), (-math.inf, math.inf))
-        return (-high, -low) if _is_turned(entry) else (low, high)
 
 
 def _kind_of(entry: ObservationEntry) -> str:
@@ -298,17 +295,4 @@ GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
 """Definitions of the place in the gait.
 
 All are bounded. A product with the time itself would grow without bound where the robot is late.
-"""
-
-COURSE = ("cmd.v", "v.y", "g.x", "w.y")
-"""Commanded speed, sideways drift, slope of the ground ahead, and pitch rate.
-
-On real ground, and commanded to go forward as well as back, they change the effect of all others.
-"""
-
-SENT_JOINTS = tuple(f"sent.{joint}" for joint in quadruped.JOINTS)
-"""Side of its default stance to which each joint was last sent.
-
-A network has no memory but its last targets, and networks that learned on real ground use them as
-switches.
 """

@@ -128,6 +128,7 @@ def _line_of(message: str, header: str) -> int:
     # A gait has keys of the same names as the header, further down.
     of_machine = message.startswith("machine:")
     keys = dict(lines if of_machine else reversed(lines))
+    # A key within a key, such as limits.lean, stands in the line of either.
     for word in re.findall(r"[\w.]+", message)[of_machine:]:
         head, _, rest = word.partition(".")
         for key in (word, rest, head):

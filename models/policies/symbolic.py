@@ -83,15 +83,8 @@ class FormulaPolicy(Policy):
             raise InputError(
                 f"its formulas must be of shape ({n_rows}, {quadruped.N_JOINTS}); fit them again"
             )
-        made = []
-        for state, row in enumerate(rows):
-            for joint, formula in zip(quadruped.JOINTS, row, strict=True):
-                try:
-                    made.append(checked_formula(formula, len(self.vocabulary.symbols)))
-                except InputError as error:
-                    place = f"{joint} in state {state}" if self.statewise else joint
-                    raise InputError(f"{place}: {error}") from error
-        return _rows(made)
+        count = len(self.vocabulary.symbols)
+        return tuple(tuple(checked_formula(formula, count) for formula in row) for row in rows)
 
     def _take(self, readings: Readings | None) -> None:
         if readings is not None:
@@ -164,10 +157,11 @@ class FormulaPolicy(Policy):
             robot: The robot that the file names; by default the shipped one.
         """
         kind = SymbolicPolicy if file.n_states is None else StatewiseSymbolicPolicy
+        formulas, joints = list(file.formulas.values()), quadruped.N_JOINTS
         policy = kind(
             file.gait,
             file.vocabulary.names,
-            _rows(list(file.formulas.values())),
+            [formulas[start : start + joints] for start in range(0, len(formulas), joints)],
             definitions=file.vocabulary.definitions,
             mirror=file.mirror,
             readings=file.readings,
@@ -178,6 +172,7 @@ class FormulaPolicy(Policy):
 
     def digest(self) -> str:
         symbols, law = self.vocabulary.symbols, self.joint_law
+        # The text of formulas, without notes, which move no joint.
         definitions = [
             [definition.symbol, write_formula(definition.formula, symbols)]
             for definition in self.vocabulary.definitions
@@ -185,6 +180,7 @@ class FormulaPolicy(Policy):
         rows = [[write_formula(one, symbols) for one in row] for row in self.formulas_by_state]
         parts: list[Any] = [*self._named(), self.observation_names, definitions]
         parts.append(rows if self.statewise else rows[0])
+        # A file's other keys count only where they are given.
         parts += ["limited"] if law.limited else []
         parts += [] if law.gains is None else [list(law.gains)]
         parts += [] if law.limits is None else [asdict(law.limits)]
@@ -267,6 +263,7 @@ class FormulaPolicy(Policy):
         return np.take_along_axis(rows, acting, axis=0)[0]
 
     def _slopes(self, formulas: Sequence[Expression], observation: Array) -> Array:
+        # The slopes that are not 0 by themselves, as formulas.
         n = observation.shape[-1]
         expanded = [self.vocabulary.expanded(formula) for formula in formulas]
         slopes = [
@@ -274,6 +271,8 @@ class FormulaPolicy(Policy):
             for joint, formula in enumerate(expanded)
             for variable in sorted(formula.variables)
         ]
+
+        # Their values, in a matrix of zeros.
         derivatives = np.zeros((*observation.shape[:-1], len(formulas), n))
         if slopes:
             joints, variables, expressions = zip(*slopes, strict=True)
@@ -286,13 +285,8 @@ class FormulaPolicy(Policy):
         return derivatives / (self.robot.action_scale * self._units.scale)
 
 
-def _rows(formulas: Sequence[Expression]) -> tuple[tuple[Expression, ...], ...]:
-    """Splits the formulas of all states into those of each."""
-    starts = range(0, len(formulas), quadruped.N_JOINTS)
-    return tuple(tuple(formulas[start : start + quadruped.N_JOINTS]) for start in starts)
-
-
 def _factored(term: Expression, state: int | None) -> FactoredTerm:
+    # The numbers among the factors make one weight.
     weight, quantities = 1.0, []
     for factor in _factors(term):
         if factor.operator == "constant":

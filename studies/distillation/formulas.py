@@ -18,9 +18,7 @@ from glassgait.models.formulas.expression import (
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import (
-    COURSE,
     GATES,
-    SENT_JOINTS,
     Readings,
     RobotUnits,
     Vocabulary,
@@ -43,8 +41,13 @@ def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
     They tell the moment of the gait, the side to which each joint was last sent and, as far as it
     is observed, the robot's course.
     """
-    course = (symbol for symbol in COURSE if symbol in vocabulary.symbols)
-    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *SENT_JOINTS, *course))
+    # A network remembers only its last targets, and networks that learned on real ground use them
+    # as switches.
+    sent = (f"sent.{joint}" for joint in quadruped.JOINTS)
+    # On real ground, commanded forward as well as back, the commanded speed, sideways drift, slope
+    # ahead and pitch rate change the effect of all others.
+    course = (symbol for symbol in ("cmd.v", "v.y", "g.x", "w.y") if symbol in vocabulary.symbols)
+    return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *sent, *course))
 
 
 def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
