@@ -61,11 +61,7 @@ class _Moved(NamedTuple):
 
 
 class BatchSimulator:
-    """Plays the locomotion task with many robots.
-
-    `step` advances all robots and leaves resets to the caller: a robot whose episode ended stays
-    as it is until `reset` is called with its index.
-    """
+    """Plays the locomotion task with many robots; the caller resets those whose episode ended."""
 
     def __init__(
         self,

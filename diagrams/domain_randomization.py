@@ -105,7 +105,6 @@ class GroupRanges(Settings):
         gains: Factors on stiffness and on damping of the joints' control, each drawn by itself.
         armature: Inertia of the motors' rotors (kg·m²).
         relaxation_time: Time in which a contact lets penetration relax (s).
-        terrains: Ranges of the ground.
     """
 
     title: ClassVar[str] = "groups"
@@ -158,14 +157,12 @@ class DomainRandomization(Settings):
 
     Attributes:
         n_groups: Groups of robots, each with its station and friction.
-        groups: Ranges of the groups' stations.
         fine_steps: Time steps (s) of the plants of one group each, finer than the station's.
         mujoco_share: Share of the groups whose physics MuJoCo computes, with the contacts of all
             bodies. They are the first ones, and none that has a fine step.
         mujoco_step: Time step of their plants (s).
         mujoco_contact_time: Time constant of their contacts (s); see `StationConfig.contact_time`.
         station: Physics that the groups' stations vary.
-        randomization: Differences between robots and episodes.
     """
 
     title: ClassVar[str] = "domain randomization"

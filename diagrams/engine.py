@@ -54,7 +54,6 @@ class Engine(ABC):
     ) -> tuple[Array, BoolArray | None]:
         """Advances the members of each group by a control period.
 
-        Returns:
-            Plant states x (n, 37), NaN of others, and whether each foot presses on the ground (n,
-            4); None where that follows from the pose.
+        Returns plant states x (n, 37), NaN of others, and which feet press on the ground (n, 4),
+        None where that follows from the pose.
         """

@@ -37,12 +37,7 @@ _INSTANT_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Rollout:
-    """Values of the diagram's outputs at n + 1 control instants, before each instant's updates.
-
-    Attributes:
-        time: The instants (n + 1; s).
-        values: Outputs by port name, each (n + 1, size).
-    """
+    """Outputs (n + 1, size) at control instants (n + 1; s), before each instant's updates."""
 
     time: Array
     values: dict[str, Array]
@@ -248,8 +243,6 @@ def push(diagram: Diagram, context: Context, velocity: Array) -> None:
 
 
 class _Robot:
-    """The systems of the robot that a diagram holds, and its plant's part of the root context."""
-
     def __init__(self, diagram: Diagram, context: Context) -> None:
         locomotion = find_locomotion(diagram)
         self.plant: MultibodyPlant = locomotion.GetSubsystemByName("plant")  # type: ignore[assignment]

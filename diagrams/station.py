@@ -305,9 +305,12 @@ def _set_motors(plant: MultibodyPlant, robot: Robot, config: StationConfig) -> N
 
 
 def _set_initial_poses(plant: MultibodyPlant, robot: Robot, terrain: Terrain) -> None:
+    # The default: at rest.
     standing = Ground([terrain]).stand(robot, kinematics.standing_state(robot))
     positions = standing[: quadruped.N_POSITIONS]
     plant.SetDefaultPositions(positions)
+
+    # Random contexts: each joint is scaled as evaluations do.
     least, greatest = NOMINAL.joint_scale
     for name, angle in zip(quadruped.JOINTS, robot.default_stance, strict=True):
         uniform = Variable(name, Variable.Type.RANDOM_UNIFORM)

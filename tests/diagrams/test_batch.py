@@ -215,16 +215,6 @@ def test_the_machine_reads_the_heights_that_were_estimated_a_step_before(trot):
     np.testing.assert_allclose(read, [0.0, 0.1, 0.2])
 
 
-def test_latencies_are_drawn_for_each_episode(trot):
-    simulator = make_simulator(trot, randomization=replace(NOMINAL, latency=(0.0, 0.02)))
-    before = simulator.state.latency
-    assert np.all((before >= 0) & (before <= 0.02)) and len(set(before)) == 6
-    simulator.step(np.zeros((6, 12)))
-    np.testing.assert_array_equal(simulator.state.latency, before)
-    simulator.reset(np.array([2]))
-    assert (simulator.state.latency != before).tolist() == [False, False, True] + 3 * [False]
-
-
 def test_a_sensor_is_stuck_in_the_share_of_episodes_that_was_asked_for(generator):
     assert not NOMINAL.stuck_contacts(9, generator).any()
     stuck = replace(NOMINAL, stuck_share=0.1).stuck_contacts(4000, generator)

@@ -107,13 +107,6 @@ def test_a_robot_in_a_larger_diagram_does_the_same(trotting):
         np.testing.assert_array_equal(part[port], values)
 
 
-def test_the_error_controlled_integrator_refuses_a_larger_diagram(trot, make_policy):
-    continuous = replace(CALM, station=StationConfig(time_step=0.0), accuracy=1e-3)
-    whole = nested(MakeLocomotion(trot, continuous, policy=make_policy(trot)))
-    with pytest.raises(InputError, match="outermost"):
-        make_simulator(whole, accuracy=1e-3)
-
-
 @pytest.mark.parametrize("larger", [False, True])
 def test_falls_stop_the_simulator_where_a_recording_would_end(falling, larger):
     diagram = nested(falling) if larger else falling

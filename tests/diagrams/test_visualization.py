@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.diagrams.commands import FixedCommand, SliderCommand
+from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
@@ -12,7 +12,6 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import PLANE, Terrain
-from glassgait.systems.commands import SPEED_SLIDER
 
 A1 = load_robot()
 
@@ -32,16 +31,6 @@ def test_replay_is_one_page_with_the_robot_and_the_machines_state(trot, make_pol
     for leg in ("FL", "RR"):
         assert meshcat.HasPath(f"/drake/visualizer/a1/{leg}_calf")
     assert meshcat.HasPath("/drake/gait/state/1")
-
-
-def test_sliders_command_the_robot(trot, make_policy):
-    meshcat = open_meshcat()
-    scenario = Scenario(command=SliderCommand(), true_body_state=True)
-    diagram = MakeLocomotion(trot, scenario, policy=make_policy(trot), meshcat=meshcat)
-    simulator = make_simulator(diagram)
-    meshcat.SetSliderValue(SPEED_SLIDER, -0.3)
-    rollout = record(simulator, 2, stop_on_failure=False)
-    np.testing.assert_allclose(rollout["command"][-1], [-0.3, 0.0])
 
 
 @pytest.mark.parametrize("terrain", [PLANE, Terrain(kind="blocks", amplitude=0.05)])

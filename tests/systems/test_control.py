@@ -11,7 +11,6 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import JointLaw
 from glassgait.systems.control import (
     ActionHold,
     AlternationSchedule,
@@ -19,7 +18,6 @@ from glassgait.systems.control import (
     JointTargets,
     PolicySystem,
     RewardMachineSystem,
-    TargetLimitsSystem,
 )
 
 A1 = load_robot()
@@ -61,16 +59,6 @@ def test_stuck_sensors_give_way_to_heights_until_they_change(fix_inputs, latch):
     np.testing.assert_array_equal(touching.Eval(clone), believed)
 
 
-def test_a_contact_lasts_for_a_step(fix_inputs, latch):
-    system = ContactTrustSystem()
-    context = fix_inputs(system, touching=[1, 0, 0, 0], foot_height=HEIGHT)
-    for touching, lasting in (([0, 1, 0, 0], [1, 1, 0, 0]), ([0, 0, 0, 0], [0, 1, 0, 0])):
-        latch(system, context)
-        fix_inputs(system, context, touching=touching)
-        found = system.GetOutputPort("believed_contact").Eval(context)
-        np.testing.assert_array_equal(found, lasting)
-
-
 def test_the_reward_machine_shows_this_instants_propositions(trot, fix_inputs, latch):
     system = RewardMachineSystem(trot)
     names = ("rm_state", "rm_iterations", "reward_multiplier", "served_dwell")
@@ -106,23 +94,6 @@ def test_the_expert_acts_every_nth_control_step(period, acts):
         context.SetTime(step * 0.02)
         chosen += {expert: "E", student: "S"}[system.get_output_port().Eval(context)]
     assert chosen == acts
-
-
-def test_limits_come_last(fix_inputs):
-    limits = JointLaw((40.0, 1.0)).with_limits(A1).limits
-    system = TargetLimitsSystem(A1, limits)
-    joints = np.concatenate([A1.default_stance, np.full(12, 3.0)])
-    imu, half, before = np.array([0, 0, 0, 0, 0, 0, 0, 0, -1.0]), np.full(12, 0.5), np.zeros(12)
-    context = fix_inputs(system, action=half, previous_action=before, joints=joints, imu=imu)
-    port = system.get_output_port()
-    np.testing.assert_array_equal(port.Eval(context), half)
-    # A front thigh has room to go forward by more than the reach.
-    fix_inputs(system, context, action=np.full(12, 9.0))
-    assert port.Eval(context)[1] == pytest.approx(33.5 / 40.0 / A1.action_scale)
-    fix_inputs(system, context, action=np.full(12, np.nan))
-    np.testing.assert_array_equal(port.Eval(context), before)
-    fix_inputs(system, context, action=half, imu=np.zeros(9))
-    np.testing.assert_array_equal(port.Eval(context), np.zeros(12))
 
 
 def test_actions_are_held_from_the_control_instant_on(fix_inputs):

@@ -56,17 +56,6 @@ def test_the_reward_remembers_joint_velocities_and_air_times(standing, fix_input
     assert system.GetOutputPort("reward_terms").Eval(clone)[5] < 0
 
 
-def test_the_reward_averages_speeds_over_the_steps_before(standing, fix_inputs, latch):
-    system = RewardSystem(A1, RewardWeights(tracking_time=0.1))
-    standing[quadruped.LINEAR_VELOCITY] = [0.4, 0.0, 0.0]
-    context = fix_inputs(system, **inputs(standing))
-    for _ in range(4):
-        latch(system, context)
-    reached = 0.4 * (1 - np.exp(-5 * 0.02 / 0.1))
-    terms = system.GetOutputPort("reward_terms").Eval(context)
-    np.testing.assert_allclose(terms[0], np.exp(-np.square(0.3 - reached) / 0.25), rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("values", "limits", "shown"),
     [

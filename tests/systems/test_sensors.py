@@ -32,7 +32,6 @@ from glassgait.systems.sensors import (
     ImuSensor,
     JointSensor,
     SensorBias,
-    WorldState,
 )
 
 A1 = load_robot()
@@ -105,15 +104,6 @@ def test_biases_are_the_seeds_and_hold(fix_inputs):
     np.testing.assert_allclose(greatest[12:], BIASED.half_widths, rtol=0.05)
     none = SensorBias(NOMINAL)
     assert not none.GetOutputPort("imu_bias").Eval(fix_inputs(none, seed=1.0)).any()
-
-
-def test_a_robot_that_was_moved_back_is_where_it_has_gone_to(standing, fix_inputs):
-    system = WorldState()
-    context = fix_inputs(system, plant_state=standing)
-    system.set_away(context, np.array([3.0, -1.0, 0.5]))
-    found = system.get_output_port().Eval(context) - standing
-    np.testing.assert_array_equal(found[quadruped.POSITION], [3.0, -1.0, 0.5])
-    assert np.count_nonzero(found) == 3
 
 
 def test_the_imu_reads_the_change_since_the_control_instant_before(
