@@ -225,3 +225,13 @@ def test_a_sensor_is_stuck_in_the_share_of_episodes_that_was_asked_for(generator
     }
     named = replace(NOMINAL, stuck_open=("FR",)).stuck_contacts(2, generator)
     assert named.tolist() == 2 * [[0, -1, 0, 0]]
+
+
+def test_a_policy_moves_its_own_robot_and_no_other(trot, make_policy):
+    policy = make_policy(trot)
+    policy.robot = load_robot("go2")
+    assert TaskConfig.of_scenario(trot, Scenario(), policy).robot is policy.robot
+    with pytest.raises(InputError, match=r"'a1'.* made for 'go2'"):
+        TaskConfig.of_scenario(trot, Scenario(robot="a1"), policy)
+    with pytest.raises(InputError, match="'b2'"):
+        Scenario(robot="b2")
