@@ -14,8 +14,8 @@ COMMANDS = {
     "train": ("training.command:Train", "Train a neural expert by PPO."),
     "distill": ("distillation.command:Distill", "Distil an expert into readable students."),
     "refine": ("distillation.command:Refine", "Train the numbers of formulas in closed loop."),
-    "gait": ("training.gait_command:ShowGait", "Check a gait file, and draw its machine."),
-    "robot": ("training.robot_command:CheckRobot", "Check a robot, and let it stand."),
+    "gait": ("training.descriptions:ShowGait", "Check a gait file, and draw its machine."),
+    "robot": ("training.descriptions:CheckRobot", "Check a robot, and let it stand."),
     "evaluate scenarios": ("evaluation.scenarios:Scenarios", "Score policies in scenarios."),
     "evaluate alternation": (
         "evaluation.alternation:Alternation",

@@ -71,11 +71,14 @@ def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
     """Trains one expert, from its checkpoint on if there is one."""
     from glassgait.studies.training.run import TrainingRun
 
+    # What the run is made of.
     config = replace(config, gait=job.gait, seed=job.seed)
     gait = load_gait(config.gait)
     inputs = {"gait": gait.digest()}
     if config.warm_start is not None:
         inputs["warm_start"] = digest(Path(config.warm_start))
+
+    # More updates continue a run; everything else must be the same.
     with open_run(
         job.folder,
         study="train",

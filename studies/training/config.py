@@ -119,7 +119,6 @@ class EstimatorConfig(Settings):
 
     Attributes:
         layers: Widths of the hidden layers.
-        learning_rate: Learning rate of Adam.
         epochs: Passes over the steps of each update.
         num_minibatches: Mini-batches of a pass.
     """
@@ -167,12 +166,8 @@ class TrainingConfig(Settings):
         senses: Where the body state comes from: `learned` is the paper's, a network that learns
             beside the actor, without an IMU; `odometry` estimates it by the IMU, the joints and the
             standing feet; with `imu` the actor observes gravity and angular velocity as well.
-        odometry: Settings of the odometry.
         weights: Weights of the reward.
         limits: Bounds of the termination.
-        curriculum: Growth of the reward machine's demands.
-        ppo: Settings of PPO.
-        estimator: Settings of the state estimator.
     """
 
     title: ClassVar[str] = "training"
@@ -206,11 +201,7 @@ class TrainingConfig(Settings):
 
     @property
     def expert_law(self) -> JointLaw:
-        """The control of the joints by the expert: with limits that come last, if it has an IMU.
-
-        Raises:
-            InputError: if the robot's default stance is beyond the limits.
-        """
+        """The control of the joints by the expert: with limits that come last, if it has an IMU."""
         limited = self.limit_targets and self.senses == "imu"
         return self.joint_law.with_limits(load_robot(self.robot)) if limited else self.joint_law
 

@@ -95,7 +95,7 @@ class Environment:
             estimator=estimator if isinstance(estimator, Odometry) else None,
             difficulty=config.curriculum.initial_difficulty,
         )
-        self.hardship = config.curriculum.initial_hardship
+        self.simulator.push_share = config.curriculum.initial_hardship
 
         # The critic observes each robot's load and motors.
         members = self.simulator.physics.members(config.n_robots)
@@ -109,28 +109,10 @@ class Environment:
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
         self.simulator.restore(self.simulator.state._replace(steps=ages))
 
-    @property
-    def difficulty(self) -> float:
-        """Factor on the demands of the reward machine's transitions."""
-        return self.simulator.difficulty
-
-    @difficulty.setter
-    def difficulty(self, factor: float) -> None:
-        self.simulator.difficulty = factor
-
-    @property
-    def hardship(self) -> float:
-        """Share of the pushes' speed and, from the next draw of worlds on, of the ground's."""
-        return self.simulator.push_share
-
-    @hardship.setter
-    def hardship(self, share: float) -> None:
-        self.simulator.push_share = share
-
     def draw_worlds(self) -> None:
         """Draws new frictions for all groups, and lays ground of the current hardship."""
         self.simulator.resample_friction()
-        self._lay_ground(self.hardship)
+        self._lay_ground(self.simulator.push_share)
 
     def _lay_ground(self, hardship: float) -> None:
         """Scales the ground; the physics stay as they are where that changes nothing."""
@@ -145,6 +127,7 @@ class Environment:
         if isinstance(self._estimator, Odometry):
             estimate = _tensor(self.simulator.state.memory.estimate)
         else:
+            # The estimator learns from stored steps, not through the actor.
             with torch.no_grad():
                 estimate = self._estimator(proprioception)
         return TensorDict(
@@ -159,14 +142,16 @@ class Environment:
 
     def step(self, actions: torch.Tensor) -> TrainingStep:
         """Holds actions (n, 12) for one control step and resets the robots that ended."""
+        # Step, and let an episode end in a sink of the reward machine, too.
         simulator = self.simulator
         step = simulator.step(actions.numpy().astype(float))
-        # An episode also ends in a sink of the reward machine, where nothing more can be earned.
-        worthless = step.terminated | simulator.machine.in_sink(
-            simulator.state.memory.machine.state
-        )
+        # Nothing more can be earned there.
+        in_sink = simulator.machine.in_sink(simulator.state.memory.machine.state)
+        worthless = step.terminated | in_sink
         ended = worthless | step.truncated
         simulator.reset(np.flatnonzero(ended))
+
+        # Robots that ended at their length could have earned more, which PPO accounts for.
         return TrainingStep(
             observations=self.observe(),
             rewards=_tensor(step.reward * self._reward_scale),
@@ -214,8 +199,8 @@ class Environment:
         """Returns the state for a checkpoint: named arrays, and values that JSON can hold."""
         arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
         return arrays, {
-            "difficulty": self.difficulty,
-            "hardship": self.hardship,
+            "difficulty": self.simulator.difficulty,
+            "hardship": self.simulator.push_share,
             "ground_hardship": self._ground_hardship,
             "generator": self.generator.bit_generator.state,
         }
@@ -225,7 +210,8 @@ class Environment:
         self._lay_ground(values["ground_hardship"])
         self.simulator.restore(self.simulator.state.with_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
-        self.difficulty, self.hardship = values["difficulty"], values["hardship"]
+        self.simulator.difficulty = values["difficulty"]
+        self.simulator.push_share = values["hardship"]
         self.generator.bit_generator.state = values["generator"]
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
@@ -23,30 +22,22 @@ _LABELS = {
 
 @styled
 def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
-    """Draws the learning curves of several runs, a line a run.
-
-    Args:
-        curves: Curves as training writes them, by the name of their line.
-    """
-    columns = ("plain_reward", "reward", "rhythm", "difficulty", "failure_rate")
-    figure, axes = subplots(
-        len(columns), 1, figsize=(1.5 * COLUMN_WIDTH, 1.05 * len(columns) + 0.6), sharex=True
-    )
-    for panel, column in zip(axes, columns, strict=True):
+    """Draws learning curves, as training writes them, by the name of their line."""
+    size = (1.5 * COLUMN_WIDTH, 1.05 * len(_LABELS) + 0.6)
+    figure, axes = subplots(len(_LABELS), 1, figsize=size, sharex=True)
+    for panel, (column, label) in zip(axes, _LABELS.items(), strict=True):
+        # Failures are counted per control step of 0.02 s.
+        scale = 50.0 if column == "failure_rate" else 1.0
         for (name, curve), color in zip(curves.items(), _COLORS, strict=False):
-            _draw(panel, curve, column, name, color)
-        panel.set_ylabel(_LABELS[column])
+            values = scale * curve[column].rolling(_SMOOTHED_UPDATES, min_periods=1).mean()
+            panel.plot(curve["control_steps"] / 1e6, values, label=name, color=color, linewidth=1.0)
+        panel.set_ylabel(label)
         panel.set_ylim(bottom=0)
+
+    # One axis of steps and one legend for all panels.
     axes[-1].set_xlabel("control steps (millions)")
     figure.align_ylabels()
     figure.legend(
         *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=min(6, len(curves))
     )
     return figure
-
-
-def _draw(panel: Axes, curve: pd.DataFrame, column: str, name: str, color: str) -> None:
-    values = curve[column].rolling(_SMOOTHED_UPDATES, min_periods=1).mean()
-    # Failures are counted per control step of 0.02 s.
-    scale = 50.0 if column == "failure_rate" else 1.0
-    panel.plot(curve["control_steps"] / 1e6, scale * values, label=name, color=color, linewidth=1.0)

@@ -196,12 +196,15 @@ class Learner:
             losses["estimator"] = self._estimator.fit(
                 stored, self._optimizers["estimator_optimizer"]
             )
+
+        # More columns of the curve.
         losses["action_std"] = self.ppo.actor.output_std.mean().item()
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Returns the state for a checkpoint: named arrays, and values that JSON can hold."""
+        # Copies, since the tensors go on changing.
         arrays = {"torch_rng": torch.get_rng_state().numpy()}
         for name, module in self._modules.items():
             for key, value in module.state_dict().items():
@@ -223,6 +226,7 @@ class Learner:
             for path, value in tensors.items():
                 prefix, _, rest = path.partition("/")
                 if prefix == name:
+                    # <optimizer>/<index of the parameter>/<name of the value>
                     index, _, key = rest.partition("/")
                     state["state"].setdefault(int(index), {})[key] = value
             optimizer.load_state_dict(state)

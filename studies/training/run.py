@@ -143,8 +143,8 @@ class LearningRun(ABC):
         row = {
             "update": float(self.n_updates),
             "control_steps": float(self.n_updates * self.config.steps_per_update),
-            "difficulty": self.environment.difficulty,
-            "hardship": self.environment.hardship,
+            "difficulty": self.environment.simulator.difficulty,
+            "hardship": self.environment.simulator.push_share,
             **{name: total / n_steps for name, total in totals.items()},
             **losses,
             "seconds": self.seconds,
@@ -154,13 +154,13 @@ class LearningRun(ABC):
         return row
 
     def _raise_demands(self, rhythm: float, failure_rate: float) -> None:
-        # Difficulty first; hardship once the reward machine asks for all.
-        curriculum, environment = self.config.curriculum, self.environment
+        # Difficulty first; hardship, of pushes and ground, once the reward machine asks for all.
+        curriculum, simulator = self.config.curriculum, self.environment.simulator
         if rhythm <= curriculum.required_rhythm:
             return
-        if environment.difficulty == 1.0 and failure_rate <= curriculum.most_failures:
-            environment.hardship = min(1.0, environment.hardship + curriculum.hardship_rise)
-        environment.difficulty = min(1.0, environment.difficulty + curriculum.rise)
+        if simulator.difficulty == 1.0 and failure_rate <= curriculum.most_failures:
+            simulator.push_share = min(1.0, simulator.push_share + curriculum.hardship_rise)
+        simulator.difficulty = min(1.0, simulator.difficulty + curriculum.rise)
 
     def save(self) -> None:
         """Writes weights, optimizers, every robot and all generators, and the result so far."""
@@ -174,7 +174,7 @@ class LearningRun(ABC):
         self.write_result()
 
     def restore(self) -> None:
-        """Continues from the folder's checkpoint."""
+        """Continues from the folder's checkpoint; its file may be damaged in any way."""
         path = self.folder / CHECKPOINT_NAME
         arrays, header = load_arrays(path)
         try:
@@ -288,6 +288,8 @@ def _load_start(
     start = load_policy(path, robot)
     if not isinstance(start, NeuralPolicy):
         raise InputError(f"{path}: is {start.kind!r}; a run starts from the network of an expert")
+
+    # It must observe, and be as large, as the actor of this run.
     if start.observation_names != layout.names:
         raise InputError(
             f"{path}: observes {len(start.observation_names)} entries, others than the "

@@ -61,12 +61,15 @@ def test_errors_and_folders_call_a_command_by_its_words(name):
     assert default_folder(name).parts == ("runs", *name.split())
 
 
-def test_help_of_an_evaluation_waits_for_no_library():
-    heavy = ("pydrake", "torch", "sklearn", "matplotlib")
+@pytest.mark.parametrize("command", ["evaluate scenarios", "train", "refine", "importance"])
+def test_help_waits_for_no_library(command):
+    # Settings of worlds are Drake's.
+    heavy = {"torch", "sklearn", "interpret", "matplotlib"}
+    heavy |= {"pydrake"} if command == "evaluate scenarios" else set()
     code = (
         "import sys; from glassgait.studies.cli import main\n"
-        "try: main(['evaluate', 'scenarios', '--help'])\n"
-        f"except SystemExit: print(*(set(sys.modules) & set({heavy})), file=sys.stderr)"
+        f"try: main('{command} --help'.split())\n"
+        f"except SystemExit: print(*(set(sys.modules) & {heavy}), file=sys.stderr)"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "--n-robots" in ended.stdout and not ended.stderr.strip()

@@ -1,20 +1,47 @@
-"""`glassgait robot`: checks a robot's description and lets the robot stand."""
+"""`glassgait gait` and `glassgait robot`: check descriptions of gaits and robots."""
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, ClassVar
 
 import numpy as np
-import pandas as pd
 import tyro
 
-from glassgait.diagrams.physics import make_physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.studies.common.tables import print_table
+from glassgait.models.task.drawing import to_mermaid
+from glassgait.studies.common.console import console
+
+
+@dataclass(frozen=True)
+class ShowGait:
+    """Check a gait file and draw its reward machine.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        output: Markdown file for the drawing; the terminal by default.
+    """
+
+    gait: Annotated[str, tyro.conf.Positional] = "trot"
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Checks and draws."""
+        gait = find_gait(self.gait)
+        drawing = f"```mermaid\n{to_mermaid(gait)}```\n"
+        if self.output is None:
+            console.print(drawing, soft_wrap=True)
+            return
+        write_atomically(self.output, drawing)
+        console.print(f"{gait.name}: {gait.n_states} states, drawn in {self.output}")
+
 
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))
 """Physics in which a robot must stand."""
@@ -48,11 +75,11 @@ class CheckRobot(Settings):
     robot: Annotated[str, tyro.conf.Positional] = DEFAULT_ROBOT
 
     def run(self) -> None:
-        """Checks the files, and drops the robot in its default stance.
+        """Checks the files, and drops the robot in its default stance."""
+        import pandas as pd
 
-        Raises:
-            InputError: if the files break a rule, or the robot does not stand.
-        """
+        from glassgait.studies.common.tables import print_table
+
         robot = load_robot(self.robot)
         rows = [stand(robot, station) for station in STATIONS]
         print_table(f"{robot.full_name}: dropped in its stance", pd.DataFrame(rows))
@@ -65,6 +92,9 @@ class CheckRobot(Settings):
 
 def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
     """Drops a robot in its default stance and measures how it stands in the end."""
+    from glassgait.diagrams.physics import make_physics
+
+    # Let it fall from a little above, and come to rest.
     state = kinematics.standing_state(robot)[None]
     stance = state[0, quadruped.POSITION][2]
     state[:, quadruped.POSITION.stop - 1] += DROP
@@ -74,6 +104,8 @@ def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
     for _ in range(STEPS):
         state, touching = physics.step(state, robot.default_stance[None])
         heights.append(state[0, quadruped.POSITION][2])
+
+    # The torque that the stance takes, and the rest in the end.
     torque = robot.joint_torque(
         target=robot.default_stance,
         position=state[0, quadruped.JOINT_POSITION],
