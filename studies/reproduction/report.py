@@ -142,6 +142,7 @@ class Report(Settings):
         Raises:
             InputError: if formulas are PySR's, and Julia could not be started.
         """
+        # Flags stand in for what the file says of the search and the robot.
         distillation, training = self.distillation, self.training
         if self.engine is not None:
             symbolic = replace(distillation.settings.of("symbolic"), engine=self.engine)
@@ -201,11 +202,14 @@ class Report(Settings):
 
     def write(self, results: Sequence[GaitResults], folder: Path) -> Path:
         """Writes the page and its tables, and returns the path of the page."""
+        # Each table has a file too, by the paper's number.
         sections = contents(results)
         for section in sections:
             for place, (_, table) in enumerate(section.tables, start=1):
                 stem = section.number.lower().replace(" ", "_")
                 write_table(table, folder / f"{stem}_{place}")
+
+        # The page begins with what was done, and what differs.
         rollouts, distillation = self.rollouts, self.distillation
         quick = "; the quick setting is for looking, not for quoting" * self.quick
         lead = (

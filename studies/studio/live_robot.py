@@ -136,9 +136,12 @@ class LiveRobot:
         self, gait: Gait, scenario: Scenario, controller: Controller, *, seed: int = 0
     ) -> None:
         self._gait, self._scenario, self._robot, self._seed = gait, scenario, controller.robot, seed
+        # The ghost acts by the policy as it was.
         self._edited = ExchangeablePolicy(controller.policy)
         controllers = (replace(controller, student=self._edited, period=0), controller)
         self._walkers = [_Walker(gait, scenario, own) for own in controllers]
+
+        # Of the thread: what it is asked for, and what it answers.
         self._requests: deque[Callable[[], object]] = deque()
         self._stopping = threading.Event()
         self._samples: deque[tuple[Sample, Sample]] = deque(maxlen=KEPT)
@@ -166,13 +169,9 @@ class LiveRobot:
         self._requests.append(lambda: setattr(self._edited, "acting", policy))
 
     def steer(self, command: FixedCommand) -> None:
-        """Commands both robots.
-
-        Raises:
-            InputError: if the command is beyond the gait's range.
-        """
-        command.check(self._gait)
-        self._requests.append(lambda: self._steer(command))
+        """Commands both robots; the loop limits commands to the gait's range."""
+        self.steering = command
+        self._requests.append(lambda: [walker.steer(command) for walker in self._walkers])
 
     def push(self, velocity: Array) -> None:
         """Adds to the velocity of both trunks (3; m/s, along their headings)."""
@@ -194,11 +193,6 @@ class LiveRobot:
         self._lying = 0
         for walker in self._walkers:
             walker.begin(self._seed, self.steering)
-
-    def _steer(self, command: FixedCommand) -> None:
-        self.steering = command
-        for walker in self._walkers:
-            walker.steer(command)
 
     def _live(self) -> None:
         try:
@@ -240,6 +234,7 @@ class LiveRobot:
 
     def advance(self) -> bool:
         """Advances both robots by a control step; returns False while they lie."""
+        # Whoever fell lies for a second.
         if self._lying:
             self._lying -= 1
             if self._lying == 0:

@@ -113,6 +113,7 @@ class _Page:
         ui.timer(REFRESH, self._refresh)
 
     def _build_controls(self) -> None:
+        # Sliders of the command, over the gait's range.
         gait, steering = self._gait, self._robot.steering
         ranges = {
             "forward speed (m/s)": (-gait.max_speed, gait.max_speed, 0.05, steering.speed),
@@ -129,6 +130,8 @@ class _Page:
                 slider.props(f'aria-label="{name}"')
                 ui.label().bind_text_from(slider, "value", lambda own: f"{own:g}")
                 self._sliders.append(slider)
+
+        # What can be done to both robots.
         with ui.row().style("align-items: center"):
             ui.label("push by 1 m/s")
             for name, velocity in PUSHES.items():
@@ -170,10 +173,7 @@ class _Page:
 
     def _steer(self) -> None:
         speed, yaw_rate, dwell = (slider.value for slider in self._sliders)
-        try:
-            self._robot.steer(FixedCommand(float(speed), float(yaw_rate), round(dwell)))
-        except InputError as error:
-            ui.notify(str(error), type="negative")
+        self._robot.steer(FixedCommand(float(speed), float(yaw_rate), round(dwell)))
 
     def _choose(self, event: Any) -> None:
         self._place = self._session.places[event.value]

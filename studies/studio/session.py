@@ -63,6 +63,7 @@ class EditSession:
         policy = FormulaPolicy.from_file(edited, self.policy.robot)
         if policy.estimator is None:
             policy = policy.with_estimator_of(self._expert)
+        # Versions that were undone are forgotten.
         self._versions[self._at + 1 :] = [policy]
         self._at = len(self._versions) - 1
 
