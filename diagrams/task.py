@@ -12,7 +12,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.control import BoolArray, Memory, Sensors
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import Controller, expert_of, refuse_other_machine
+from glassgait.models.policies.controller import Controller, expert_of
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -64,7 +64,8 @@ class TaskConfig(Settings):
         if isinstance(command, SliderCommand):
             raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
         command.check(gait)
-        refuse_other_machine(policy, gait)
+        if policy is not None:
+            policy.refuse_other_machine(gait)
         return cls(
             gait,
             scenario.randomization(),

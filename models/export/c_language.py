@@ -116,6 +116,7 @@ def _rows(written: NDArray[Any]) -> Iterator[str]:
             yield from _rows(part)
             yield "},"
         return
+    # As many entries as surely fit on a line.
     width = max(len(entry) for entry in written.tolist()) + 2
     count = max(1, LINE_LENGTH // width)
     entries = written.tolist()

@@ -216,6 +216,7 @@ def _robot_values(robot: Robot, controller: Controller, gait: Gait) -> dict[str,
     law = controller.joint_law
     stiffness, damping = law.gains_of(robot)
     return {
+        # The robot and its joints.
         "robot": commented(robot.full_name),
         "legs": list(quadruped.LEGS),
         "stance": robot.default_stance.tolist(),
@@ -236,6 +237,7 @@ def _robot_values(robot: Robot, controller: Controller, gait: Gait) -> dict[str,
             ("MIN_DWELL", float(gait.dwell[0]), "least command, control steps"),
             ("MAX_DWELL", float(gait.dwell[1]), "greatest command, control steps"),
         ],
+        # The task.
         "period": CONTROL_PERIOD,
         "rate": round(1.0 / CONTROL_PERIOD),
         "gravity": GRAVITY,

@@ -78,6 +78,7 @@ def contract_of(
     policy, robot = controller.policy, controller.robot
     stiffness, damping = controller.joint_law.gains_of(robot)
     contract = {
+        # What was exported.
         "version": VERSION,
         "file": file.name,
         "file_digest": digest(file),
@@ -88,12 +89,14 @@ def contract_of(
         "gait": gait.name,
         "gait_digest": gait.digest(),
         "rm_states": list(gait.states),
+        # What it needs of the robot.
         "estimator": "odometry" if isinstance(controller.estimator, Odometry) else "network",
         **robot_terms(robot),
         "stiffness": stiffness,
         "damping": damping,
         "limited": controller.joint_law.limited,
         "sensors": SENSORS | (IMU if reads_imu(controller) else {}),
+        # What it reads, beside the sensors, and gives.
         "command": COMMAND,
         "command_ranges": {
             "speed": [-gait.max_speed, gait.max_speed],

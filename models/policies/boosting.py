@@ -132,6 +132,7 @@ class BoostedTreesPolicy(Policy):
         robot: Robot | None = None,
     ) -> Self:
         """Compiles one fitted scikit-learn model a joint."""
+        # The fitted trees, and the depth that holds them all.
         fitted = [_fitted(model, len(observation_names)) for model in models]
         joints, constants, importances = zip(*fitted, strict=True)
         n_trees = max(len(trees) for trees in joints)

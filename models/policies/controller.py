@@ -87,12 +87,18 @@ class Controller:
         law = self.expert.joint_law
         return law if self.student is None or self.period else self.student.joint_law.over(law)
 
+    def refuse_other_machine(self, gait: Gait) -> None:
+        """Refuses a gait for which a policy that acts was not made."""
+        for policy in self.policies.values():
+            policy.refuse_other_machine(gait)
+
     def begin(self, n_robots: int) -> Any:
         """Returns the memory at the start of an episode."""
         return None
 
     def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
         """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
+        # At a step all robots have the same controller.
         by_expert = self.student is None or bool(expert_acts(step, self.period))
         policy = self.expert if self.student is None or by_expert else self.student
         return ControllerOutput(policy(observation), np.full(len(observation), by_expert), memory)
@@ -114,14 +120,6 @@ def alone(policy: Policy, expert: Policy | None = None) -> Controller:
 def expert_of(controller: Controller | Policy) -> Policy:
     """Returns a controller's expert, or the policy itself."""
     return controller if isinstance(controller, Policy) else controller.expert
-
-
-def refuse_other_machine(controller: Controller | Policy | None, gait: Gait) -> None:
-    """Refuses a gait for which a policy that acts was not made."""
-    if isinstance(controller, Policy):
-        controller = Controller(controller)
-    for policy in controller.policies.values() if controller else ():
-        policy.refuse_other_machine(gait)
 
 
 def estimator_in_loop(

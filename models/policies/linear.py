@@ -40,6 +40,7 @@ class LinearPolicy(Policy):
 
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         scale, stance = self.robot.action_scale, self.robot.default_stance[joint]
+        # Targets count from the stance, and actions are scaled to them.
         weights, intercepts = self.by_state()
         constant = tuple((stance + scale * intercepts[:, joint]).tolist())
         slopes = (scale * weights[:, joint]).T.tolist()

@@ -162,6 +162,7 @@ class NeuralPolicy(Policy):
             return None
         count = self.layout.n_machine_states
         numbers = list(range(count))
+        # A mirror twice is none: each state is the image of its image.
         whole = isinstance(states, tuple | list) and all(type(i) is int for i in states)
         if not whole or sorted(states) != numbers or [states[i] for i in states] != numbers:
             raise InputError(

@@ -91,10 +91,13 @@ def take_arrays(
     arrays: Mapping[str, NDArray[Any]], specs: Mapping[str, ArraySpec], sizes: Mapping[str, int]
 ) -> dict[str, NDArray[Any]]:
     """Checks the arrays of a policy and returns them; `sizes` are those known so far."""
+    # The names.
     for name in sorted(set(arrays) ^ set(specs)):
         if name in specs:
             raise InputError(f"lacks the array {name!r}; make it anew")
         raise InputError(f"holds an array {shown(name)}, which is no part of it; make it anew")
+
+    # Sizes that the first arrays have are those that the others must have.
     known, taken = dict(sizes), {}
     for name, spec in specs.items():
         try:
@@ -289,6 +292,7 @@ class Policy(ABC):
     def digest(self) -> str:
         """Returns a digest that differs between policies that act differently."""
         arrays, values = self.to_arrays()
+        # What every file has by default is left out, so that old digests stay.
         whole = hashlib.sha256(json.dumps([*self._named(), values]).encode())
         if law := self.joint_law.to_plain():
             whole.update(json.dumps(law).encode())

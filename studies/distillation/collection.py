@@ -11,7 +11,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import Controller, refuse_other_machine
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS
@@ -51,7 +51,7 @@ def collect(
         worlds: Ranges from which each round draws new scenarios, or one scenario.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
     """
-    refuse_other_machine(controller, gait)
+    controller.refuse_other_machine(gait)
 
     # The scenario, or a station for each robot.
     n, numbers = len(episodes), np.array(episodes)

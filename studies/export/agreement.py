@@ -16,7 +16,6 @@ from glassgait.models.export.binding import LoadedController
 from glassgait.models.policies.controller import (
     Controller,
     estimator_in_loop,
-    refuse_other_machine,
 )
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
@@ -73,6 +72,7 @@ def agreement_table(
     Half of `n_steps` are of recorded and half of random sensors. Raises InputError if `exact` and a
     difference is above `SAME`.
     """
+    # Recorded robots show what policies are for, and random sensors what they may meet.
     recorded = (n_steps + 1) // 2
     sequences = {
         "recorded": recorded_sequences(gait, controller, recorded, seed),
@@ -82,6 +82,8 @@ def agreement_table(
         name: compare_controllers(gait, controller, compiled, one)
         for name, one in sequences.items()
     }
+
+    # Single precision differs by rounding.
     for one in found.values():
         if exact and (one.target > SAME or one.machine):
             raise InputError(
@@ -101,7 +103,7 @@ def compare_controllers(
 ) -> Agreement:
     """Lets a controller in Python and in C take the steps of each sequence."""
     # The control step in Python, with all that the C file holds but the policy.
-    refuse_other_machine(controller, gait)
+    controller.refuse_other_machine(gait)
     control = ControlStep(
         controller.robot,
         RewardMachine(gait),

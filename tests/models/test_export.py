@@ -17,7 +17,7 @@ from glassgait.models.export.binding import (
     load_controller,
     write_source,
 )
-from glassgait.models.export.c_language import CArray, commented, is_identifier, number
+from glassgait.models.export.c_language import is_identifier
 from glassgait.models.export.c_source import (
     Interface,
     machine_cases,
@@ -342,32 +342,6 @@ def test_policies_that_do_not_fit_are_refused(trot, make_policy, small_expert):
     ]:
         with pytest.raises(InputError, match=said):
             write_controller(trot, alone(policy, expert), **WRITTEN)
-
-
-def test_text_cannot_end_a_comment():
-    assert commented("a */ b\n/* c ??/ é") == "a * / b / * c ? ?/ ?"
-
-
-@pytest.mark.parametrize(
-    ("value", "double", "single"),
-    [
-        (2.0, "2.0", "2.0f"),
-        (1e30, "1e+30", "1e+30f"),
-        (1e-60, "1e-60", "0.0f"),
-        (1 / 3, "0.3333333333333333", "0.3333333333333333f"),
-    ],
-)
-def test_numbers_are_written_in_full(value, double, single):
-    assert (number(value, "double"), number(value, "float")) == (double, single)
-    assert float(double) == value
-
-
-def test_arrays_are_as_narrow_as_they_may_be():
-    halves = CArray.of_reals("A", np.array([[0.5, np.inf]]), "double", "")
-    assert halves.declaration == "static const float A[1][2]"
-    assert halves.definition.splitlines()[1:-1] == ["{", "0.5f, INFINITY,", "},"]
-    assert CArray.of_reals("A", np.array([0.1]), "double", "").type == "double"
-    assert CArray.of_indices("A", np.array([256]), "").type == "unsigned short"
 
 
 def test_states_have_names_where_c_can_have_them():
