@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +20,15 @@ Estimator = Callable[[Array], Array] | Odometry
 
 
 class ControllerOutput(NamedTuple):
-    """Actions (n, 12) at a control step, whether they are the expert's (n,), and the memory."""
+    """Actions (n, 12) at a control step, and whether they are the expert's (n,)."""
 
     action: Array
     expert_acts: NDArray[np.bool_]
-    memory: Any
 
 
 @dataclass(frozen=True)
 class Controller:
     """An expert, a student, or both by turns (paper, Algorithm 1), in a closed loop of n robots.
-
-    A controller is a value. A subclass that remembers something returns it from `begin` and
-    `advance`, and gets it in the next `advance`.
 
     Attributes:
         expert: The expert; its estimator, if it has one, observes for both.
@@ -92,16 +88,12 @@ class Controller:
         for policy in self.policies.values():
             policy.refuse_other_machine(gait)
 
-    def begin(self, n_robots: int) -> Any:
-        """Returns the memory at the start of an episode."""
-        return None
-
-    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
+    def advance(self, step: int, observation: Array) -> ControllerOutput:
         """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
         # At a step all robots have the same controller.
         by_expert = self.student is None or bool(expert_acts(step, self.period))
         policy = self.expert if self.student is None or by_expert else self.student
-        return ControllerOutput(policy(observation), np.full(len(observation), by_expert), memory)
+        return ControllerOutput(policy(observation), np.full(len(observation), by_expert))
 
 
 def alone(policy: Policy, expert: Policy | None = None) -> Controller:

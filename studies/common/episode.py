@@ -7,7 +7,6 @@ advances the diagram of a single robot (`glassgait.diagrams.rollout.record`).
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from operator import itemgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.physics import Physics, make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task import TaskConfig, TaskState
-from glassgait.models.arrays import Array, map_arrays
+from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import (
     Controller,
     ControllerOutput,
@@ -198,7 +197,6 @@ def episode(
     if start is not None:
         running.simulator.restore(start)
     fell = np.full(n_robots, n_steps)
-    memory = controller.begin(n_robots)
     for step in range(n_steps):
         # Leave out fallen robots from time to time.
         fallen = fell[running.robots] < n_steps
@@ -207,7 +205,7 @@ def episode(
             fewer = make(n_robots=len(up))
             fewer.restore(running.simulator.state.of_robots(up))
             running = Episode(fewer, running.robots[up], step)
-            memory, fallen = map_arrays(itemgetter(up), memory), fallen[up]
+            fallen = fallen[up]
         robots, simulator = running.robots, running.simulator
         if len(robots) == 0:
             break
@@ -217,8 +215,8 @@ def episode(
         for event in events:
             event.happen(running)
         before, observation = simulator.state, simulator.observe()
-        output = controller.advance(step, observation, memory)
-        memory, action = output.memory, output.action
+        output = controller.advance(step, observation)
+        action = output.action
         if when_fallen == "rest":
             action = np.where(fallen[:, None], 0.0, action)
 
@@ -235,9 +233,7 @@ def episode(
         if any(observer.done for observer in observers):
             break
         if when_fallen == "restart" and outcome.terminated.any():
-            index = np.flatnonzero(outcome.terminated)
-            simulator.reset(index)
-            memory = map_arrays(partial(_put, index), memory, controller.begin(len(robots)))
+            simulator.reset(np.flatnonzero(outcome.terminated))
     return Ended(fell, running.simulator.state)
 
 
@@ -253,13 +249,6 @@ def _simulator_maker(
         scenario = World.of(gait, scenario, controller)
     task, physics, _ = scenario
     return partial(BatchSimulator, task, physics, generator=generator, estimator=estimator)
-
-
-def _put(index: IntArray, values: Array, new: Array) -> Array:
-    """Returns values in which those at some places are replaced by new ones."""
-    changed = values.copy()
-    changed[index] = new[index]
-    return changed
 
 
 def _of_robots(values: Any, ndim: int, running: Episode) -> Any:

@@ -26,9 +26,9 @@ def test_the_expert_acts_every_nth_step(trot, make_policy, period, acts):
     np.testing.assert_array_equal(expert_acts(np.arange(6), period), np.array(acts, dtype=bool))
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
     controller = Controller(expert, student, period)
-    observation, memory = np.ones((3, len(expert.observation_names))), controller.begin(3)
+    observation = np.ones((3, len(expert.observation_names)))
     for step, expert_is_next in enumerate(acts):
-        output = controller.advance(step, observation, memory)
+        output = controller.advance(step, observation)
         assert output.expert_acts.tolist() == 3 * [bool(expert_is_next)]
         acting = expert if expert_is_next else student
         np.testing.assert_array_equal(output.action, acting(observation))

@@ -10,10 +10,6 @@ import pytest
 from glassgait import studies
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.controller import (
-    Controller,
-    ControllerOutput,
-)
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
@@ -121,19 +117,6 @@ def test_a_command_holds_from_its_step_on(expert):
     command = Command(np.full((3, 2), 0.3), np.full(3, 9.0))
     steps, _ = play(expert, events=[give(2, command)])
     assert [float(step.before.command.velocity[0, 1]) for step in steps] == [0, 0, *[0.3] * 4]
-
-
-def test_memory_goes_from_step_to_step(expert):
-    class Counting(Controller):
-        def begin(self, n_robots):
-            return np.zeros(n_robots)
-
-        def advance(self, step, observation, memory):
-            action = super().advance(step, observation, None).action
-            return ControllerOutput(action, np.ones(len(action), dtype=bool), memory + 1.0)
-
-    steps, _ = play(Counting(expert), events=[far(0, [1])], leave_out_every=3)
-    assert [step.output.memory.tolist() for step in steps][2:4] == [[3.0] * 3, [4.0] * 2]
 
 
 def test_no_other_module_of_studies_loops_over_control_steps():
