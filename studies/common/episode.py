@@ -57,12 +57,8 @@ class ControlStep(NamedTuple):
     Attributes:
         step: Number of the step, counted from 0.
         robots: Numbers of the robots (n,), without those that were left out.
-        before: The task's state before the step.
         observation: Observations (n, n_obs).
-        output: Output of the controller.
         action: Requested actions (n, 12), 0 of fallen robots; `after.memory.action` is limited.
-        outcome: Result of the simulator.
-        after: The task's state after the step.
         fallen: Which robots had fallen by the end of the step (n,).
     """
 
@@ -92,7 +88,6 @@ class Episode:
     """A running episode, as events find it between two control steps.
 
     Attributes:
-        simulator: The simulator.
         robots: Numbers of its robots (n,), without those that were left out.
         step: Number of the next control step.
     """

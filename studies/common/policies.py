@@ -171,7 +171,7 @@ class Policies:
         return found
 
     def named(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Returns names, in which `all` is replaced by the expert and every student there is."""
+        """Replaces `all` by the expert and every student there is."""
         given = tuple(names)
         return (EXPERT, *self.files) if ALL in given else given
 
@@ -196,12 +196,10 @@ def find_policies(
     """Finds the policies of a gait, and prints their origin unless it is to be quiet.
 
     Args:
-        gait: The gait.
         source: Folder of a run of train, distill or refine; by default what ships is taken and, of
             a gait that does not ship, what the default folders hold.
         robot: Name of the robot, or path of its robot.yaml; by default that of the run's policies,
             and of what ships the default one.
-        quiet: Whether nothing is printed.
 
     Raises:
         InputError: if the folder that is named holds no policies of the gait, or the expert of its

@@ -173,7 +173,6 @@ def _roll_out_diagrams(
 def _to_log(
     rollout: Rollout, n_steps: int, controller: Controller, scenario: Scenario
 ) -> RolloutLog:
-    assert isinstance(controller, Controller)
     acts = expert_acts(np.arange(len(rollout.time) - 1), controller.period)
     log = RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],

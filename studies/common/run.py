@@ -57,7 +57,7 @@ def open_run(
     Args:
         folder: The folder. It must be empty, unless the run that it holds is resumed.
         study: Name of the command.
-        settings: The settings, a dataclass.
+        settings: A dataclass.
         inputs: Digests of what the run reads, by name. A setting of the same name, which says where
             it was read from, is not compared.
         resume: Whether to continue the run that the folder holds; without one, it is started.

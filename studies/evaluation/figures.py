@@ -166,8 +166,8 @@ def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
         axes.set_theta_zero_location("N")
         axes.set_xticks(np.arange(4) * np.pi / 2, SIDES, fontsize=6.5)
         axes.tick_params(pad=-2)
-        name = policy_title(policy)
-        axes.set_title(f"{name}\nall survived up to {basin.all_up_to:.2g} m/s", fontsize=7.5)
+        name, speed = policy_title(policy), basin.survived_up_to(1.0)
+        axes.set_title(f"{name}\nall survived up to {speed:.2g} m/s", fontsize=7.5)
     bar = figure.colorbar(
         ScalarMappable(Normalize(0, 1), SURVIVAL),
         ax=panels.tolist(),

@@ -144,12 +144,7 @@ class _Caught(Observer):
 
 
 class _Survival(Observer):
-    """Records how robots fail first, and the rhythm that they keep in the end.
-
-    Attributes:
-        failure: Index of each robot's first failure in `FAILURES` (n,); -1 for none.
-        served: Control steps of rhythm served in the last steps (n,).
-    """
+    """Records each robot's first failure, as `Pushed`, and the rhythm served in the last steps."""
 
     def __init__(self, n_robots: int, n_steps: int) -> None:
         self.failure, self.served = np.full(n_robots, -1), np.zeros(n_robots)
@@ -164,12 +159,9 @@ class _Survival(Observer):
 
 
 def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
-    """Returns velocities (n, 3; m/s, world frame) along the ground, relative to robots' headings.
+    """Returns velocities (n, 3; m/s, world frame) of some speeds (n,; m/s) along the ground.
 
-    Args:
-        plant: Plant states x (n, 37).
-        direction: Angles from straight ahead, to the left (n,; rad).
-        speed: Lengths of the velocities (n,; m/s).
+    Directions (n,; rad) are angles from where the robots of plant states (n, 37) face, to the left.
     """
     rotation = kinematics.rotation_matrix(plant[:, quadruped.QUATERNION])
     angle = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]) + direction
@@ -194,16 +186,7 @@ class Basin:
         """Shares of phases in which robots survive (n_directions, n_speeds)."""
         return self.survived / self.grid.n_phases
 
-    @property
-    def all_up_to(self) -> float:
-        """The greatest speed up to which every push is survived (m/s); 0 if there is none."""
-        return self._up_to(self.shares.min(axis=0) >= 1.0)
-
-    @property
-    def half_up_to(self) -> float:
-        """The greatest speed up to which at least half of the pushes are survived (m/s)."""
-        return self._up_to(self.shares.mean(axis=0) >= 0.5)
-
-    def _up_to(self, holds: Array) -> float:
-        count = len(holds) if holds.all() else int(np.argmin(holds))
-        return float(self.grid.speeds[count - 1]) if count else 0.0
+    def survived_up_to(self, share: float) -> float:
+        """Returns the greatest speed (m/s) up to which a share of the pushes is survived, or 0."""
+        holds = np.logical_and.accumulate(self.shares.mean(axis=0) >= share)
+        return float(self.grid.speeds[holds].max(initial=0.0))

@@ -165,8 +165,8 @@ def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:
         rows.append(
             {
                 "policy": policy_title(policy),
-                "all survived up to (m/s)": basin.all_up_to,
-                "half survived up to (m/s)": basin.half_up_to,
+                "all survived up to (m/s)": basin.survived_up_to(1.0),
+                "half survived up to (m/s)": basin.survived_up_to(0.5),
                 "survived": f"{survived} of {n_pushes}",
                 **_share(survived, n_pushes),
                 "weakest direction": ", ".join(f"{np.degrees(angle):.0f}°" for angle in weakest),

@@ -45,7 +45,7 @@ def test_bad_input_is_refused_in_one_sentence(command, refused, tmp_path, monkey
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["evaluate", "--help"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["evaluate", "--help"]])
 def test_help_lists_the_commands(arguments, capsys):
     main(arguments)
     listed = capsys.readouterr().out

@@ -60,7 +60,7 @@ def test_worlds_are_ordered_worst_first_and_policies_expert_first(table):
 def test_the_worst_world_is_that_where_most_of_all_robots_fall():
     falls = {("expert", "training"): 0, ("linear", "training"): 5}
     falls |= {("expert", "icy"): 2, ("linear", "icy"): 4}
-    table = fall_table(scores_of(falls), {"training": "home", "icy": "ice"})
+    table = fall_table(scores_of(falls), WORLDS)
     assert worst_first(table) == ["icy", "training"]
     assert worst_first(table, {"linear"}) == ["training", "icy"]
 

@@ -84,12 +84,12 @@ def basin(survived, n_phases=4):
 
 def test_one_direction_that_fails_ends_what_all_survive():
     own = basin([[4, 4, 4, 0], [4, 4, 3, 0], [4, 4, 4, 4]])
-    assert own.all_up_to == 2.0 and own.half_up_to == 3.0
+    assert own.survived_up_to(1.0) == 2.0 and own.survived_up_to(0.5) == 3.0
     # What is survived beyond a failure does not count.
     gap = basin([[4, 0, 4], [4, 0, 4], [4, 4, 4]])
-    assert gap.all_up_to == gap.half_up_to == 1.0
-    assert basin([[3, 4], [4, 4], [4, 4]]).all_up_to == 0.0
-    assert basin(np.full((3, 2), 4)).all_up_to == 2.0
+    assert gap.survived_up_to(1.0) == gap.survived_up_to(0.5) == 1.0
+    assert basin([[3, 4], [4, 4], [4, 4]]).survived_up_to(1.0) == 0.0
+    assert basin(np.full((3, 2), 4)).survived_up_to(1.0) == 2.0
 
 
 def test_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
