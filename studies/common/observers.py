@@ -107,7 +107,7 @@ def forward_and_yaw(plant: Array) -> Array:
 
 
 def joint_power(controller: Controller, scenario: Scenario, plant: Array, action: Array) -> Array:
-    """Returns the joints' absolute power (...; W) in plant states (..., 37) by actions (..., 12)."""
+    """Returns the joints' absolute power (...; W) for plants (..., 37) and actions (..., 12)."""
     robot, velocity = controller.robot, plant[..., quadruped.JOINT_VELOCITY]
     law = scenario.joint_law(controller)
     position = plant[..., quadruped.JOINT_POSITION]
