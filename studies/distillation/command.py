@@ -69,6 +69,8 @@ class Distill(Settings):
         experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
         root = default_folder(self.title, experts[0].robot.name)
         jobs = jobs_of(self.gait, self.config.seed, self.sweep, root=root, output=self.output)
+
+        # Several run as jobs; one has all the workers to itself.
         if len(jobs) > 1:
             job = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
             run_sweep(jobs, job, self.sweep)

@@ -125,6 +125,7 @@ class FormulaNetwork(nn.Module):
 
         The state is empty where formulas serve every state; columns are indices of terms.
         """
+        # Numbers with their terms, joints and signs, a joint at a time.
         rest = torch.zeros((len(columns), quadruped.N_JOINTS))
         found: list[tuple[int, int, int, float]] = []
         for joint in range(quadruped.N_JOINTS):
@@ -137,6 +138,8 @@ class FormulaNetwork(nn.Module):
             rest[columns[sums[place].rest], joint] = sign
             for number, term in enumerate(sums[place].terms, self._spans[place].start):
                 found.append((number, columns[term], joint, sign))
+
+        # As tensors.
         index = torch.tensor([entry[:3] for entry in found], dtype=torch.long).reshape(-1, 3)
         numbers, terms, joints = index.unbind(dim=1)
         return _Weights(rest, numbers, terms, joints, torch.tensor([entry[3] for entry in found]))

@@ -80,6 +80,7 @@ def fit_gated_sums(
         max_length: Bound on `Expression.length`.
         weighted: Number of the first variables that sums may hold; all by default.
     """
+    # A term takes two nodes at least, so that no longer path is needed.
     n = values.shape[1] if weighted is None else weighted
     terms = PossibleTerms(values[:, :n], Tape(gates, values.shape[1])(values))
     mean, target_means = terms.moments[0], targets.mean(axis=0)

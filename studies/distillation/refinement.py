@@ -67,6 +67,7 @@ class RefinementRun(LearningRun):
     def update(self) -> dict[str, float]:
         row = super().update()
         if self._is_candidate(self.n_updates):
+            # A resumed run finds the same candidates.
             self.policy().save(self._candidate(self.n_updates))
         return row
 

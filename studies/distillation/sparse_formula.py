@@ -135,6 +135,8 @@ def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
             )
             for path, count in zip(errors, counts, strict=True)
         ]
+
+        # The formula that gains most gets the terms; where none gains, they are left over.
         best = max(range(len(gains)), key=lambda formula: gains[formula])
         gain, more = gains[best]
         if gain <= 0.0:

@@ -187,21 +187,25 @@ class _Distillation:
         """Fits the student to the samples so far, and rolls a round out with it."""
         started = time.monotonic()
         config, title = self.config, STUDENTS[kind].title
+
+        # At a ratio of 1 only the expert acts, and the student need not be fitted.
         student = untrained_student(self.expert)
         if before is not None and plan.period != 1:
             seen = before.subset(~before.held_out)
             say(f"{title}: fitting to {len(seen.actions)} samples")
             student = self._fit(kind, config.settings.of(kind).for_rounds(), self._samples(seen))
 
+        # Every round draws from its own generator, so that it can be repeated.
         say(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
+        speeds = None
+        if config.speeds is not None:
+            speeds = np.minimum(config.speeds, self.gait.max_speed)
         samples = collect(
             self.gait,
             Controller(self.expert, student, plan.period),
             episodes=plan.episodes,
             n_steps=plan.steps,
-            speeds=None
-            if config.speeds is None
-            else np.minimum(config.speeds, self.gait.max_speed),
+            speeds=speeds,
             worlds=self.worlds,
             generator=np.random.default_rng([config.seed, plan.number]),
         )
@@ -254,6 +258,8 @@ class _Distillation:
             title: self._fit(kind, candidate, samples)
             for title, (candidate, _) in candidates.items()
         }
+
+        # The robots choose.
         say(f"{STUDENTS[kind].title}: letting {len(candidates)} candidates walk, to choose one")
         n_steps, n_workers = self.config.episode_steps, self.config.n_workers
         ranked = rank_alone(students, self.gait, self.expert, n_steps, n_workers)

@@ -147,6 +147,8 @@ def fit_statewise_symbolic(
     names, mirror = samples.observation_names, samples.mirror if settings.mirrored else None
     variables = FormulaVariables(samples.robot, names)
     opened = gates(variables.vocabulary)
+
+    # One state after the other; joints of a state side by side.
     formulas: dict[Place, Expression] = {}
     for part in samples_by_state(_weighted(samples, settings), variables.vocabulary, mirror):
         found = fit_formulas(part, variables, opened, settings, seed, n_jobs)
