@@ -64,9 +64,12 @@ class Importance(Experiment):
     @cached_property
     def fitted_to(self) -> Path | None:
         """The folder whose samples the students were fitted to, if it is there."""
-        folder = self.policies[self.gaits[0].name].folder
-        if folder is None or not {*self.students} <= {*STUDENTS}:
+        from glassgait.studies.common.policies import SHIPPED
+
+        place = self.policies[self.gaits[0].name].place
+        if place == SHIPPED or not {*self.students} <= {*STUDENTS}:
             return None
+        folder = Path(place)
         kept = all(any(samples_folder(folder, kind).glob("round_*")) for kind in self.students)
         return folder if kept else None
 
