@@ -164,12 +164,6 @@ def test_definitions_keep_their_notes_and_formulas_may_go_over_lines():
     assert "\nFL_hip = 0.1 + late*cmd.yaw - fast\n" in written
 
 
-def test_a_formula_that_is_no_mirror_image_stands_in_the_file():
-    policy = policy_of(f"{TEXT}\nstate 1\nFL_hip = 0.5\n")
-    assert "\nstate 1\nFL_hip = 0.5\n" in policy.to_text()
-    assert policy_of(policy.to_text()).formulas_by_state == policy.formulas_by_state
-
-
 def test_a_policy_acts_only_in_its_own_machine(tmp_path):
     edited = policy_of(EDITED)
     assert edited.digest() != PAGE.digest()
@@ -227,7 +221,6 @@ HEADERS = [
     ("states: 2", "states: 2\nrobot: ''", 4, "robot is ''"),
     ("senses: imu", "senses: sonar", 4, "senses is 'sonar'"),
     ("senses: imu\n", "", None, "add 'senses: imu'"),
-    ("senses: imu", "kind: symbolic", 4, "unknown key 'kind'"),
     ("senses: imu", "senses: imu\nlimited: 1", 5, "limited is 1"),
     *(
         (r"[1, 0]", said, 5, "mirror")
@@ -239,22 +232,17 @@ HEADERS = [
     ),
     ("lean: 60", "lean: 91", 7, "limits.lean is 91"),
     ("stiffness: 40, ", "", 7, "lacks the key 'limits.stiffness'"),
-    ("lean: 60", "leen: 60", 7, "unknown key 'limits.leen'"),
     ("gain: 0.15", "gain: 2", 8, "odometry.gain is 2"),
-    ("{gain: 0.15}", "0.15", 8, "odometry is 0.15"),
     ("clearance: 0.03", "clearance: 0", 17, "clearance is 0"),
     ("clearance: 0.03", "clearance: [", None, "is not valid YAML"),
     ("dwell: [6", "dwell: &a [6", 16, "anchors"),
     ("states: [q0, q1]", "states: [q0]", 18, "machine: states"),
     ("from: q0, to: q1", "from: q0, to: q0", None, "machine: state 'q1' cannot be reached"),
-    ("from: q1", "from: q2", 20, "machine: transitions[1]"),
     ("  initial: q0\n", "", 9, "machine: lacks the key 'initial'"),
     ("states: 2", "states: 3", None, "mirror"),
     ("& ~RL}", "}", 5, "favours a side"),
     ("[-0.43, 0.81]", "[0.81, -0.43]", 28, "q.hip is read from 0.81"),
-    ("[-0.43, 0.81]", "[-.inf, 1]", 28, "readings.q.hip"),
     ("q.hip:", "q.knee:", 28, "nothing that is sensed is called 'q.knee'"),
-    ("q.hip:", "a.hip:", 28, "nothing that is sensed is called 'a.hip'"),
     ("cmd.yaw: [-1, 1]", "cmd.yaw: [-1, 2]", 27, "in a mirror from -2 to 1"),
 ]
 
@@ -290,17 +278,14 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"{HEAD}{EVERY}FL_hip = 0.2\n", 17, "FL_hip has a formula above"),
         (f"{HEAD}{EVERY}FL_foot = 0.2\n", 17, "'FL_foot' is no joint; the joints are FL_hip"),
         (f"{HEAD}{ONE_EACH}state 2\n", 30, "there are states 0 to 1"),
-        (f"{HEAD}{ONE_EACH}every state\n", 30, "not both"),
         (f"{HEAD}{ONE_EACH}state 0\n", 30, "'state 0' stands twice"),
         (f"{HEAD}state 0\n{shared()}", 16, "without a formula of FL_hip in state 1"),
         (f"{HEAD}{EVERY.replace('RL_calf', '#')}", 16, "without a formula of RL_calf"),
         (f"{HEAD}{EVERY}state 0  # so\n    FL_hip = t\n", 18, "only one line"),
         (f"{HEAD}definitions\nt = 2\n{EVERY}", 5, "'t' cannot be defined"),
-        (f"{HEAD}definitions\nFL_hip = 2\n{EVERY}", 5, "'FL_hip' cannot be defined"),
         (f"{HEAD}definitions\na = t\na = t\n{EVERY}", 6, "'a' cannot be defined"),
         (f"{HEAD}definitions\nlate = t\nb = late\n{EVERY}", 6, "nothing is called 'late'"),
         (f"{HEAD}every state\n{shared(RL_hip='0.1  + foo')}", 11, "nothing is called 'foo'"),
-        (f"{HEAD}every state\n{shared(RL_hip='0.1 +')}", 11, "ends before it is complete"),
     ],
 )
 def test_what_is_no_formula_file_is_refused_with_its_line(text, line, said):

@@ -182,14 +182,6 @@ def test_thousands_of_mutated_files_are_seen_alike():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fragment", FRAGMENTS)
-def test_each_fragment_is_seen_alike_wherever_it_stands(fragment):
-    for text in (SMALL, SHARED):
-        for place in range(text.index("\ndefinitions"), len(text), 61):
-            assert_seen_alike(text[:place] + fragment + text[place:])
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", sorted(STUDENT_DIRECTORY.glob("*/*.formulas")), ids=lambda path: f"{path.parent.name}"
 )

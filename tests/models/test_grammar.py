@@ -1,6 +1,5 @@
 """The notation of formulas: text to tree and back, and the place of what is wrong with a text."""
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -77,36 +76,18 @@ def test_a_number_keeps_all_its_digits(value):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (2.0, "2"),
-        (-0.5, "-0.5"),
-        (1e-7, "1e-07"),
-        (0.1 + 0.2, "0.30000000000000004"),
-        (1234567.0, "1234567.0"),
-        (np.float64(0.25), "0.25"),
-    ],
-)
-def test_a_number_has_no_more_digits_than_it_needs(value, text):
-    assert written_number(value) == text
-
-
-@pytest.mark.parametrize(
     "text",
     [
         "0.0412 + 0.52*q.FL_hip - 0.013*dq.FL_hip + late*(0.1 - 0.2*cmd.yaw)",
         "t - (s0 - s1)",
-        "t - s0 - s1",
         "t*s0/s1*cmd.t",
         "t/(s0*s1)",
         "(t + s0)*(t - s1)",
         "-t*s0 - s1",
         "-t**2",
-        "(-t)**2",
         "(-2)**3",
         "(2*t)**3",
         "-(t**2)**3",
-        "sin(t)**2",
         "exp(log(sqrt(cos(abs(-t)))))",
         "1e-05*t + 2.5e+20",
     ],
@@ -120,14 +101,12 @@ def test_these_texts_are_written_as_they_stand(text):
     [
         ("((t))+(s0*s1)", "t + s0*s1"),
         ("t + -2*s0", "t - 2*s0"),
-        ("t - -s0", "t + s0"),
         ("t*-2", "-t*2"),
         ("-(t + 1)", "-t - 1"),
         ("+t", "t"),
         ("t ** 2", "t**2"),
         ("2.50*t", "2.5*t"),
         (" t # in control steps\n  + s0 # or not\n", "t + s0"),
-        ("t\n\n    - s0", "t - s0"),
     ],
 )
 def test_other_ways_to_write_a_formula_are_read(text, plain):
@@ -156,31 +135,22 @@ def test_lines_end_only_before_signs(random_formulas, data):
         ("0.5*foo + t", 1, 5, "nothing is called 'foo'; there are cmd.…, q.…"),
         ("t + q.FL_foot", 1, 5, "'q.FL_foot'; there are q.FL_hip, q.FL_thigh"),
         ("t # foo\n\n + 2*foo", 3, 6, "'foo'"),
-        ("sin + t", 1, 1, "nothing is called 'sin'"),
-        ("s0.t", 1, 1, "'s0.t'"),
         ("t**4", 1, 2, "does not belong"),
-        ("t**0.5", 1, 2, "does not belong"),
         ("2*tan(t)", 1, 3, "'tan' does not belong"),
-        ("square(t)", 1, 1, "does not belong"),
         ("sin(t, s0)", 1, 6, "',' does not belong"),
         ("t(3)", 1, 1, "does not belong"),
-        ("(t)(3)", 1, 4, "does not belong"),
         ("t + 'late'", 1, 5, "does not belong"),
         ("1e31*t", 1, 1, r"from -1e\+30 to 1e\+30"),
         ("t - " + "9" * 400, 1, 5, r"from -1e\+30 to 1e\+30"),
-        ("2j", 1, 1, "does not belong"),
         ("1_000", 1, 1, "does not belong"),
         ("007", 1, 1, "does not belong"),
-        ("t < 4", 1, 3, "does not belong"),
         ("t if s0 else s1", 1, 3, "does not belong"),
         ("t + é", 1, 5, "'é' does not belong in a formula"),
         ("t + ", 1, 4, "ends before it is complete"),
         ("", 1, 1, "there is no formula"),
-        ("  \n", 1, 1, "there is no formula"),
         ("t +\n    s0)", 2, 7, "never opened"),
         ("sin(t)) + 1", 1, 7, "never opened"),
         ("2*(t + 1", 1, 3, "never closed"),
-        ("(t +\n    s0", 1, 1, "never closed"),
         ("tanh(" * 150 + "t" + ")" * 150, 1, 505, "more than 100 deep"),
         ("(" * 20_000, 1, 101, "more than 100 deep"),
         ("-" * 20_000 + "t", 1, 1, "nested more than 100 deep"),

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-from dataclasses import replace
 
 import pytest
 
@@ -20,21 +19,6 @@ def latex_of(path):
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.parent.name)
 def test_shipped_latex_is_of_the_shipped_formulas(path):
     assert path.with_suffix(".tex").read_text() == latex_of(path)
-
-
-def test_every_joint_and_section_is_there():
-    latex = latex_of(PAGES[0])
-    assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") > 24
-    assert latex.count("{") == latex.count("}")
-    for section in ("Header", "Contacts", "Odometry", "Limits", "Definitions", "Targets"):
-        assert rf"\section*{{{section}}}" in latex
-
-
-def test_a_changed_formula_changes_the_latex():
-    file = load_policy(PAGES[0]).to_file()
-    place = next(iter(file.formulas))
-    other = {**file.formulas, place: file.formulas[place].operands[0]}
-    assert to_latex(replace(file, formulas=other)) != to_latex(file)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.certificates.box import ObservationBox, measured_box, operating_box
+from glassgait.models.certificates.box import ObservationBox, operating_box
 from glassgait.models.certificates.certificate import SHIPPED
 from glassgait.models.certificates.checker.bounds import Polynomials
 from glassgait.models.certificates.checker.certificate import Check
@@ -227,17 +227,3 @@ def test_a_sensor_stuck_beyond_its_range_moves_a_target_as_far_as_its_end():
     free = policy.with_readings(None)
     found = FormulaTargets(free).bound(Query("effect", 0, 0, 1, index), region, gap=1e-6)
     assert found.bound == pytest.approx(80.0)
-
-
-def test_ranges_of_samples_hold_them_with_a_margin():
-    samples = np.random.default_rng(0).normal(size=(50, len(NAMES)))
-    ends = samples.min(axis=0), samples.max(axis=0)
-    box = measured_box(TROT, A1, NAMES, *ends)
-    low, high = Readings.around(NAMES, box.lower, box.upper).ends(NAMES)
-    index = SYMBOLS.index("w.y")
-    quantities = UNITS.quantities(samples)[:, index]
-    width = np.ptp(quantities)
-    assert low[index] == pytest.approx(quantities.min() - 0.1 * width, abs=0.02 * width)
-    assert high[index] == pytest.approx(quantities.max() + 0.1 * width, abs=0.02 * width)
-    # Commands are the gait's, whatever was drawn.
-    assert (low[0], high[0]) == (-1.0, 1.0)
