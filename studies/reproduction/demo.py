@@ -87,7 +87,7 @@ class Demo(Settings):
     samples, with one seed: `glassgait distill` and `evaluate` do more of everything.
 
     Attributes:
-        full: Distil nine kinds of students, and let each act in turns with the expert too.
+        full: Distil every kind of student, and let each act in turns with the expert too.
         n_robots: Robots to evaluate with.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies that
             ship. Of another robot your own expert is taken.
