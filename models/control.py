@@ -36,51 +36,35 @@ NO_READING.flags.writeable = False
 
 
 class Sensors(NamedTuple):
-    """Readings of a control instant.
+    """Readings of a control instant."""
 
-    Attributes:
-        joint_position: Joint positions (..., 12; rad).
-        joint_velocity: Joint velocities (..., 12; rad/s).
-        touching: Whether each contact sensor reads a contact (..., 4).
-        imu: The IMU's reading (..., 9), where something needs it.
-    """
-
-    joint_position: Array
-    joint_velocity: Array
-    touching: BoolArray
-    imu: Array = NO_READING
+    joint_position: Array  # (..., 12; rad)
+    joint_velocity: Array  # (..., 12; rad/s)
+    touching: BoolArray  # whether each contact sensor reads a contact (..., 4)
+    imu: Array = NO_READING  # (..., 9), where something needs it
 
 
 class Memory(NamedTuple):
-    """What a controller remembers between two control steps.
-
-    Attributes:
-        estimate: The estimated body state (..., 7; m/s, m); zeros without an estimator.
-        action: The action that the joints follow (..., 12).
-    """
+    """What a controller remembers between two control steps."""
 
     trust: ContactTrust
     machine: MachineState
     odometry: OdometryState
-    estimate: Array
-    action: Array
+    estimate: Array  # the body state (..., 7; m/s, m); zeros without an estimator
+    action: Array  # the one that the joints follow (..., 12)
 
 
 @dataclass(frozen=True)
 class ControlStep:
-    """The control step of a robot in a gait, without the policy.
-
-    Attributes:
-        estimator: Odometry, or what maps proprioception to the body state (..., 7); None where the
-            true body state is observed.
-        observes_imu: Whether gravity's direction and the angular velocity are observed.
-    """
+    """The control step of a robot in a gait, without the policy."""
 
     robot: Robot
     machine: RewardMachine
     law: JointLaw
+    # Odometry, or what maps proprioception to the body state (..., 7); None where the true body
+    # state is observed.
     estimator: Callable[[Array], Array] | Odometry | None
-    observes_imu: bool = False
+    observes_imu: bool = False  # whether gravity's direction and the angular velocity are observed
 
     @property
     def needs_imu(self) -> bool:
@@ -95,11 +79,7 @@ class ControlStep:
         command: Command,
         policy: Callable[[Array], Array],
     ) -> tuple[Array, Memory]:
-        """Takes a whole control step.
-
-        Returns:
-            Joint targets (..., 12; rad), and what to remember until the next step.
-        """
+        """Returns joint targets (..., 12; rad), and what to remember until the next step."""
         memory, _ = self.sense(before, sensors, command)
         asked = policy(self.observation(memory, sensors, command))
         memory = memory._replace(action=self.limited(memory, sensors, asked))
@@ -120,12 +100,9 @@ class ControlStep:
         observe the machine's state.
 
         Args:
-            before: What is remembered of the step before; None at the first step of an episode.
-            sensors: Readings of this instant.
-            command: Velocities and dwells of this instant.
-            true_height: True heights of the feet (..., 4; m), which the machine reads where there
-                is no estimator.
-            difficulty: Factor on what the machine's transitions ask for; see `RewardMachine`.
+            before: What is remembered of the step before; None at an episode's first step.
+            true_height: Heights of the feet (..., 4; m), read where there is no estimator.
+            difficulty: See `RewardMachine.step`.
         """
         last = self.initial(sensors.joint_position) if before is None else before
 

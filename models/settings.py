@@ -74,10 +74,8 @@ class Settings:
     def from_plain(cls, values: Any, where: str = "") -> Self:
         """Builds settings from the plain values that YAML and JSON hold, by the fields' names.
 
-        Errors begin with `where`, the name of the source.
-
-        Raises:
-            InputError: if a key is unknown, or a value is of another kind or out of range.
+        Refuses unknown keys, and values of another kind or out of range. Errors begin with `where`,
+        the name of the source.
         """
         prefix = f"{where}: " if where else ""
         try:

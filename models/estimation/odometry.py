@@ -37,15 +37,12 @@ class OdometryState(NamedTuple):
 
 @checked
 class Odometry(Settings):
-    """Estimates velocity and foot heights.
-
-    Attributes:
-        gain: Share of the difference between predicted velocity and that of the standing feet that
-            corrects the prediction in a control step.
-    """
+    """Estimates velocity and foot heights."""
 
     title: ClassVar[str] = "odometry"
 
+    # Share of the difference between the predicted velocity and that of the standing feet that
+    # corrects the prediction in a control step.
     gain: Annotated[float, Gt(0.0), Le(1.0)] = 0.15
 
     def digest(self) -> str:

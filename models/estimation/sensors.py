@@ -77,12 +77,10 @@ class ImuErrors(Settings):
 def measure_imu(
     state: Array, velocity_before: Array, gravity: Array, period: float = CONTROL_PERIOD
 ) -> Array:
-    """Returns the reading (..., 9) without errors.
+    """Returns the reading (..., 9) without errors, from the plant's state x (..., 37).
 
-    Args:
-        state: The plant's state x (..., 37).
-        velocity_before: The trunk's linear velocity one period before (..., 3; m/s, world frame).
-        gravity: Acceleration by gravity (..., 3; m/s², world frame).
+    The trunk's linear velocity one period before (..., 3; m/s) and the acceleration by gravity
+    (..., 3; m/s²) are in the world's frame.
     """
     to_trunk = kinematics.rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
     change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - period * gravity

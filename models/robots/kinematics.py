@@ -44,7 +44,7 @@ def lean(quaternion: Array) -> Array:
 def foot_positions(robot: Robot, joint_position: Array) -> Array:
     """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
     legs = leg_angles(joint_position)
-    return _in_trunk(robot, legs, *_foot(robot, legs, _knee(robot, legs)))
+    return robot.hip_origin + _swung(robot, legs, *_foot(robot, legs, _knee(robot, legs)))
 
 
 class FootMotion(NamedTuple):
@@ -80,9 +80,7 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
 def rolling_velocity(robot: Robot, turning: Array, down: Array) -> Array:
     """Returns velocities of the feet's lowest points relative to their centres (..., 4, 3; m/s).
 
-    Args:
-        turning: Angular velocities of the feet, by the trunk and the joints (..., 4, 3; rad/s).
-        down: The world's downward axis (..., 1, 3).
+    Feet turn by trunk and joints (..., 4, 3; rad/s); `down` is the world's axis (..., 1, 3).
     """
     return cross(turning, robot.foot_radius * down)
 
@@ -128,16 +126,11 @@ def _swung(robot: Robot, legs: LegAngles, x: Array, z: Array) -> Array:
     )
 
 
-def _in_trunk(robot: Robot, legs: LegAngles, x: Array, z: Array) -> Array:
-    """Returns points of the legs' planes (..., 4; m) in the trunk's frame (..., 4, 3; m)."""
-    return robot.hip_origin + _swung(robot, legs, x, z)
-
-
 def leg_points(robot: Robot, legs: LegAngles) -> tuple[Array, Array, Array]:
     """Returns thigh joints, knees and foot centres in the trunk's frame (..., 4, 3; m)."""
     zero, knee = np.zeros_like(legs.sin_hip), _knee(robot, legs)
     points = ((zero, zero), knee, _foot(robot, legs, knee))
-    thigh, knees, feet = (_in_trunk(robot, legs, *point) for point in points)
+    thigh, knees, feet = (robot.hip_origin + _swung(robot, legs, *point) for point in points)
     return thigh, knees, feet
 
 

@@ -36,9 +36,8 @@ class Robot(Settings):
     name: RobotName
     full_name: Annotated[str, MinLen(1), MaxLen(80)]  # Name for people.
     description: Annotated[str, MinLen(1), MaxLen(200)]  # File of its URDF, beside its own.
-    stance: dict[
-        str, tuple[float, float, float]
-    ]  # Joint angles of the default stance by leg: hip, thigh, calf (rad).
+    # Joint angles of the default stance by leg: hip, thigh, calf (rad).
+    stance: dict[str, tuple[float, float, float]]
     stiffness: Positive  # Gain of the joints' position control (N·m/rad).
     damping: Positive  # Gain of their velocity control (N·m·s/rad).
     action_scale: Positive  # What an action of 1 adds to a joint's target (rad).
@@ -176,9 +175,7 @@ class Robot(Settings):
         velocity: Array,
         gains: tuple[float, float],
     ) -> Array:
-        """Evaluates the joints' PD law, limited to the motors' effort.
-
-        The plant integrates the same law implicitly; this is its value at one instant.
+        """Evaluates the joints' PD law, limited to the motors' effort, at one instant.
 
         Targets and positions are in rad, velocities in rad/s (..., 12 each); gains are stiffness
         and damping (N·m/rad, N·m·s/rad).
@@ -274,10 +271,8 @@ class TargetLimits(Settings):
     ) -> Array:
         """Returns what the limits leave of actions (..., 12); those within them keep every digit.
 
-        Args:
-            before: The actions of the step before (..., 12), within the limits.
-            position: Measured joint positions (..., 12; rad).
-            gravity: Measured direction of gravity in the trunk's frame (..., 3).
+        `before` are the actions of the step before (..., 12), within the limits; measured are joint
+        positions (..., 12; rad) and gravity's direction in the trunk's frame (..., 3).
         """
         here = (position - robot.default_stance) / robot.action_scale
         reach, (least, greatest) = self.reach(robot), self.ends(robot)

@@ -34,9 +34,8 @@ def sample_commands(
 ) -> Command:
     """Draws commands: velocities (count, 2) and dwells (count,).
 
-    Args:
-        speed_range: Least and greatest forward speed (m/s); the gait's whole range by default.
-        straight: Share of the commands that ask for no turn.
+    Forward speeds are of `speed_range` (m/s), by default of the gait's whole range; a share of
+    `straight` asks for no turn.
     """
     slowest, fastest = speed_range or (-gait.max_speed, gait.max_speed)
     speed = generator.uniform(slowest, fastest, size=count)
@@ -87,13 +86,9 @@ def sound_command(gait: Gait, command: Command) -> Command:
 def gamepad_velocity(gait: Gait, axes: Sequence[float]) -> Array:
     """Returns the velocity (2; m/s, rad/s) that a gamepad commands.
 
-    The left stick commands the speed and the right one the yaw rate; a stick at its end commands
-    the greatest of the range.
-
-    Args:
-        axes: The sticks, -1 to 1, in the order of the W3C's standard layout: left stick to the
-            right and back, right stick to the right and back. Axes that are missing or not finite
-            are at their middle.
+    The axes, -1 to 1, are in the order of the W3C's standard layout: left stick to the right and
+    back, right stick to the right and back. The left stick commands the speed and the right one the
+    yaw rate. Axes that are missing or not finite are at their middle.
     """
     _, back, right, _ = (*axes, 0.0, 0.0, 0.0, 0.0)[:4]
     return np.array([-_beyond(back) * gait.max_speed, -_beyond(right) * gait.max_yaw_rate])

@@ -184,9 +184,36 @@ class Gait(Settings):
     max_yaw_rate: Annotated[float, Gt(0.0), Le(100.0)]  # Greatest commanded yaw rate (rad/s).
 
     def __post_init__(self) -> None:
-        _check_states(self)
-        _check_reachability(self)
-        _check_determinism(self)
+        # Every state that is named is among the states.
+        named = [("initial", self.initial), *(("faults", state) for state in self.faults)]
+        for i, edge in enumerate(self.transitions):
+            named += [(f"transitions[{i}].from", edge.source)]
+            named += [(f"transitions[{i}].to", edge.target)]
+        for where, state in named:
+            if state not in self.states:
+                raise InputError(
+                    f"{where} names unknown state {shown(state)}; the states are "
+                    f"{brief(', '.join(self.states))}"
+                )
+        # Every state is reached, on a path that is shorter than the number of states.
+        reached = {self.initial}
+        for _ in self.states:
+            reached |= {edge.target for edge in self.transitions if edge.source in reached}
+        for state in self.states:
+            if state not in reached:
+                raise InputError(
+                    f"state {shown(state)} cannot be reached from {shown(self.initial)}; "
+                    "add a transition to it or remove it"
+                )
+        # At most one transition leaves a state in a stance.
+        for (i, first), (j, second) in combinations(enumerate(self.transitions), 2):
+            together = np.array(first.when.table) & np.array(second.when.table)
+            if first.source == second.source and together.any():
+                raise InputError(
+                    f"transitions[{i}] and transitions[{j}] leave {shown(first.source)} and can "
+                    f"fire together; make {shown(first.when.text)} and {shown(second.when.text)} "
+                    "exclude each other"
+                )
 
     @property
     def n_states(self) -> int:
@@ -281,39 +308,3 @@ def _edge(edge: Transition) -> str:
 def _yaml(value: Any) -> str:
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=inf)
     return text.removesuffix("\n").removesuffix("\n...")
-
-
-def _check_states(gait: Gait) -> None:
-    named = [("initial", gait.initial), *(("faults", state) for state in gait.faults)]
-    for i, edge in enumerate(gait.transitions):
-        named += [(f"transitions[{i}].from", edge.source), (f"transitions[{i}].to", edge.target)]
-    for where, state in named:
-        if state not in gait.states:
-            raise InputError(
-                f"{where} names unknown state {shown(state)}; the states are "
-                f"{brief(', '.join(gait.states))}"
-            )
-
-
-def _check_reachability(gait: Gait) -> None:
-    reached = {gait.initial}
-    # A path to a state is shorter than the number of states.
-    for _ in gait.states:
-        reached |= {edge.target for edge in gait.transitions if edge.source in reached}
-    for state in gait.states:
-        if state not in reached:
-            raise InputError(
-                f"state {shown(state)} cannot be reached from {shown(gait.initial)}; "
-                "add a transition to it or remove it"
-            )
-
-
-def _check_determinism(gait: Gait) -> None:
-    for (i, first), (j, second) in combinations(enumerate(gait.transitions), 2):
-        together = np.array(first.when.table) & np.array(second.when.table)
-        if first.source == second.source and together.any():
-            raise InputError(
-                f"transitions[{i}] and transitions[{j}] leave {shown(first.source)} and can fire "
-                f"together; make {shown(first.when.text)} and {shown(second.when.text)} exclude "
-                "each other"
-            )

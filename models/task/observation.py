@@ -145,11 +145,9 @@ class ObservationLayout:
 
 
 def _entry(
-    name: str, group: Group, unit: str, symbol: str, latex: str, mirror_sign: float = 1.0
+    name: str, group: Group, unit: str, symbol: str, latex: str, sign: float = 1.0
 ) -> ObservationEntry:
-    return ObservationEntry(
-        name, group, unit, symbol, latex, merged_name=name, mirror_sign=mirror_sign
-    )
+    return ObservationEntry(name, group, unit, symbol, latex, merged_name=name, mirror_sign=sign)
 
 
 def _of_axes(
@@ -248,9 +246,7 @@ def proprioception(
     Robots are along the leading axes of all arrays; units are rad, rad/s, m/s and control steps.
 
     Args:
-        command: Forward speed and yaw rate.
-        rm_state: One-hot state of the reward machine.
-        rm_iterations: Control steps in that state, observed up to `OVERDUE` past the commanded.
+        rm_iterations: Control steps in the state, observed up to `OVERDUE` past the commanded.
         joint_noise: Errors of positions, then velocities (..., 24).
         imu: The IMU's reading (..., 9), if the policy observes it; it adds six entries.
         limited: Whether joints only follow targets within their ranges. Then these are observed:

@@ -99,14 +99,9 @@ def step_reward(
 ) -> Reward:
     """Rewards the step that led to `state`.
 
-    Robots are along the leading axes of all arrays; units are m, rad, s and their quotients.
-
-    Args:
-        state: The plant's state x after the step (..., 37).
-        action: Action held during the step; `previous_action` is that of the step before.
-        command: Forward speed and yaw rate.
-        foot_contact: Whether each foot touches, now or at the previous step.
-        air_time, tracked: The same of `Reward`, of the step before.
+    Robots are along the leading axes of all arrays; units are m, rad, s and their quotients. The
+    plant's state x (..., 37) is that after the step, the action was held during it; feet are in
+    contact now or were at the previous step; `air_time` and `tracked` are of the step before.
     """
     # How well the command is followed.
     linear, angular = kinematics.base_velocity(state)

@@ -28,16 +28,12 @@ class MachineState(NamedTuple):
 
 
 class MachineStep(NamedTuple):
-    """The outcome of one control step.
-
-    Attributes:
-        served_dwell: Commanded iterations that the fired transition stands for (...; control
-            steps), 0 where none fired. Their sum over an episode, divided by its length, is the
-            share of the commanded rhythm that the robot kept.
-    """
+    """The outcome of one control step."""
 
     machine: MachineState  # after this step's propositions
     fired: BoolArray  # whether a transition fired (...)
+    # Commanded iterations that the fired transition stands for (...; control steps), 0 where none
+    # fired; their sum over an episode, divided by its length, is the share of the rhythm kept.
     served_dwell: Array
     multiplier: Array  # factor on the plain reward (...)
 
