@@ -32,10 +32,7 @@ from glassgait.models.task.termination import TerminationLimits
 BOX_DIRECTORY = Path(__file__).parent / "boxes"
 
 FASTEST_TURN, FASTEST_JOINT, FASTEST_TRUNK, FOOT_HEIGHTS = 20.0, 50.0, 3.0, (-0.1, 0.4)
-"""Stated limits of the gyroscope and the encoders (rad/s), and of the estimator (m/s; m).
-
-Motors reach 21 rad/s, and a leg is 0.4 m long.
-"""
+"""Stated limits of the gyroscope and the encoders (rad/s), and of the estimator (m/s; m)."""
 
 MARGIN = 0.1
 """Share of its width by which a measured range is widened on both sides."""
@@ -60,11 +57,7 @@ class ObservationBox:
     def of_ranges(
         cls, robot: Robot, names: tuple[str, ...], ranges: Mapping[str, Sequence[float]]
     ) -> Self:
-        """Builds a box from ranges by symbol, such as "q.FL_hip".
-
-        Raises:
-            InputError: if a range is missing, unknown, empty or not finite.
-        """
+        """Builds a box from ranges by symbol, such as "q.FL_hip"."""
         symbols = symbols_of(names)
         if missing := [symbol for symbol in symbols if symbol not in ranges]:
             raise InputError(f"the box lacks {missing[0]!r}; give its least and greatest value")
@@ -153,11 +146,7 @@ def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
 
 
 def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
-    """Loads the shipped box that robots of a gait were measured in.
-
-    Raises:
-        InputError: if there is none of this machine.
-    """
+    """Loads the shipped box that robots of a gait were measured in."""
     if gait.name in gait_names():
         key = shipped_gait(gait.name).first_difference(gait)
         if key is not None:
@@ -204,8 +193,7 @@ def measured_box(
 
 def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:
     """Returns the box of what a box's quantities can be."""
-    entries = entries_of(box.names)
-    ranges = {entry.symbol: _physical_range(entry, gait, box.robot) for entry in entries}
+    ranges = {own.symbol: _physical_range(own, gait, box.robot) for own in entries_of(box.names)}
     return ObservationBox.of_ranges(box.robot, box.names, ranges)
 
 

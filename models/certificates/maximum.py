@@ -107,11 +107,7 @@ def maximize(
 
 
 class _Search:
-    """The search for a greatest value.
-
-    Attributes:
-        leaves: Place of each cell in the tree of splits, by the cell's label; the root first.
-    """
+    """The search; `leaves` are the cells' places in the tree of splits, the root first."""
 
     def __init__(
         self, function: Callable[[Array], Array], relaxation: Relaxation, region: Region

@@ -20,7 +20,6 @@ from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.interval import FUNCTIONS, Interval
 
 MOST_MONOMIALS = 20_000
-"""Greatest number of monomials that a formula is multiplied out to."""
 
 Monomial = tuple[tuple[int, int], ...]
 """Factors by number, in order, each with its power."""
@@ -109,11 +108,7 @@ def combined(*polynomials: Polynomial, factor: Fraction = Fraction(1)) -> Polyno
 
 
 def product(left: Polynomial, right: Polynomial) -> Polynomial:
-    """Multiplies two polynomials.
-
-    Raises:
-        InputError: if the product has too many monomials.
-    """
+    """Multiplies two polynomials."""
     if len(left) * len(right) > MOST_MONOMIALS:
         raise InputError(
             f"a formula has more than {MOST_MONOMIALS} terms when it is multiplied out; write a "
@@ -200,10 +195,8 @@ class Relaxation:
         """
         together = max((len(step.scope) for step in self._steps), default=0)
         size = max(1, BLOCK >> together)
-        starts = range(0, len(lower), size)
-        return np.concatenate(
-            [self._upper(lower[i : i + size], upper[i : i + size]) for i in starts]
-        )
+        blocks = (slice(i, i + size) for i in range(0, len(lower), size))
+        return np.concatenate([self._upper(lower[own], upper[own]) for own in blocks])
 
     def _upper(self, lower: Array, upper: Array) -> Array:
         ranges, m = self._ranges(lower, upper), len(lower)

@@ -37,7 +37,7 @@ REFUTED, SLACK = 1e-8, 1e-11
 Double precision is off by less than the first; the checker computes bounds in another way."""
 
 SAMPLES = 5000
-"""Random observations among which a policy is compared with its mirror image, or changes most."""
+"""Random observations that may be witnesses."""
 
 Outcome = Literal["proved", "refuted", "undecided"]
 
@@ -47,13 +47,9 @@ Observed = dict[str, float]
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of a claim.
+    """The outcome of a claim: the `worst` bound or value of a witness, what is `claimed` there.
 
-    Attributes:
-        worst: The bound that comes closest to breaking it, or the value of the witness.
-        claimed: The value that the claim allows there.
-        where: Joint, state and observation of `worst`.
-        witnesses: Observations that refute it; two where a change does.
+    Witnesses refute it: an observation, or two where a change does.
     """
 
     claim: Claim

@@ -75,10 +75,7 @@ class FormulaTargets:
         names = policy.observation_names
         self._names, self._n = names, len(names)
         self._units = RobotUnits.of(policy.robot, names)
-        rows = [
-            [policy.vocabulary.expanded(formula) for formula in row]
-            for row in policy.formulas_by_state
-        ]
+        rows = [[*map(policy.vocabulary.expanded, row)] for row in policy.formulas_by_state]
         n_states = max(1, len(indices_of("machine state", names)))
         self._formulas = rows if len(rows) > 1 else rows * n_states
         readings, whole = policy.readings, np.full(self._n, np.inf)
@@ -91,11 +88,7 @@ class FormulaTargets:
         return self._formulas[state][joint].variables
 
     def rounding(self, state: int, joint: int, box: ObservationBox) -> float:
-        """Bounds how far a target in double precision may be from the exact one (rad).
-
-        Raises:
-            InputError: if it is too far, or the target may have no value in the box.
-        """
+        """Bounds how far a target in double precision may be from the exact one (rad)."""
         return formula_error(self._formulas[state][joint], joint, self._read(box), self._units)
 
     def are_mirrored(self, images: Sequence[int]) -> bool:
@@ -131,10 +124,7 @@ class FormulaTargets:
         return self._flat_beyond(found, query.observation, ends) if query.of == "slope" else found
 
     def change(self, state: int, joint: int, index: int, most: float, box: ObservationBox) -> float:
-        """Bounds the change of a target (rad) where a quantity changes by `most` at most.
-
-        The slope is bounded at once, without a search.
-        """
+        """Bounds the change of a target (rad) where a quantity changes by `most` at most."""
         read, steepest = self._read(box), 0.0
         for sign in (1, -1):
             slope = self._polynomial(Query("slope", state, joint, sign, index))
@@ -166,8 +156,7 @@ class FormulaTargets:
         return combined(self._ring.polynomial(mirrored), factor=sign)
 
     def _multiplied_out(self, query: Query) -> Polynomial:
-        polynomial = self._ring.polynomial(self._expression(query))
-        return combined(polynomial, factor=Fraction(query.sign))
+        return combined(self._ring.polynomial(self._expression(query)), factor=Fraction(query.sign))
 
     def _expression(self, query: Query) -> Expression:
         formula = self._formulas[query.state][query.joint]
@@ -186,11 +175,7 @@ Ranged = tuple[Interval, float]
 
 
 def formula_error(formula: Expression, joint: int, read: Region, units: RobotUnits) -> float:
-    """Bounds the error of a joint's target that is a formula of observed quantities (rad).
-
-    Raises:
-        InputError: if the error may exceed `LARGEST_ERROR`, or cannot be bounded.
-    """
+    """Bounds the error of a joint's target that is a formula of observed quantities (rad)."""
 
     @cache
     def ranged(node: Expression) -> Ranged:

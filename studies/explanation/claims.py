@@ -65,11 +65,10 @@ class Term:
 
 @dataclass(frozen=True)
 class Walk:
-    """Observations of n robots at T control steps, and the joint angles that the step led to.
+    """Observations of n robots at T control steps.
 
     Attributes:
         quantities: Variables of the formulas (T, n, k).
-        state: State of the machine (T, n).
         angle: Joint angles after the step, as sensors measure them (T, n, 12; rad).
         alive: Whether the robot was up to the step's end (T, n).
     """
@@ -136,11 +135,8 @@ def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
     refuse_too_few(len(ranked), count)
     taken: list[Claim] = []
     for claim in ranked:
-        alike = (
-            claim.term.input == other.term.input or claim.term.joint == other.term.joint
-            for other in taken
-        )
-        if not any(alike):
+        term, others = claim.term, [other.term for other in taken]
+        if not any(term.input == own.input or term.joint == own.joint for own in others):
             taken.append(claim)
     # Fill up with the others, the largest first.
     rest = [claim for claim in ranked if claim not in taken]

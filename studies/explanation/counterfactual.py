@@ -70,10 +70,8 @@ class ExplainCounterfactual(OnePolicy):
         diagram = MakeLocomotion(gait, Scenario(command=self.command), policy=controller)
         rollout = record(make_simulator(diagram, seed=self.seed), self.step + 1)
         if len(rollout.time) <= self.step:
-            raise InputError(
-                f"--step {self.step}: the robot falls at step {len(rollout.time) - 1}; name an "
-                "earlier step"
-            )
+            fall = f"the robot falls at step {len(rollout.time) - 1}"
+            raise InputError(f"--step {self.step}: {fall}; name an earlier step")
 
         # Vary what the robot observes there.
         observation = rollout["observations"][self.step]
@@ -89,10 +87,7 @@ class ExplainCounterfactual(OnePolicy):
 
 
 class Scan:
-    """Varies each quantity of one observation over its range; the machine's state is held.
-
-    The joint's `target` at the observation (rad) is before limits.
-    """
+    """Varies each quantity of one observation; the joint's `target` (rad) is before limits."""
 
     def __init__(self, policy: Policy, joint: int, observation: Array, box: ObservationBox) -> None:
         self._policy, self._joint, self._box = policy, joint, box
@@ -101,10 +96,7 @@ class Scan:
         self.target = float(self._targets(0, self._here[:1])[0])
 
     def passes(self, level: float) -> pd.DataFrame:
-        """Finds the nearest value of each quantity at which the target passes a level (rad).
-
-        Rows are ordered by increasing share of the range.
-        """
+        """Finds the nearest value of each quantity at which the target passes a level (rad)."""
         rows = []
         for index, entry in enumerate(entries_of(self._box.names)):
             values, here = self._values(index, entry.group), self._here[index]

@@ -83,8 +83,7 @@ class ExplainInterventions(OnePolicy):
             text = f"# {said}\n{write_formulas(with_input_raised(file, claim))}"
             write_atomically(folder / "edited" / f"{number}_{term.joint}{SUFFIX}", text)
             edited = FormulaPolicy.from_file(read_formulas(text), policy.robot)
-            after = walk(found.gait, expert, edited, rollouts)
-            rows.append(result(claim, symbols, plain, after))
+            rows.append(result(claim, symbols, plain, walk(found.gait, expert, edited, rollouts)))
 
         table = pd.DataFrame(rows)
         write_table(table, folder / "interventions")
@@ -97,12 +96,10 @@ def walk(
     gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, rollouts: RolloutConfig
 ) -> Walk:
     """Lets a policy walk without the expert, whose estimator observes where it has no odometry."""
-    observations = Observations()
-    controller = alone(policy, expert)
-    log = roll_out(gait, controller, Scenario(), rollouts, observers=[observations])
-    observed = observations.array
+    seen = Observations()
+    log = roll_out(gait, alone(policy, expert), Scenario(), rollouts, observers=[seen])
     fell = np.logical_or.accumulate(log.failures.any(axis=2), axis=0)
-    return walk_of(policy, observed, ~fell[: len(observed)])
+    return walk_of(policy, seen.array, ~fell[: len(seen.array)])
 
 
 def walk_of(policy: FormulaPolicy, observed: Array, alive: NDArray[np.bool_]) -> Walk:

@@ -72,11 +72,7 @@ class ExplainedJoint:
 
 
 def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, ...]:
-    """Splits every target of a rollout into terms, joint by joint.
-
-    Raises:
-        InputError: if this kind of policy has no such terms.
-    """
+    """Splits every target of a rollout into terms, joint by joint."""
     observations = rollout["observations"]
     # Terms add up to what the policy asks for, before limits.
     targets = policy.robot.joint_targets(policy(observations))
@@ -100,12 +96,9 @@ def render_page(
     step: int,
     figures: Sequence[Path],
 ) -> str:
-    """Renders the page of a student's rollout.
+    """Renders the page of a student's rollout, first shown at a joint and control step.
 
-    Args:
-        replay: Meshcat's page of the rollout.
-        joint: Joint that is shown first, and that the figures (PNG) are of.
-        step: Control step that is shown first.
+    The replay is Meshcat's page; figures (PNG) are of the joint.
     """
     # The page's script draws from this data.
     titles, units, variables = variables_of(policy, rollout["observations"])

@@ -36,10 +36,8 @@ def variables_of(
 def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
     """Returns a policy's file by lines, and those of each state and joint.
 
-    Returns:
-        `lines`; `acting` (n_states, 12), the first line of a formula and the one after its last;
-        and `mirrored` (n_states, 12), the lines of the formula that acts where it is the mirror
-        image of those of the file, or None where the file's own act.
+    `acting` (n_states, 12) holds a formula's first line and the one after its last; `mirrored`
+    (n_states, 12) the lines of a formula that is the mirror image of a written one, else None.
     """
     # Find the lines of each formula.
     file, lines = policy.to_file(), policy.to_text().splitlines()

@@ -45,6 +45,7 @@ from glassgait.studies.common.tables import print_table, write_metrics, write_ta
 from glassgait.studies.distillation.students import OnePolicy
 
 CERTIFICATE_NAME = "certificate.json"
+COLUMNS = pd.Index(["claim", "outcome", "worst", "claimed", "where"])
 
 
 @checked
@@ -102,11 +103,9 @@ class Prove(OnePolicy):
                 (own.claim.name, OUTCOME_WORDS[own.outcome], own.worst, own.claimed, own.where)
                 for own in verdicts
             ]
-            columns = pd.Index(["claim", "outcome", "worst", "claimed", "where"])
-            table = pd.DataFrame(rows, columns=columns)
+            table = pd.DataFrame(rows, columns=COLUMNS)
             write_table(table, folder / "claims")
-            outcomes = OUTCOME_WORDS.values()
-            counts = {word: int((table["outcome"] == word).sum()) for word in outcomes}
+            counts = {own: int((table["outcome"] == own).sum()) for own in OUTCOME_WORDS.values()}
             metrics = {**counts, "seconds": time.time() - started}
             write_metrics(metrics, folder / "metrics.json")
             text = certificate_text(certificate(prover, verdicts, path))
@@ -169,8 +168,8 @@ def measure_box(
         raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
     lower, upper = (np.array(ends) for ends in zip(*corners, strict=True))
     policy = next(iter(controllers.values())).policy
-    names = policy.observation_names
-    box = measured_box(gait, policy.robot, names, lower.min(axis=0), upper.max(axis=0))
+    ends = lower.min(axis=0), upper.max(axis=0)
+    box = measured_box(gait, policy.robot, policy.observation_names, *ends)
     how = (
         f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
         f"steps without a fall, in each of {len(stepped)} scenarios, led by each of "

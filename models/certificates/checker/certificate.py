@@ -262,9 +262,8 @@ class Check:
         for point in points:
             state = next((i for i in numbers if point.get(f"s{i}") == 1.0), -1)
             box = self.box(claim["place"], state)
-            inside = [*point] == self.names and all(
-                low <= point[name] <= high for name, (low, high) in box.items()
-            )
+            within = (low <= point[name] <= high for name, (low, high) in box.items())
+            inside = [*point] == self.names and all(within)
             whole = inside and all(point[name] == int(point[name]) for name in COUNTED)
             refuse_unless(whole, f"{what}: its witness is not where the claim is made")
             scope = [place for place in scope if place[0] == state]
@@ -406,9 +405,7 @@ def check(certificate: Path, policy: Path | None = None, robot: Path | None = No
     """Checks a certificate, and reports in a line what holds.
 
     By default the files of policy and robot are those that ship under the certificate's names.
-
-    Raises:
-        RefusedError: if anything in it does not hold, or it cannot be read.
+    What does not hold, or cannot be read, raises a `RefusedError`.
     """
     unreadable = OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError
     try:

@@ -52,12 +52,8 @@ class Names:
 class FormulaFile:
     """The parts of a formula file that a proof needs.
 
-    Attributes:
-        stiffness: Stiffness of the joints' servos, where the file says so (N·m/rad).
-        names: The quantities that formulas may hold.
-        mirror: State that each state is in the mirror.
-        readings: Ranges of the quantities that are read in a range.
-        formulas: The formulas by state and joint; those that are images of others are left out.
+    `mirror` is each state's image; `stiffness` is in N·m/rad, where the file says so. Formulas
+    that are images of others are left out.
     """
 
     def __init__(self, text: str) -> None:
