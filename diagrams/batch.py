@@ -28,27 +28,16 @@ NOT_FINITE = FAILURES.index("not_finite")
 
 
 class BatchStep(NamedTuple):
-    """Outcome of a control step, robots along the first axis.
+    """Outcome of a control step, robots along the first axis."""
 
-    Attributes:
-        reward: Reward with the machine's factor (n,).
-        plain_reward: Reward without it (n,).
-        terms: Weighted terms of the reward (n, 12).
-        fired: Whether a transition of the machine fired (n,).
-        served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
-        failures: Flags in the order of `FAILURES` (n, 7).
-        terminated: Whether any failure showed (n,).
-        truncated: Whether the episode reached its end (n,).
-    """
-
-    reward: Array
-    plain_reward: Array
-    terms: Array
-    fired: BoolArray
-    served_dwell: Array
-    failures: BoolArray
-    terminated: BoolArray
-    truncated: BoolArray
+    reward: Array  # with the machine's factor (n,)
+    plain_reward: Array  # without it (n,)
+    terms: Array  # weighted (n, 12)
+    fired: BoolArray  # whether a transition fired (n,)
+    served_dwell: Array  # control steps of rhythm (n,); see `MachineStep`
+    failures: BoolArray  # in the order of `FAILURES` (n, 7)
+    terminated: BoolArray  # whether any failure showed (n,)
+    truncated: BoolArray  # whether the episode reached its end (n,)
 
 
 class _Moved(NamedTuple):

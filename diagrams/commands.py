@@ -19,19 +19,13 @@ from glassgait.systems.commands import GivenCommand, MeshcatCommand, RandomComma
 
 @checked
 class FixedCommand(Settings):
-    """One command for the whole rollout.
-
-    Attributes:
-        speed: Forward speed (m/s).
-        yaw_rate: Yaw rate (rad/s).
-        dwell: Iterations to stay in a state of the reward machine (control steps).
-    """
+    """One command for the whole rollout."""
 
     title: ClassVar[str] = "command"
 
-    speed: float = 0.5
-    yaw_rate: float = 0.0
-    dwell: Annotated[int, Ge(1)] = 8
+    speed: float = 0.5  # forward (m/s)
+    yaw_rate: float = 0.0  # rad/s
+    dwell: Annotated[int, Ge(1)] = 8  # control steps in a state of the reward machine
 
     def of_robots(self, count: int) -> Command:
         """Returns the command of each robot: velocities (count, 2) and dwells (count,)."""
@@ -45,15 +39,11 @@ class FixedCommand(Settings):
 
 @checked
 class DrawnCommands(Settings):
-    """Commands drawn over the gait's range, a new one every 10 s.
-
-    Attributes:
-        speed_range: Least and greatest forward speed (m/s); the gait's by default.
-    """
+    """Commands drawn over the gait's range, a new one every 10 s."""
 
     title: ClassVar[str] = "command"
 
-    speed_range: Range | None = None
+    speed_range: Range | None = None  # forward (m/s); the gait's by default
 
     def check(self, gait: Gait) -> None:
         """Raises an InputError if a speed is beyond the gait's range."""

@@ -35,21 +35,12 @@ HARSH = Randomization(
 
 @checked
 class TerrainRanges(Settings):
-    """Ranges from which the ground of each group of robots is drawn.
-
-    Attributes:
-        share: Share of the groups whose ground is drawn; the others have the station's.
-        kinds: Kinds of ground of those groups, in turn; planes are slopes.
-        slope: Greatest angle of a slope (°), which rises in any direction.
-        amplitude: Greatest height of the highest cell of blocks and uneven ground above the lowest
-            (m).
-        height: Greatest height of a step (m). Steps lead up and down again, up for ever, or down.
-        patches: Share of the cells of blocks, steps and uneven ground with another friction.
-    """
+    """Ranges from which the ground of each group of robots is drawn."""
 
     title: ClassVar[str] = "terrains"
 
-    share: Share = 0.75
+    share: Share = 0.75  # of the groups; the others have the station's ground
+    # in turn; planes are slopes
     kinds: Annotated[tuple[Kind, ...], FEW, MinLen(1)] = (
         "plane",
         "blocks",
@@ -58,10 +49,12 @@ class TerrainRanges(Settings):
         "plane",
         "uneven",
     )
-    slope: Annotated[float, Ge(0.0), Le(45.0)] = 25.0
+    slope: Annotated[float, Ge(0.0), Le(45.0)] = 25.0  # greatest angle (°), in any direction
+    # greatest range of heights of blocks and uneven ground (m)
     amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
+    # greatest step (m); up and down, up for ever, or down
     height: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
-    patches: Share = 0.0
+    patches: Share = 0.0  # share of cells with another friction
 
     def draw(self, ground: Terrain, count: int, generator: np.random.Generator) -> list[Terrain]:
         """Draws the ground of `count` groups; without a share of them nothing is drawn."""
@@ -95,26 +88,17 @@ class GroupRanges(Settings):
     """Ranges from which the station of each group of robots is drawn.
 
     Every range is cut into as many parts as there are groups, and each group draws from another
-    part, so that few groups cover the ranges.
-
-    Attributes:
-        payload: Mass on the trunk (kg).
-        payload_offset: Greatest distance of that mass from the trunk's centre, along each
-            horizontal axis (m).
-        motor_strength: Factor on the torque of the motors.
-        gains: Factors on stiffness and on damping of the joints' control, each drawn by itself.
-        armature: Inertia of the motors' rotors (kg·m²).
-        relaxation_time: Time in which a contact lets penetration relax (s).
-    """
+    part, so that few groups cover the ranges."""
 
     title: ClassVar[str] = "groups"
 
-    payload: Range = (0.0, 5.0)
+    payload: Range = (0.0, 5.0)  # mass on the trunk (kg)
+    # greatest, along each horizontal axis (m)
     payload_offset: Annotated[float, Ge(0.0), Le(1.0)] = 0.08
-    motor_strength: Range = (0.8, 1.2)
-    gains: Range = (0.8, 1.2)
-    armature: Range = (0.0, 0.01)
-    relaxation_time: Range = (0.005, 0.03)
+    motor_strength: Range = (0.8, 1.2)  # factor on torque
+    gains: Range = (0.8, 1.2)  # factors on stiffness and damping, each drawn by itself
+    armature: Range = (0.0, 0.01)  # inertia of the rotors (kg·m²)
+    relaxation_time: Range = (0.005, 0.03)  # in which a contact lets penetration relax (s)
     terrains: TerrainRanges = field(default_factory=TerrainRanges)
 
     def draw(
@@ -153,25 +137,18 @@ class GroupRanges(Settings):
 
 @checked
 class DomainRandomization(Settings):
-    """The randomised stations of groups of robots, and what is drawn for each robot.
-
-    Attributes:
-        n_groups: Groups of robots, each with its station and friction.
-        fine_steps: Time steps (s) of the plants of one group each, finer than the station's.
-        mujoco_share: Share of the groups whose physics MuJoCo computes, with the contacts of all
-            bodies. They are the first ones, and none that has a fine step.
-        mujoco_step: Time step of their plants (s).
-        mujoco_contact_time: Time constant of their contacts (s); see `StationConfig.contact_time`.
-        station: Physics that the groups' stations vary.
-    """
+    """The randomised stations of groups of robots, and what is drawn for each robot."""
 
     title: ClassVar[str] = "domain randomization"
 
     n_groups: Count = 16
     groups: GroupRanges = field(default_factory=GroupRanges)
+    # shorter time steps (s), of one group each
     fine_steps: Annotated[tuple[Positive, ...], FEW] = ()
+    # of the groups, with contacts of all bodies
     mujoco_share: Annotated[NotNegative, Le(1.0)] = 0.875
-    mujoco_step: Positive = 0.005
+    mujoco_step: Positive = 0.005  # s
+    # s; see `StationConfig`
     mujoco_contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
     station: StationConfig = field(default_factory=lambda: StationConfig(feet_only=True))
     randomization: Randomization = HARSH

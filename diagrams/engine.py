@@ -16,17 +16,11 @@ IntArray = NDArray[np.int64]
 
 
 class Held(NamedTuple):
-    """Joint targets of robots over a control period.
+    """Joint targets of robots over a control period."""
 
-    Attributes:
-        targets: Joint position targets (n, 12; rad).
-        late: Targets that hold until those come (n, 12; rad).
-        latency: Time until they come (n,; s).
-    """
-
-    targets: Array
-    late: Array
-    latency: Array
+    targets: Array  # joint positions (n, 12; rad)
+    late: Array  # targets that hold until those come (n, 12; rad)
+    latency: Array  # time until they come (n,; s)
 
     def of(self, part: slice | IntArray) -> "Held":
         """Returns the targets of some of the robots."""

@@ -43,31 +43,20 @@ LONGEST_NAME = LONGEST_TITLE = 80
 
 @checked
 class Scenario(Disturbances):
-    """Physics, commands and disturbances of an evaluation; by default those of training.
+    """Physics, commands and disturbances of an evaluation; by default those of training."""
 
-    Attributes:
-        title: Name in tables and errors.
-        accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
-        latency: Time from an observation until its action reaches the joints (s), in whole steps
-            of a discrete plant.
-        limit_targets: Whether joints only follow targets within their ranges; by default they do if
-            the policy learned so. Limits of a policy hold in any case.
-        true_body_state: Whether policies observe the true body state, and the reward machine reads
-            the true heights of the feet. By default both are estimated from sensors.
-        max_robots: Greatest number of robots for a seed, where the physics is slow.
-        robot: Name of a robot that ships, or path of a `robot.yaml`; by default that of the policy.
-    """
-
-    title: str = "SAP 10 ms (training)"
+    title: str = "SAP 10 ms (training)"  # name in tables and errors
     station: StationConfig = field(default_factory=StationConfig)
+    # of the error-controlled integrator of a continuous plant
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
-    latency: Latency = 0.0
-    limit_targets: bool | None = None
-    true_body_state: bool = False
-    max_robots: Count | None = None
+    latency: Latency = 0.0  # from observation to joints (s), in whole steps of a discrete plant
+    limit_targets: bool | None = None  # to the joints' ranges; by default as the policy learned
+    true_body_state: bool = False  # observed instead of estimates, by the reward machine too
+    max_robots: Count | None = None  # for a seed, where physics is slow
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
+    # name or `robot.yaml`; by default the policy's
     robot: Annotated[str, MaxLen(1000)] | None = None
 
     def __post_init__(self) -> None:

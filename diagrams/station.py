@@ -80,54 +80,36 @@ LAID, MOST_LAID = 2.5, 12
 
 @checked
 class StationConfig(Settings):
-    """Physics of the station.
-
-    Attributes:
-        time_step: Period of the plant's discrete updates (s); 0 for a continuous plant, which an
-            error-controlled integrator advances.
-        contact_solver: Drake's `discrete_contact_approximation`.
-        friction: Coulomb friction of the feet on the ground, static and dynamic.
-        payload: Mass welded to the trunk (kg).
-        relaxation_time: Time in which a contact lets penetration relax (s), for SAP. Drake's own
-            0.2 s is longer than a stance: feet would stay as deep in the ground as they landed.
-        dissipation: Hunt and Crossley's dissipation of a contact (s/m), for Drake's `similar`,
-            `lagged` and the continuous plant; by default Drake's.
-        ground_stiffness: Stiffness of the contact of a foot with the ground (N/m), for Drake; by
-            default Drake's, by which a robot at rest sinks in by a fraction of a millimetre.
-        terrain: The ground. In Drake only feet collide with any but a plane.
-        payload_position: Place of the payload's centre in the trunk's frame (m).
-        motor_strength: Factor on the torque of every motor, and on its limit.
-        stiffness: Gain of the joints' position control (N·m/rad), before that factor; by default
-            the policy's, or the robot's.
-        damping: Gain of the joints' velocity control (N·m·s/rad), likewise.
-        armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
-        feet_only: Whether only feet collide with the ground; other bodies that touch it end an
-            episode by their pose, and the plant takes less time.
-        engine: The physics engine: Drake, or MuJoCo for robots in batch.
-        contact_force: Normal force above which a foot touches the ground (N), for MuJoCo; in Drake
-            it touches where it is inside of it.
-        contact_time: Time constant with which a contact pushes out what has sunk in (s), for
-            MuJoCo. By its own 0.02 s feet sink in by 7 mm and rise for the whole stance.
-    """
+    """Physics of the station."""
 
     title: ClassVar[str] = "station"
 
+    # period of discrete updates (s); 0 for a continuous plant
     time_step: Annotated[float, Ge(0)] = 0.01
-    contact_solver: ContactSolver = "sap"
-    friction: Friction = 1.0
-    payload: Annotated[float, Ge(0), Le(100.0)] = 0.0
+    contact_solver: ContactSolver = "sap"  # Drake's `discrete_contact_approximation`
+    friction: Friction = 1.0  # Coulomb's, static and dynamic
+    payload: Annotated[float, Ge(0), Le(100.0)] = 0.0  # mass welded to the trunk (kg)
+    # s, for SAP; with Drake's 0.2 s feet would stay sunk in for a stance
     relaxation_time: Annotated[float, Ge(0)] = 0.01
+    # Hunt and Crossley's (s/m), not for SAP; by default Drake's
     dissipation: Annotated[float, Ge(0), Le(1000.0)] | None = None
+    # N/m, for Drake; by default Drake's, which lets feet sink in by a fraction of a millimetre
     ground_stiffness: Annotated[float, Ge(100.0), Le(1e8)] | None = None
+    # in Drake only feet collide with any but a plane
     terrain: Terrain = field(default_factory=Terrain)
+    # of its centre, trunk frame (m)
     payload_position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
-    motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0
+    motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0  # factor on torque and its limit
+    # N·m/rad, before that factor; by default the policy's, or the robot's
     stiffness: Stiffness | None = None
-    damping: Damping | None = None
+    damping: Damping | None = None  # N·m·s/rad, likewise
+    # inertia of a rotor, as the joint feels it (kg·m²)
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
-    feet_only: bool = False
+    feet_only: bool = False  # only feet collide with the ground, which takes less time
     engine: Literal["drake", "mujoco"] = "drake"
+    # a foot that touches presses with more (N), for MuJoCo
     contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = 1e-3
+    # s, for MuJoCo; by its own 0.02 s feet sink in by 7 mm and rise for the whole stance
     contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
 
     def __post_init__(self) -> None:

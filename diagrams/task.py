@@ -30,12 +30,7 @@ NO_SLIDERS = "command is of sliders, which only a robot in Meshcat has; give a s
 
 @checked
 class TaskConfig(Settings):
-    """The task that the batch simulator plays.
-
-    Attributes:
-        episode_steps: Control steps of an episode.
-        observes_imu: Whether gravity's direction and the angular velocity are observed.
-    """
+    """The task that the batch simulator plays."""
 
     title: ClassVar[str] = "task"
 
@@ -43,11 +38,11 @@ class TaskConfig(Settings):
     randomization: Randomization = field(default_factory=Randomization)
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
-    episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
+    episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS  # control steps
     command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
     joint_law: JointLaw = OWN_LAW
     robot: Robot = field(default_factory=load_robot)
-    observes_imu: bool = False
+    observes_imu: bool = False  # gravity's direction and the angular velocity
 
     @classmethod
     def of_scenario(
@@ -80,39 +75,22 @@ class TaskConfig(Settings):
 
 
 class TaskState(NamedTuple):
-    """All that the task remembers of each robot between two control steps; a value.
-
-    Attributes:
-        plant: Plant states x (n, 37).
-        command: Velocities (n, 2; m/s, rad/s) and dwells (n,; control steps).
-        memory: What the controllers remember; its action is the one of the last step.
-        touching: Whether each foot touches (n, 4).
-        air_time: Time each foot has been in the air (n, 4; s).
-        tracked: Speeds that were compared with the command (n, 2; m/s, rad/s).
-        action_before: Actions of the step before the last (n, 12).
-        joint_noise: Errors of measured joint positions, then velocities (n, 24; rad, rad/s).
-        bias: Constant errors of measured joint positions and of the IMU (n, 21; rad, then as in a
-            reading).
-        imu: Readings of the IMU, the latest first, as many as it is late and one (n, k, 9).
-        stuck: Which contact sensors are stuck (n, 4), as `stuck_sensors` returns it.
-        latency: Time from an observation until its action reaches the joints (n,; s).
-        steps: Control steps since the episode's start (n,).
-    """
+    """All that the task remembers of each robot between two control steps; a value."""
 
     # Arrays are never written to: whatever changes gives another state.
-    plant: Array
-    command: Command
-    memory: Memory
-    touching: BoolArray
-    air_time: Array
-    tracked: Array
-    action_before: Array
-    joint_noise: Array
-    bias: Array
-    imu: Array
-    stuck: NDArray[np.int8]
-    latency: Array
-    steps: NDArray[np.int64]
+    plant: Array  # states x (n, 37)
+    command: Command  # velocities (n, 2; m/s, rad/s), dwells (n,; control steps)
+    memory: Memory  # what the controllers remember, with the last step's action
+    touching: BoolArray  # feet (n, 4)
+    air_time: Array  # of each foot (n, 4; s)
+    tracked: Array  # speeds compared with the command (n, 2; m/s, rad/s)
+    action_before: Array  # actions of the step before the last (n, 12)
+    joint_noise: Array  # on positions, then velocities (n, 24; rad, rad/s)
+    bias: Array  # of joint positions, then of the IMU (n, 21; rad, its units)
+    imu: Array  # readings, the latest first, one more than it is late (n, k, 9)
+    stuck: NDArray[np.int8]  # contact sensors (n, 4), by `stuck_sensors`
+    latency: Array  # until an action reaches the joints (n,; s)
+    steps: NDArray[np.int64]  # since the episode's start (n,)
 
     def as_arrays(self) -> dict[str, NDArray]:
         """Returns every array by name, robots along the first axis."""
