@@ -62,18 +62,10 @@ class BatchSimulator:
         estimator: Estimator | None,
         difficulty: float = 1.0,
     ) -> None:
-        """
-        Args:
-            generator: Source of all randomness.
-            estimator: Estimator of the body state, see `ControlStep`; None to observe the true one.
-                That of a policy is `estimator_in_loop`.
-            difficulty: Factor on what the reward machine's transitions ask for; see
-                `RewardMachine`.
-        """
+        """Observes the true body state without an estimator; see `RewardMachine` on difficulty."""
         self.task, self.n_robots, self.generator = task, n_robots, generator
         self.estimator, self.difficulty = estimator, difficulty
-        self.push_share = 1.0
-        """Factor on the speed of pushes."""
+        self.push_share = 1.0  # factor on the speed of pushes
 
         # The control step, of all robots at once.
         self.machine = RewardMachine(task.gait)
@@ -111,8 +103,7 @@ class BatchSimulator:
 
     def _stand_on(self, physics: Physics) -> None:
         self.physics = physics
-        self.gravity = physics.gravity(self.n_robots)
-        """Acceleration by gravity where each robot stands (n, 3; m/s²)."""
+        self.gravity = physics.gravity(self.n_robots)  # acceleration (n, 3; m/s²)
         self._ground = physics.ground(self.n_robots)
 
     def resample_friction(self) -> None:

@@ -78,11 +78,7 @@ def AddCommand(  # noqa: N802
 ) -> dict[str, OutputPort]:
     """Adds the source of commands, and the diagram's inputs by which a planner commands instead.
 
-    Returns:
-        The outputs command (2; m/s, rad/s) and commanded_dwell (1, control steps).
-
-    Raises:
-        InputError: if the gait is not made for the command, or sliders have no Meshcat.
+    Returns the outputs command (2; m/s, rad/s) and commanded_dwell (1, control steps).
     """
     config.check(gait)
 

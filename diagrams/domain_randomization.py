@@ -40,7 +40,7 @@ class TerrainRanges(Settings):
     title: ClassVar[str] = "terrains"
 
     share: Share = 0.75  # of the groups; the others have the station's ground
-    # in turn; planes are slopes
+    # In turn; planes are slopes.
     kinds: Annotated[tuple[Kind, ...], FEW, MinLen(1)] = (
         "plane",
         "blocks",
@@ -50,9 +50,9 @@ class TerrainRanges(Settings):
         "uneven",
     )
     slope: Annotated[float, Ge(0.0), Le(45.0)] = 25.0  # greatest angle (°), in any direction
-    # greatest range of heights of blocks and uneven ground (m)
+    # Greatest height of the highest cell of blocks and uneven ground above the lowest (m).
     amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
-    # greatest step (m); up and down, up for ever, or down
+    # Greatest height of a step (m). Steps lead up and down again, up for ever, or down.
     height: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
     patches: Share = 0.0  # share of cells with another friction
 
@@ -88,12 +88,13 @@ class GroupRanges(Settings):
     """Ranges from which the station of each group of robots is drawn.
 
     Every range is cut into as many parts as there are groups, and each group draws from another
-    part, so that few groups cover the ranges."""
+    part, so that few groups cover the ranges.
+    """
 
     title: ClassVar[str] = "groups"
 
     payload: Range = (0.0, 5.0)  # mass on the trunk (kg)
-    # greatest, along each horizontal axis (m)
+    # Greatest distance from the trunk's centre, along each horizontal axis (m).
     payload_offset: Annotated[float, Ge(0.0), Le(1.0)] = 0.08
     motor_strength: Range = (0.8, 1.2)  # factor on torque
     gains: Range = (0.8, 1.2)  # factors on stiffness and damping, each drawn by itself
@@ -143,12 +144,12 @@ class DomainRandomization(Settings):
 
     n_groups: Count = 16
     groups: GroupRanges = field(default_factory=GroupRanges)
-    # shorter time steps (s), of one group each
+    # Time steps (s) of one group each, finer than the station's.
     fine_steps: Annotated[tuple[Positive, ...], FEW] = ()
-    # of the groups, with contacts of all bodies
+    # Share of the groups, with contacts of all bodies; none of them has a fine step.
     mujoco_share: Annotated[NotNegative, Le(1.0)] = 0.875
-    mujoco_step: Positive = 0.005  # s
-    # s; see `StationConfig`
+    mujoco_step: Positive = 0.005  # of their plants (s)
+    # Time constant (s); see `StationConfig`.
     mujoco_contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
     station: StationConfig = field(default_factory=lambda: StationConfig(feet_only=True))
     randomization: Randomization = HARSH

@@ -78,16 +78,11 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         senses: str = "true",
         max_episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """
+        """Takes gait and robot as names or files, and a station for each group of robots.
+
         Args:
-            num_envs: Number of robots.
-            gait: The gait, its name or its file.
-            robot: Name of a robot that ships, or path of a `robot.yaml`.
-            stations: Physics of each group of robots; by default all robots form one group.
-            randomization: Differences between robots and episodes.
             senses: "true" to observe the true velocity and heights of the feet, "odometry" for
                 their estimates, "imu" for that, gravity's direction and the angular velocity.
-            max_episode_steps: Control steps after which an episode is truncated.
         """
         if senses not in SENSES:
             raise InputError(

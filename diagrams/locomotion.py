@@ -89,11 +89,7 @@ def MakeLocomotion(  # noqa: N802
     In a default context the robot stands at rest; `SetRandomContext` draws its pose, the sensors'
     errors and commands. Pushes come from outside; see `glassgait.diagrams.rollout.push`.
 
-    Args:
-        gait: The gait whose reward machine runs.
-        scenario: The scenario; that of training by default.
-        policy: The controller. Without one the true body state is observed.
-        meshcat: Shows robot, contacts and machine state.
+    The scenario is that of training by default. Without a policy the true body state is observed.
 
     Raises:
         InputError: if the policy or the command does not fit the gait or the scenario.

@@ -99,11 +99,7 @@ def _order_of_state(model: mujoco.MjModel) -> IntArray:
 
 
 def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
-    """Builds MuJoCo's model of the station: the same description, motors, ground and load.
-
-    Raises:
-        InputError: if MuJoCo refuses the robot's description.
-    """
+    """Builds MuJoCo's model of the station: the same description, motors, ground and load."""
     station.terrain.check(robot)
 
     # The description, and how it is integrated.

@@ -67,10 +67,9 @@ class Physics:
 
         Args:
             states: Plant states x (n, 37), as Drake lays them out.
-            targets: Joint position targets (n, 12; rad), held over the period.
-            previous_targets: Targets of the period before (n, 12; rad), which hold until the new
-                ones come; needed with a latency.
-            latency: Time until the new targets come (n,; s), rounded to the plant's steps.
+            targets: Joint positions (n, 12; rad), held from the latency on.
+            previous_targets: Those held until then (n, 12; rad).
+            latency: Time until the targets come (n,; s), rounded to the plant's steps.
         """
         late = targets if previous_targets is None else previous_targets
         latency = np.zeros(len(states)) if latency is None else latency
@@ -100,18 +99,15 @@ class Physics:
         away = ground.periods(states)
         after, touching = engine.advance(kinematics.moved_by(states, -away), held, members)
         after = kinematics.moved_by(after, away)
-        return PhysicsStep(
-            after, ground.touching(self.robot, after) if touching is None else touching
-        )
+        if touching is None:
+            touching = ground.touching(self.robot, after)
+        return PhysicsStep(after, touching)
 
 
 def make_physics(robot: Robot, *stations: StationConfig, n_threads: int | None = None) -> Physics:
     """Makes the physics of groups of robots, by default on all cores.
 
     Groups of one engine stand side by side.
-
-    Raises:
-        InputError: if a plant's period does not divide the control period.
     """
     engines = []
     for name, group in groupby(stations, key=lambda station: station.engine):

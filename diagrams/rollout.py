@@ -61,10 +61,10 @@ def make_simulator(
     """Makes a simulator of the robot's diagram, or of a larger one, that is ready to advance.
 
     Args:
-        diagram: The outermost diagram.
-        seed: Seed of all that is drawn at random except the robot's state.
-        state: The plant's initial state x (37); standing at rest by default.
-        accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
+        diagram: The outermost one.
+        seed: Of all that is drawn at random except the robot's state.
+        state: The plant's x (37); standing at rest by default.
+        accuracy: Of the error-controlled contact integrator, for a continuous plant.
 
     Raises:
         InputError: if the diagram does not hold exactly one robot, or its plant is continuous and
@@ -127,10 +127,8 @@ def record(
     """Advances by control steps and records every output, from where the simulator is.
 
     Args:
-        simulator: A simulator that is at a control instant.
         n_steps: Control steps to take. With None only a failure or `stopped` ends the recording,
             and the last `KEPT_STEPS` are kept.
-        stop_on_failure: Whether to end at the first failure.
         stopped: Asked after every step whether to end now. A monitor that ends the simulator's
             advance ends the recording as well.
 

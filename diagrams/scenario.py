@@ -47,7 +47,7 @@ class Scenario(Disturbances):
 
     title: str = "SAP 10 ms (training)"  # name in tables and errors
     station: StationConfig = field(default_factory=StationConfig)
-    # of the error-controlled integrator of a continuous plant
+    # Of the error-controlled contact integrator, for a continuous plant.
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
     latency: Latency = 0.0  # from observation to joints (s), in whole steps of a discrete plant
@@ -56,7 +56,7 @@ class Scenario(Disturbances):
     max_robots: Count | None = None  # for a seed, where physics is slow
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
-    # name or `robot.yaml`; by default the policy's
+    # Name of one that ships, or path of a `robot.yaml`; by default that of the policy.
     robot: Annotated[str, MaxLen(1000)] | None = None
 
     def __post_init__(self) -> None:

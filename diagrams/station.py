@@ -84,32 +84,32 @@ class StationConfig(Settings):
 
     title: ClassVar[str] = "station"
 
-    # period of discrete updates (s); 0 for a continuous plant
+    # Period of the plant's discrete updates (s); 0 for a continuous plant.
     time_step: Annotated[float, Ge(0)] = 0.01
     contact_solver: ContactSolver = "sap"  # Drake's `discrete_contact_approximation`
     friction: Friction = 1.0  # Coulomb's, static and dynamic
     payload: Annotated[float, Ge(0), Le(100.0)] = 0.0  # mass welded to the trunk (kg)
-    # s, for SAP; with Drake's 0.2 s feet would stay sunk in for a stance
+    # Time (s), for SAP. By Drake's 0.2 s feet would stay as deep in the ground as they landed.
     relaxation_time: Annotated[float, Ge(0)] = 0.01
-    # Hunt and Crossley's (s/m), not for SAP; by default Drake's
+    # Hunt and Crossley's (s/m), not for SAP; by default Drake's.
     dissipation: Annotated[float, Ge(0), Le(1000.0)] | None = None
-    # N/m, for Drake; by default Drake's, which lets feet sink in by a fraction of a millimetre
+    # Stiffness of a foot's contact (N/m), for Drake; by its default feet sink in by < 1 mm.
     ground_stiffness: Annotated[float, Ge(100.0), Le(1e8)] | None = None
-    # in Drake only feet collide with any but a plane
+    # In Drake only feet collide with any but a plane.
     terrain: Terrain = field(default_factory=Terrain)
-    # of its centre, trunk frame (m)
+    # Of the payload's centre in the trunk's frame (m).
     payload_position: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
     motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0  # factor on torque and its limit
-    # N·m/rad, before that factor; by default the policy's, or the robot's
+    # Position gain (N·m/rad), before that factor; by default the policy's, or the robot's.
     stiffness: Stiffness | None = None
-    damping: Damping | None = None  # N·m·s/rad, likewise
-    # inertia of a rotor, as the joint feels it (kg·m²)
+    damping: Damping | None = None  # velocity gain (N·m·s/rad), likewise
+    # Inertia of a motor's rotor, as the joint feels it (kg·m²).
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
     feet_only: bool = False  # only feet collide with the ground, which takes less time
     engine: Literal["drake", "mujoco"] = "drake"
-    # a foot that touches presses with more (N), for MuJoCo
+    # Normal force above which a foot touches (N), for MuJoCo; in Drake it does where inside.
     contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = 1e-3
-    # s, for MuJoCo; by its own 0.02 s feet sink in by 7 mm and rise for the whole stance
+    # Time constant (s), for MuJoCo. By its own 0.02 s feet sink in by 7 mm.
     contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
 
     def __post_init__(self) -> None:
@@ -132,11 +132,7 @@ class StationConfig(Settings):
         return Ground([self.terrain])
 
     def plant_steps(self) -> int:
-        """Returns how many steps a discrete plant takes in a control period.
-
-        Raises:
-            InputError: if the plant is continuous, or its step does not divide the control period.
-        """
+        """Returns how many steps a discrete plant takes in a control period, or refuses it."""
         ratio = CONTROL_PERIOD / self.time_step if self.time_step else 0.0
         n_steps = round(min(ratio, MOST_STEPS + 1))
         whole = abs(n_steps * self.time_step - CONTROL_PERIOD) <= 1e-12
@@ -170,10 +166,7 @@ def AddStation(  # noqa: N802
     limits it to the motors' effort. In a default context the robot stands at rest. In a random one
     each joint is drawn as evaluations draw it, and the trunk is level, `RANDOM_LIFT` above where it
     stands. Ground other than a plane reaches `reach` (m) around the middle period.
-
-    Returns:
-        The plant, the scene graph and the robot's model instance. The instance's `desired_state`
-        input takes 12 joint positions (rad) and 12 velocities (rad/s).
+    The returned instance's `desired_state` takes 12 joint positions (rad), then velocities (rad/s).
 
     Raises:
         InputError: if the station is not Drake's, or its ground is too high for the robot.
@@ -322,11 +315,8 @@ def _limit_collisions(
     *,
     feet_only: bool,
 ) -> None:
-    geometries = [
-        geometry
-        for body in plant.GetBodyIndices(instance)
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
-    ]
+    bodies = map(plant.get_body, plant.GetBodyIndices(instance))
+    geometries = [own for body in bodies for own in plant.GetCollisionGeometriesForBody(body)]
     none_within = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
     scene_graph.collision_filter_manager().Apply(none_within)
     for geometry in geometries if feet_only else ():

@@ -206,14 +206,7 @@ class LiveDisplay:
     def show(
         self, state: Array, *, rm_state: Array, foot_contact: Array, ghost: Array | None = None
     ) -> None:
-        """Draws one moment.
-
-        Args:
-            state: The robot's state x (37).
-            rm_state: The machine's state (n_states, one-hot).
-            foot_contact: Whether each foot touches (4).
-            ghost: The ghost's state x (37); by default it is hidden.
-        """
+        """Draws states x (37), the machine's (n_states, one-hot), and the feet that touch (4)."""
         # Ground that repeats is only laid around its middle period.
         away = self._ground.periods(state)
         beside = kinematics.moved_by(state if ghost is None else ghost, -away)
@@ -248,11 +241,7 @@ class Camera:
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 360) -> None:
-        """Takes the size of pictures (pixels).
-
-        Raises:
-            InputError: if EGL is missing.
-        """
+        """Takes the size of pictures (pixels)."""
         _check_egl()
         builder = DiagramBuilder()
         self._plant, self._scene_graph, _ = AddStation(builder, robot, StationConfig())

@@ -35,11 +35,7 @@ class RandomCommand(LeafSystem):
     """
 
     def __init__(self, gait: Gait, speed_range: tuple[float, float] | None = None) -> None:
-        """
-        Args:
-            gait: The gait that commands are drawn for.
-            speed_range: Least and greatest forward speed (m/s); the gait's by default.
-        """
+        """Draws forward speeds of a range (m/s), by default the gait's."""
         super().__init__()
         # Seeding a generator takes longer than anything else here, and the draw holds for 10 s.
         self._drawn = lru_cache(maxsize=8)(partial(_draw, gait, speed_range))

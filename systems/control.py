@@ -274,11 +274,7 @@ class Proprioception(FunctionSystem):
         self._robot, self._limited = robot, limited
 
     def evaluate(
-        self,
-        joints: Array,
-        rm_iterations: Array,
-        commanded_dwell: Array,
-        **others: Array,
+        self, joints: Array, rm_iterations: Array, commanded_dwell: Array, **others: Array
     ) -> Outputs:
         observed = proprioception(
             self._robot,
@@ -343,13 +339,7 @@ class AlternationSchedule(LeafSystem):
     def __init__(
         self, period: int, expert_port: InputPortIndex, student_port: InputPortIndex
     ) -> None:
-        """
-        Args:
-            period: Control steps from one action of the expert to the next; with 1 only the expert
-                acts, with 0 only the student.
-            expert_port: The expert's input of the switch.
-            student_port: The student's input of the switch.
-        """
+        """Takes the expert's period (control steps); with 0 only the student acts."""
         super().__init__()
         self._period, self._expert, self._student = period, expert_port, student_port
         self.DeclareAbstractOutputPort(
@@ -380,10 +370,7 @@ class TargetLimitsSystem(FunctionSystem):
     """
 
     def __init__(self, robot: Robot, limits: TargetLimits) -> None:
-        """
-        Raises:
-            InputError: if the robot's default stance, where actions begin, is beyond the limits.
-        """
+        # Actions begin at the default stance, which the limits have to allow.
         limits.check(robot)
         super().__init__(
             inputs={"action": N, "previous_action": N, "joints": 2 * N, "imu": N_IMU},
@@ -423,12 +410,9 @@ class ActionHold(LeafSystem):
     """
 
     def __init__(self, latency: float = 0.0, time_step: float = 0.0) -> None:
-        """
-        Args:
-            latency: Time from a control instant until its action reaches the joints (s), up to two
-                control periods.
-            time_step: The plant's period (s), of which the latency is a multiple; 0 for a
-                continuous plant.
+        """Takes the latency (s), up to two control periods, in whole steps of a discrete plant (s).
+
+        A continuous plant has time step 0.
         """
         super().__init__()
 

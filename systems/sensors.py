@@ -46,10 +46,7 @@ class JointSensor(FunctionSystem):
         self._half_width = noise_factor * JOINT_NOISE
 
     def evaluate(
-        self,
-        state: Array,
-        uniform_noise: Array | float = 0.5,
-        encoder_bias: Array | float = 0.0,
+        self, state: Array, uniform_noise: Array | float = 0.5, encoder_bias: Array | float = 0.0
     ) -> Outputs:
         noise = self._half_width * (2.0 * uniform_noise - 1.0)
         # Only positions have a bias: an encoder that is off by an angle still sees all its changes.
@@ -145,11 +142,7 @@ class ImuSensor(MealySystem):
     """
 
     def __init__(self, gravity: Array, delay: int = 0, noise_factor: float = 1.0) -> None:
-        """
-        Args:
-            gravity: Acceleration by gravity (3; m/s², world frame).
-            delay: Control steps by which readings are late.
-        """
+        """Takes gravity's acceleration (3; m/s², world frame), and a delay in control steps."""
         super().__init__(
             inputs={"state": STATE, "uniform_noise": N_IMU, "imu_bias": N_IMU},
             outputs={"imu": N_IMU},
