@@ -87,7 +87,8 @@ class Demo(Settings):
     samples, with one seed: `glassgait distill` and `evaluate` do more of everything.
 
     Attributes:
-        full: Distil every kind of student, and let each act in turns with the expert too.
+        full: Distil all kinds of students except exact GBM, and let each act in turns with the
+            expert too.
         n_robots: Robots to evaluate with.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies that
             ship. Of another robot your own expert is taken.
