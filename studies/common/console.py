@@ -18,17 +18,12 @@ from rich.text import Text
 
 from glassgait.models.errors import InputError
 
-FILE_WIDTH = 160
-"""Width of lines where the output goes to a file (characters)."""
-
 BAD_INPUT, INTERRUPTED = 2, 130
 """Exit codes."""
 
-# Brackets in paths and in names of gaits are no markup.
-console = Console(
-    markup=False, emoji=False, highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH
-)
-
+# Brackets in paths and in names of gaits are no markup; lines in a file have 160 characters.
+_width = None if sys.stdout.isatty() else 160
+console = Console(markup=False, emoji=False, highlight=False, width=_width)
 _notes = Console(stderr=True, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 

@@ -41,11 +41,7 @@ class World(NamedTuple):
 
     @classmethod
     def of(cls, gait: Gait, scenario: Scenario, controller: Controller) -> "World":
-        """Makes the world of a scenario.
-
-        Raises:
-            InputError: if commands come from sliders, or the gait is not made for them.
-        """
+        """Makes the world of a scenario; commands that the gait is not made for are refused."""
         task = TaskConfig.of_scenario(gait, scenario, controller)
         physics = make_physics(task.robot, scenario.station_of(controller))
         return cls(task, physics, scenario.true_body_state)
@@ -174,9 +170,6 @@ def episode(
     Equal seeds give equal starts, commands and noise, whatever the controller does.
 
     Args:
-        seed: Seed of starts, commands and noise, or the generator that draws them.
-        observers: Observers that record the steps; the episode ends as soon as one is done.
-        events: Events before the steps, in this order.
         start: A state to go on from; near the default stance by default.
         when_fallen: Whether a robot that fell is to `rest` with actions of 0, since a policy may
             diverge on the ground, `restart` its episode, or `go on` as if nothing had happened.
@@ -184,7 +177,8 @@ def episode(
             nothing more; by default none is. Others draw other noise from then on.
 
     Raises:
-        InputError: as `World.of`, or if the controller needs an estimator and has none.
+        InputError: if commands come from sliders or the gait is not made for them, or if the
+            controller needs an estimator and has none.
     """
     controller = alone(controller) if isinstance(controller, Policy) else controller
     make = _simulator_maker(gait, controller, scenario, np.random.default_rng(seed))

@@ -134,17 +134,8 @@ def run_cases(
 ) -> pd.DataFrame:
     """Measures cases in parallel, except those whose tables the folder holds already.
 
-    Args:
-        cases: The cases, the slowest first.
-        measure: Measures one of them, in another process.
-        folder: Where each case's table is kept as soon as it is measured.
-        n_workers: Cases at once; -1 for as many as there are cores.
-
-    Returns:
-        The tables with their labels, in the order of the cases.
-
-    Raises:
-        InputError: if a table that the folder holds is damaged.
+    The tables come with their labels, in the order of the cases; an InputError says if one that
+    the folder holds is damaged.
     """
     import pandas as pd
 
@@ -338,10 +329,8 @@ class Experiment(PolicySource):
         """Where each gait's policies are from, by the gait's name."""
         from glassgait.studies.common.policies import find_policies
 
-        return {
-            gait.name: find_policies(gait, self.source, self.robot, quiet=True)
-            for gait in self.gaits
-        }
+        where = self.source, self.robot
+        return {gait.name: find_policies(gait, *where, quiet=True) for gait in self.gaits}
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, Controller]]:

@@ -22,8 +22,6 @@ from glassgait.models.task.drawing import ink_on, state_colors
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.tables import format_cell
 
-SHARED_TEMPLATES = Path(__file__).parent / "templates"
-
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""
 
@@ -125,7 +123,7 @@ def _runs(values: np.ndarray) -> list[tuple[int, int]]:
 def page_template(folder: Path, name: str) -> jinja2.Template:
     """Loads a template from a study's folder; it may extend the shared `page.html`."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([folder, SHARED_TEMPLATES]),
+        loader=jinja2.FileSystemLoader([folder, Path(__file__).parent / "templates"]),
         autoescape=jinja2.select_autoescape(["html"]),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

@@ -20,7 +20,6 @@ from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.studies.common.console import console, say
 
 Backend = Literal["loky", "ray", "dask"]
-"""Where calls run: in processes of this machine, or on a Ray or a Dask cluster."""
 
 
 def _all_or_some(n_jobs: int) -> int:
@@ -41,15 +40,10 @@ LOST = (
 def run_parallel(
     work: Iterable[Any], n_jobs: int = -1, *, in_order: bool = True
 ) -> Generator[Any, None, None]:
-    """Makes calls in other processes, and yields their results.
+    """Makes calls of `joblib.delayed` in other processes, and yields their results.
 
-    Args:
-        work: The calls, each made by `joblib.delayed`.
-        n_jobs: Calls that run at once; -1 for as many as there are cores.
-        in_order: Whether results come in the order of the calls, or each as soon as it is there.
-
-    Raises:
-        InputError: if a worker process was killed.
+    Results come in the order of the calls, or each as soon as it is there. An InputError says if a
+    worker process was killed.
     """
     active: Any = get_active_backend()[0]
     kind = "generator" if in_order else "generator_unordered"
@@ -170,14 +164,8 @@ def jobs_of(
     """Returns a job for each gait and seed.
 
     Args:
-        names: Names of gaits, or paths of gait files.
-        first_seed: The first seed.
-        config: The number of seeds.
         root: Folder of the study's runs.
         output: The folder that a person named: that of the only run, or of all.
-
-    Raises:
-        InputError: if there is no such gait.
     """
     seeds = range(first_seed, first_seed + config.n_seeds)
     jobs = []
@@ -192,8 +180,7 @@ def jobs_of(
 def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersConfig) -> list[Any]:
     """Runs every job by a function that is pickled, and returns their results.
 
-    Raises:
-        InputError: after all other jobs are done, if jobs were refused.
+    Jobs that are refused are named in an InputError after all others are done.
     """
     results: dict[int, Any] = {}
     refused: list[str] = []

@@ -42,12 +42,8 @@ class RolloutLog:
     @classmethod
     def stacked(cls, logs: Sequence["RolloutLog"], axis: int) -> "RolloutLog":
         """Joins logs along a new axis: 0 of single steps, 1 of single robots."""
-        return cls(
-            **{
-                name: np.stack([getattr(log, name) for log in logs], axis)
-                for name in cls.__annotations__
-            }
-        )
+        parts = zip(*(vars(log).values() for log in logs), strict=True)
+        return cls(*(np.stack(part, axis) for part in parts))
 
     def padded(self, n_steps: int) -> "RolloutLog":
         """Returns the log with its last step repeated, which changes no score of fallen robots."""

@@ -36,13 +36,8 @@ from glassgait.studies.common.console import note
 from glassgait.studies.common.run import CHECKPOINT_NAME, CONFIG_NAME, default_folder
 
 EXPERT = "expert"
-"""Name of the expert."""
-
 ALL = "all"
-"""Name of the expert and all students together."""
-
 SHIPPED = "shipped"
-"""The place of policies that ship."""
 
 ORDER = (
     "linear",
@@ -99,11 +94,7 @@ class Policies:
         return {kind: load_student_of(self.expert, path) for kind, path in self.files.items()}
 
     def file(self, name: str) -> Path:
-        """Returns the file of `expert`, of a kind of student, or the file that a path names.
-
-        Raises:
-            InputError: if there is no such policy.
-        """
+        """Returns the file of `expert`, of a kind of student, or the file that a path names."""
         if name == EXPERT:
             ships = shipped_expert(self.gait.name, self.expert.robot.name)
             return ships if self.expert_place == SHIPPED else Path(self.expert_place)
@@ -123,11 +114,7 @@ class Policies:
         )
 
     def policy(self, name: str) -> Policy:
-        """Loads a policy by its name (see `file`).
-
-        Raises:
-            InputError: if there is no such policy, or it does not fit gait and expert.
-        """
+        """Loads a policy by its name (see `file`), and refuses one for another machine."""
         path, expert = self.file(name), self.expert_of(name)
         if name == EXPERT:
             policy = self.expert

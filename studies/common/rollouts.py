@@ -81,10 +81,7 @@ def roll_out(
 ) -> RolloutLog:
     """Rolls out the robots of the first seed, from near the default stance.
 
-    Observers and events are only of discrete plants.
-
-    Raises:
-        InputError: if the scenario's commands are of sliders or beyond the gait's range.
+    Observers and events are only of discrete plants. Commands of sliders are refused.
     """
     scenario = config.commanding(scenario)
     if scenario.accuracy is not None:

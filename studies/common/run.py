@@ -56,11 +56,9 @@ def open_run(
 
     Args:
         folder: The folder. It must be empty, unless the run that it holds is resumed.
-        study: Name of the command.
-        settings: A dataclass.
         inputs: Digests of what the run reads, by name. A setting of the same name, which says where
             it was read from, is not compared.
-        resume: Whether to continue the run that the folder holds; without one, it is started.
+        resume: Whether to continue the run that the folder may hold.
         free: Settings that a continued run may change.
 
     Yields:
@@ -100,11 +98,7 @@ def open_run(
 
 
 def read_run(folder: Path, study: str) -> dict[str, Any]:
-    """Reads the record of the run that a folder holds.
-
-    Raises:
-        InputError: if it holds none, or one of another study.
-    """
+    """Reads the record of a folder's run, and refuses one of another study."""
     path = folder / CONFIG_NAME
     found = read_yaml(path)
     parts = ("settings", "inputs", "software")

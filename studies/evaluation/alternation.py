@@ -89,10 +89,7 @@ def alternation_scores(
 ) -> pd.DataFrame:
     """Scores every student at every ratio, in the training scenario.
 
-    All meet the same initial states, commands and noise.
-
-    Raises:
-        InputError: if a seed is kept for selection, or a commanded speed is beyond the gait's.
+    All meet the same initial states, commands and noise. Seeds kept for selection are refused.
     """
     from glassgait.diagrams.scenario import Scenario
     from glassgait.models.policies.controller import Controller, alone

@@ -53,9 +53,8 @@ class Importance(Experiment):
     @cached_property
     def students(self) -> dict[str, Policy]:
         """The students by kind; neural policies are refused."""
-        found = {
-            kind: acting.policy for kind, acting in self.controllers[self.gaits[0].name].items()
-        }
+        controllers = self.controllers[self.gaits[0].name]
+        found = {kind: acting.policy for kind, acting in controllers.items()}
         for kind, policy in found.items():
             if isinstance(policy, NeuralPolicy):
                 raise InputError(f"--policy {kind}: is neural; name a kind of student")

@@ -18,8 +18,6 @@ from glassgait.models.task.observation import entries_of, entry_of, symbols_of
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.distillation.students import policy_title
 
-HISTOGRAM_BINS = 20
-
 
 def _with_unit(policy: Policy, index: int) -> str:
     """Returns an axis label: an observation's symbol, its unit below."""
@@ -115,14 +113,8 @@ def dependence_figure(
     generator: np.random.Generator,
     n_curves: int = 50,
 ) -> Figure:
-    """Draws how a target depends on single observations, on average and for single samples
-    (paper, Figure 7).
-
-    Args:
-        observations: Samples (m, n).
-        columns: Observations to vary.
-        generator: Draws the samples that have curves.
-    """
+    """Draws how a target depends on single observations, on average and for single samples (m, n)
+    that the generator draws (paper, Figure 7)."""
     # scikit-learn varies one quantity at a time.
     figure, panels = subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
     quantities = RobotUnits.of(policy.robot, policy.observation_names).quantities(observations)
@@ -186,9 +178,6 @@ def _title(joint: int) -> str:
 
 POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
 
-LABEL_WIDTH = 42
-"""Characters in a line of a label."""
-
 
 @styled
 def term_figure(parts: Contributions, title: str, n_terms: int = 15) -> Figure:
@@ -236,7 +225,7 @@ def shape_figure(
         above.axhline(0.0, color="0.5", linewidth=0.5)
 
         # The density of the samples below.
-        counts, places = np.histogram(quantities[:, column], HISTOGRAM_BINS)
+        counts, places = np.histogram(quantities[:, column], bins=20)
         below.stairs(counts, places, fill=True, color="0.6")
         below.set_xlabel(_with_unit(policy, column))
         below.set_yticks([])
@@ -281,7 +270,7 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
         values.append(float(contributions.values[rest].sum()))
     labels.append("target")
     # Long terms go on in a second line; none is cut.
-    labels = [textwrap.fill(label, LABEL_WIDTH) for label in labels]
+    labels = [textwrap.fill(label, 42) for label in labels]
     n_lines = sum(label.count("\n") + 1 for label in labels)
     values.append(float(contributions.values.sum()))
 
@@ -297,11 +286,8 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     return figure
 
 
-N_SHAPES = 3
-"""Functions of one observation, and curves of partial dependence, that are drawn for a joint."""
-
-N_PAIRS = 2
-"""Functions of two observations that are drawn for a joint."""
+N_SHAPES, N_PAIRS = 3, 2
+"""Functions of one and of two observations that are drawn for a joint."""
 
 
 def student_figures(

@@ -65,11 +65,8 @@ def _drawn(data: Dataset, n_samples: int, seed: int) -> Dataset:
 def measure_importances(
     student: Policy, samples: Dataset, *, seed: int, repeats: int
 ) -> pd.DataFrame:
-    """Measures a student's importances by permutation and, if it has one, by its method.
-
-    Returns:
-        A row for each method, repeat, joint and observation.
-    """
+    """Measures a student's importances by permutation and, if it has one, by its method: a row for
+    each method, repeat, joint and observation."""
     # Values by method (repeats, 12, n).
     generator = np.random.default_rng([seed, 1])
     found = {"permutation": permutation_importance(student, samples, generator, repeats)}
@@ -88,14 +85,10 @@ def measure_importances(
 
 
 def importance_report(gait: str, table: pd.DataFrame) -> Report:
-    """Turns importances of a gait's students into tables and maps.
+    """Turns the rows of `measure_importances`, with a column `policy`, into tables and maps.
 
-    Args:
-        table: What `measure_importances` returned for each student, with a column `policy`.
-
-    Returns:
-        A table and a map for each student and method; `importances`, a row for each student,
-        method and group of observations; and `top_observations`, beside the paper's.
+    `importances` has a row for each student, method and group of observations; `top_observations`
+    stand beside the paper's.
     """
     groups, tops = [], []
     tables: dict[str, pd.DataFrame] = {}

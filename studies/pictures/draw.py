@@ -38,11 +38,7 @@ FOLDER = Path(__file__).parent
 FALLS = FOLDER / "falls.csv"
 """Falls of 26 robots in 10 s of every shipped policy and scenario."""
 
-FRAME_STEPS = 2
-"""Control steps between two frames: 25 frames a second."""
-
-FILMED_STEPS = 96
-SETTLING_STEPS = 100
+FILMED_STEPS, SETTLING_STEPS = 96, 100
 SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 
 
@@ -68,7 +64,8 @@ def draw(names: Sequence[str] = ()) -> None:
             save_figure(strip, path.with_suffix(""), ("png",))
         else:
             camera = Camera(load_robot(), 480, 300)
-            states = expert_rollout(path.stem)["state"][SETTLING_STEPS::FRAME_STEPS]
+            # Every second control step is a frame: 25 frames a second.
+            states = expert_rollout(path.stem)["state"][SETTLING_STEPS::2]
             save_gif([camera.take(state) for state in states], path)
 
 

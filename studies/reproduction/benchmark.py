@@ -49,12 +49,6 @@ PARTS: dict[Part, str] = {"throughput": "Throughput", "actions": "One action, on
 STEPS = 20_000
 """Steps of a controller in C that are timed."""
 
-CALLS = 300
-"""Calls in Python that are timed."""
-
-REPETITIONS = 5
-"""Repetitions, of which the fastest is reported: the machine does other work too."""
-
 
 @checked
 class Benchmark(OneGait):
@@ -111,7 +105,7 @@ def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
         n_observed = len(controller.policy.observation_names)
         observation = np.random.default_rng(0).normal(size=(1, n_observed))
         action = partial(controller.policy, observation)
-        times = [_seconds(action) for _ in range(CALLS)]
+        times = [_seconds(action) for _ in range(300)]
         row: dict[str, Any] = {"policy": policy_title(kind)}
         row["action in Python (µs)"] = round(1e6 * float(np.median(times)), 1)
         if has_compiler():
@@ -146,7 +140,7 @@ def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> di
         # The fastest run counts: other work of the machine only adds time.
         runs = [
             subprocess.run([folder / "step_times"], check=True, capture_output=True, text=True)
-            for _ in range(REPETITIONS)
+            for _ in range(5)
         ]
     median, late = min(tuple(map(float, run.stdout.split())) for run in runs)
     return {
@@ -157,11 +151,8 @@ def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> di
 
 
 def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataFrame:
-    """Times updates of PPO, and Drake's physics over the same states and targets.
-
-    Returns:
-        Medians over the repeats (control steps/s): a row for training, and one for bare physics.
-    """
+    """Times updates of PPO, and Drake's physics over the same states and targets: the medians
+    (control steps/s)."""
     # MuJoCo's share is left out, so that both time Drake only.
     config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
     robot = load_robot(config.robot)

@@ -9,8 +9,6 @@ import pandas as pd
 from glassgait.studies.distillation.students import STUDENTS, paper_students, policy_title
 from glassgait.studies.reproduction.page import Section
 
-FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
-
 JOINT_FIGURES = {
     "6": ("A weak learner of the GBM", "gbm_FL_hip_tree"),
     "7": ("Partial dependence on the top 3 observations, GBM", "gbm_FL_hip_partial_dependence"),
@@ -23,9 +21,6 @@ JOINT_FIGURES = {
 
 WIDE = ("6", "7", "8, top")
 """Those whose pictures take the page's whole width."""
-
-IMPORTANCES = {"gbm_impurity": "impurity importance", "gbm_permutation": "permutation importance"}
-"""Maps of importances by the stems of their files."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +44,12 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
     """Lists everything in the paper's order, then the gait sequences of further students."""
     numbers = dict(zip(paper_students(), ("Figure 3", "Figure 4", "Figure 5"), strict=True))
     further = [kind for kind in _students(results) if kind not in numbers]
+    diagram = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
     framework = Section(
         "The framework, as the Drake diagram that runs it",
         "Figure 1",
         "Expert and student sit behind one switch; the alternation chooses which of them acts.",
-        figures=[("Block diagram of the closed loop", FRAMEWORK)],
+        figures=[("Block diagram of the closed loop", diagram)],
         wide=True,
     )
     of_joint = [
@@ -65,7 +61,11 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
         )
         for number, (title, stem) in JOINT_FIGURES.items()
     ]
-    maps = [own for stem, what in IMPORTANCES.items() for own in _figures(results, stem, what)]
+    maps = [
+        picture
+        for method in ("impurity", "permutation")
+        for picture in _figures(results, f"gbm_{method}", f"{method} importance")
+    ]
     return [
         framework,
         *_tables(results),

@@ -69,9 +69,7 @@ FULL = replace(
 )
 """All kinds of students except exact trees, which are slow to fit."""
 
-REPLAY_STEPS = 400
-
-REPLAYS_IN_A_ROW = 450
+REPLAY_STEPS, REPLAYS_IN_A_ROW = 400, 450
 """An hour in all: a page that is opened late still moves."""
 
 EXPLAINED_JOINT, EXPLAINED_STEP = 1, 200

@@ -137,11 +137,7 @@ class Report(Settings):
         console.print(f"report written to {path} after {minutes:.1f} minutes")
 
     def settled(self) -> "Report":
-        """Returns the settings with the engine and the robot that flags name.
-
-        Raises:
-            InputError: if formulas are PySR's, and Julia could not be started.
-        """
+        """Returns the settings with the engine and the robot that flags name."""
         # Flags stand in for what the file says of the search and the robot.
         distillation, training = self.distillation, self.training
         if self.engine is not None:

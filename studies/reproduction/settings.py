@@ -27,14 +27,7 @@ def settings_file(name: str) -> Path:
 
 
 def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
-    """Reads a settings file.
-
-    Args:
-        quick: Whether the values under the file's key `quick` replace the others.
-
-    Raises:
-        InputError: if the file cannot be read or breaks a rule; the message names file and key.
-    """
+    """Reads a settings file; of a quick run the values under its key `quick` replace others."""
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise InputError(f"{path}: is not a mapping of settings; start from that of 'paper'")
