@@ -56,7 +56,6 @@ class LoadedController:
         self._init.restype = None
 
     def _declare(self, real: str, *, odometry: bool) -> None:
-        """Declares the structs of the header."""
         # Fields and their order are those of controller.h; numpy aligns them as C does.
         joints, feet, axes = (quadruped.N_JOINTS,), (quadruped.N_LEGS,), (3,)
         self._sensors = _struct(

@@ -34,13 +34,10 @@ RESERVED = frozenset(
 """Names that a definition cannot have in C."""
 
 _TYPES = {"Axes": "xyz", "Feet": quadruped.LEGS, "Joints": quadruped.JOINTS}
-"""Types of C that formulas share, with their members."""
 
 _OF_JOINTS = ("q", "dq")
-"""Quantities that are sensed of joints."""
 
 _ANY = "-HUGE_VAL, HUGE_VAL"
-"""The range of a reading without limits."""
 
 
 class Group(NamedTuple):
@@ -52,7 +49,6 @@ class Group(NamedTuple):
     members: tuple[str, ...]
     """The parts behind the dot; empty for a plain number."""
     lines: tuple[str, ...]
-    """Their formulas, with their notes."""
 
 
 class Mirror(NamedTuple):
@@ -72,8 +68,7 @@ class Mirror(NamedTuple):
 def formula_code(policy: FormulaPolicy, style: Style) -> Code:
     """Writes formulas of each joint, the same in all RM states or one set for each.
 
-    Formulas that the policy's file leaves out as mirror images are left out as well. Their joints
-    act by the formulas of the mirrored robot.
+    Joints whose formulas the file leaves out act by the formulas of the mirrored robot.
     """
     real, vocabulary, statewise = style.real, policy.vocabulary, policy.statewise
     written = policy.to_file().written()

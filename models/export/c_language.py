@@ -17,7 +17,6 @@ Real = Literal["double", "float"]
 """The type that a controller computes in."""
 
 LINE_LENGTH = 100
-"""Characters of a line."""
 
 SMALLEST = 1e-37
 """Numbers closer to 0 than this are written as 0 in single precision."""
@@ -87,19 +86,16 @@ class CArray:
 
     @classmethod
     def of_indices(cls, name: str, values: NDArray[Any], note: str) -> "CArray":
-        """Makes an array of small whole numbers."""
         kind = "unsigned char" if values.max(initial=0) <= 255 else "unsigned short"
         return cls(name, values, kind, note)
 
     @property
     def declaration(self) -> str:
-        """The array without its numbers."""
         sizes = "".join(f"[{size}]" for size in self.values.shape)
         return f"static const {self.type} {self.name}{sizes}"
 
     @property
     def definition(self) -> str:
-        """The array with its numbers."""
         written = self.values.astype(str)
         if self.type == "float":
             # Digits of single precision are those that tell it apart from its neighbours.

@@ -56,16 +56,12 @@ def policy_code(policy: Policy, style: Style) -> Code:
 
 @policy_code.register
 def _(policy: LinearPolicy, style: Style) -> Code:
-    real = style.real
-    statewise = policy.weights.ndim == 3
+    real, statewise = style.real, policy.weights.ndim == 3
     of = "each state and joint" if statewise else "each joint"
     return Code(
         f"Weighted sums of the observation, one for {of}.",
         rendered(
-            "linear.c",
-            real,
-            signature=style.signature(takes_state=statewise),
-            statewise=statewise,
+            "linear.c", real, signature=style.signature(takes_state=statewise), statewise=statewise
         ),
         (
             CArray.of_reals("WEIGHTS", policy.weights, real, f"weight of each observation, {of}"),

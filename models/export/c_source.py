@@ -57,9 +57,7 @@ class Interface:
     """The C interface of a controller."""
 
     name: str
-    """Prefix of the names of its files, functions and types."""
     real: Real
-    """The type that it computes in."""
     joint_law: JointLaw
     has_imu: bool
     has_odometry: bool
@@ -69,8 +67,6 @@ class Interface:
 class ControllerSource(Interface):
     """The text of a controller: a C file and its header."""
 
-    takes_state: bool
-    """Whether its policy's function takes the RM state first."""
     source: str
     header: str
 
@@ -86,13 +82,7 @@ def write_controller(
 ) -> ControllerSource:
     """Writes a controller in which one policy acts, from sensors to joint targets.
 
-    Args:
-        name: Prefix of the names of its files, functions and types.
-        policy_name: Name of the policy in comments.
-
-    Raises:
-        InputError: if the name is not valid in C, the policy is made for another gait or
-            observation, or its kind or its estimator cannot be written in C.
+    Its files, functions and types begin with `name`; `policy_name` stands in comments.
     """
     # The policy must be made for the gait and its observation.
     check_name(name)
@@ -151,7 +141,6 @@ def write_controller(
         joint_law=law,
         has_imu=has_imu,
         has_odometry=odometry is not None,
-        takes_state=acting.takes_state,
         source=source,
         header=header,
     )
@@ -191,7 +180,6 @@ def _described(policy: Policy, policy_name: str) -> str:
 
 
 def _named(policy: Code, network: Code | None) -> str:
-    """Says whose numbers stand at the end of the file."""
     if network is None:
         return "the policy"
     return "the estimator and the policy" if policy.arrays else "the estimator"
@@ -212,7 +200,6 @@ def _places(robot: Robot, layout: ObservationLayout) -> list[tuple[str, int, str
 
 
 def _robot_values(robot: Robot, controller: Controller, gait: Gait) -> dict[str, Any]:
-    """Returns the numbers of the robot, of its joints and of the task."""
     law = controller.joint_law
     stiffness, damping = law.gains_of(robot)
     return {
@@ -290,11 +277,7 @@ def _odometry_code(odometry: Odometry, robot: Robot, real: Real) -> str:
 
 
 class Case(NamedTuple):
-    """The transitions out of the state of a constant.
-
-    Each has its formula as in the gait's file, the lines of its condition, and the constant of the
-    next state.
-    """
+    """The transitions out of a state: formula, lines of the condition, next constant."""
 
     state: str
     exits: tuple[tuple[str, tuple[str, ...], str], ...]

@@ -47,14 +47,12 @@ SENSORS: Signals = {
     "joint_velocity": _signal(quadruped.N_JOINTS, "rad/s"),
     "foot_contact": _signal(quadruped.N_LEGS, "0 or 1"),
 }
-"""Sensors of every controller."""
 
 IMU: Signals = {
     "angular_velocity": _signal(3, "rad/s", "trunk"),
     "velocity_change": _signal(3, "m/s in a control period, gravity in it", "trunk"),
     "gravity": _signal(3, "1, a unit vector that points down", "trunk"),
 }
-"""Sensors of controllers with an IMU."""
 
 COMMAND: Signals = {
     "speed": _signal(1, "m/s", "trunk"),
@@ -65,16 +63,9 @@ TARGETS: Signals = {"joint_position": _signal(quadruped.N_JOINTS, "rad")}
 
 
 def contract_of(
-    gait: Gait,
-    controller: Controller,
-    file: Path,
-    policy_name: str,
-    real: Real = "double",
+    gait: Gait, controller: Controller, file: Path, policy_name: str, real: Real = "double"
 ) -> dict[str, Any]:
-    """Returns the contract of an exported file, which must exist, by key.
-
-    The file reads and gives numbers of type `real`.
-    """
+    """Returns the contract of an exported file, which must exist, by key."""
     policy, robot = controller.policy, controller.robot
     stiffness, damping = controller.joint_law.gains_of(robot)
     contract = {
@@ -105,12 +96,8 @@ def contract_of(
         },
         "targets": TARGETS,
         "observations": [
-            {
-                "name": entry.name,
-                "unit": entry.unit,
-                "offset": _offset(entry, robot),
-                "scale": entry.scale(robot),
-            }
+            {"name": entry.name, "unit": entry.unit}
+            | {"offset": _offset(entry, robot), "scale": entry.scale(robot)}
             for entry in policy.layout.entries
         ],
     }
@@ -145,14 +132,7 @@ def contract_text(contract: dict[str, Any]) -> str:
 
 
 def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
-    """Reads a contract, and compares it with its robot and with the files beside it.
-
-    The robot is by default the shipped one of the contract's name.
-
-    Raises:
-        InputError: if a key was changed, a value is not the robot's, or the file beside it is
-            missing or another one than was exported.
-    """
+    """Reads a contract, and compares it with its robot and with the files beside it."""
     # The text is as it was written.
     contract = read_yaml(path)
     if not isinstance(contract, dict) or contract.get("version") != VERSION:

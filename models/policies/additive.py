@@ -135,11 +135,8 @@ class AdditivePolicy(Policy):
         return single, self.pair_tables[self._pair, first, second]
 
     def compact(self) -> Self:
-        """Returns the policy with tables that fit into single precision.
-
-        Deviations, on which no action depends, are rounded to half precision, and the coarse bins
-        of observations that are in no pair are left out.
-        """
+        """Returns the policy with tables that fit into single precision."""
+        # Deviations move no joint; observations that are in no pair need no coarse bins.
         paired = np.isin(self._feature, self.pairs)
         cuts = zip(self.pair_cuts, paired, strict=True)
         pair_cuts = _padded([one[np.isfinite(one) & used] for one, used in cuts])

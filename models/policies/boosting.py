@@ -82,10 +82,8 @@ class BoostedTreesPolicy(Policy):
         return action.reshape(*observation.shape[:-1], -1)
 
     def compact(self) -> Self:
-        """Returns the policy with leaves and thresholds that fit into single precision.
-
-        Thresholds of scikit-learn's exact trees stay as they are, so every branch is the same.
-        """
+        """Returns the policy with leaves and thresholds that fit into single precision."""
+        # Thresholds of scikit-learn's exact trees stay as they are, so every branch is the same.
         exact = lower_neighbours(self.thresholds) is not None
         return self.with_arrays(
             thresholds=self.thresholds if exact else rounded(self.thresholds, np.float32),
@@ -131,7 +129,6 @@ class BoostedTreesPolicy(Policy):
         models: "Sequence[Model]",
         robot: Robot | None = None,
     ) -> Self:
-        """Compiles one fitted scikit-learn model a joint."""
         # The fitted trees, and the depth that holds them all.
         fitted = [_fitted(model, len(observation_names)) for model in models]
         joints, constants, importances = zip(*fitted, strict=True)
@@ -161,11 +158,8 @@ class BoostedTreesPolicy(Policy):
 
 
 def single_precision_cuts(thresholds: NDArray[np.floating]) -> Array:
-    """Returns cuts c such that `x <= c` if and only if `float32(x) <= threshold`.
-
-    scikit-learn's exact trees round an observation before they compare it. With these cuts the
-    branches are the same without rounding.
-    """
+    """Returns cuts c such that `x <= c` if and only if `float32(x) <= threshold`."""
+    # scikit-learn's exact trees round an observation before they compare it.
     below = _single_precision_below(thresholds)
     above = np.nextafter(below, np.float32(np.inf))
     middle = 0.5 * (below.astype(float) + above.astype(float))
@@ -200,7 +194,6 @@ class _Tree(NamedTuple):
     values: Array
 
     def depth(self, node: int = 0) -> int:
-        """Counts the comparisons on the longest branch."""
         if self.left[node] < 0:
             return 0
         return 1 + max(self.depth(self.left[node]), self.depth(self.right[node]))

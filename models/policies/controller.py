@@ -28,18 +28,12 @@ class ControllerOutput(NamedTuple):
 
 @dataclass(frozen=True)
 class Controller:
-    """An expert, a student, or both by turns (paper, Algorithm 1), in a closed loop of n robots.
-
-    Attributes:
-        expert: The expert; its estimator, if it has one, observes for both.
-        student: The student, or None.
-        period: Control steps from one action of the expert to the next: 1 if only the expert acts,
-            0 if only the student does.
-    """
+    """An expert, a student, or both by turns (paper, Algorithm 1), in a closed loop of n robots."""
 
     expert: Policy
     student: Policy | None = None
     period: int = 1
+    """Control steps between the expert's actions: 1 if only it acts, 0 if only the student does."""
 
     def __post_init__(self) -> None:
         # Users choose the policies: a misfit is bad input. Only code chooses the period.
@@ -70,16 +64,12 @@ class Controller:
 
     @property
     def estimator(self) -> Estimator | None:
-        """The estimator of the body state; None where the true one is observed.
-
-        It is the expert's, unless only a student with odometry acts.
-        """
+        """The estimator: the expert's, unless only a student with odometry acts."""
         found = self.student.estimator if self.student and self.period == 0 else None
         return found if isinstance(found, Odometry) else self.expert.estimator
 
     @property
     def joint_law(self) -> JointLaw:
-        """The law of the joints: the expert's, unless only a student acts."""
         law = self.expert.joint_law
         return law if self.student is None or self.period else self.student.joint_law.over(law)
 
@@ -97,10 +87,7 @@ class Controller:
 
 
 def alone(policy: Policy, expert: Policy | None = None) -> Controller:
-    """Returns the controller in which only one policy acts.
-
-    The estimator of the expert, if one is given, observes for a student without odometry.
-    """
+    """Returns the controller in which one policy acts; the expert observes for a student."""
     if expert is None or expert is policy:
         return Controller(policy)
     has_odometry = isinstance(policy.estimator, Odometry)
@@ -117,11 +104,7 @@ def expert_of(controller: Controller | Policy) -> Policy:
 def estimator_in_loop(
     controller: Controller | Policy, *, true_body_state: bool = False
 ) -> Estimator | None:
-    """Returns the estimator of a closed loop; None where the true body state is observed.
-
-    Raises:
-        InputError: if the controller has no estimator and needs one.
-    """
+    """Returns the estimator of a closed loop; None where the true body state is observed."""
     if true_body_state:
         return None
     if controller.estimator is None:
@@ -135,7 +118,6 @@ def estimator_in_loop(
 
 
 def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
-    """Refuses an expert whose estimator is not the student's, and joints of two laws."""
     # The student was distilled with one estimator, and observes by no other.
     name = f"this {student.kind} student of the {student.gait}"
     if student.observes_by not in (None, expert.digest()):

@@ -110,10 +110,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def find_gait(gait: str | Path, robot: str | None = None) -> "Gait":
-    """Loads a gait by its name, from a gait file, or from a formula file that holds one.
-
-    A formula file must be of the robot, if one is given by its name or the path of its robot.yaml.
-    """
+    """Loads a gait by name, or from a gait file or a formula file, which must be of the robot."""
     from glassgait.models.task.gait import load_gait  # noqa: PLC0415
 
     path = Path(gait)
@@ -157,11 +154,7 @@ def recorded_expert(folder: Path) -> tuple[Path, str] | None:
 
 
 def load_student_of(expert: Policy, path: Path) -> Policy:
-    """Loads a student, with the estimator of its expert unless its file holds one.
-
-    Raises:
-        InputError: if the student does not fit the expert, or was distilled with another one.
-    """
+    """Loads a student, with the estimator of its expert unless its file holds one."""
     student = load_policy(path, expert.robot)
     names = expert.observation_names
     if student.estimator is not None and not callable(student.estimator):
@@ -199,10 +192,7 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
 def load_expert(
     gait: "str | Gait", path: Path | None = None, robot: Robot | None = None
 ) -> "NeuralPolicy":
-    """Loads the expert of a gait, from the shipped file unless one is given.
-
-    The robot is that of the file by default, and for shipped experts the default robot.
-    """
+    """Loads the expert of a gait, from the shipped file unless one is given."""
     from glassgait.models.policies.neural import NeuralPolicy  # noqa: PLC0415
     from glassgait.models.task.gait import load_gait  # noqa: PLC0415
 

@@ -24,7 +24,6 @@ MAX_LAYERS = 8
 
 
 def elu(x: Array) -> Array:
-    """Evaluates the exponential linear unit."""
     return np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0)))
 
 
@@ -60,13 +59,11 @@ class Network:
         return x
 
     def layers(self, prefix: str) -> dict[str, Array]:
-        """Returns the layers by name."""
         weights = {f"{prefix}.{i}.weight": weight for i, weight in enumerate(self.weights)}
         return weights | {f"{prefix}.{i}.bias": bias for i, bias in enumerate(self.biases)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array], prefix: str) -> Self:
-        """Rebuilds the network that `layers` took apart."""
         count = _count_layers(arrays, prefix)
         weights, biases = (
             tuple(arrays[f"{prefix}.{i}.{part}"] for i in range(count))
@@ -97,10 +94,7 @@ class NeuralPolicy(Policy):
         *,
         robot: Robot | None = None,
     ) -> None:
-        """Takes networks without mirror images, and `symmetry.mirrored_states` of the gait.
-
-        The estimator maps proprioception to the last seven entries of the observation.
-        """
+        """Takes networks without mirror images, and `symmetry.mirrored_states` of the gait."""
         super().__init__(gait, observation_names, robot=robot)
 
         # The layers, as in files.
@@ -192,7 +186,6 @@ class NeuralPolicy(Policy):
 def _specs(
     arrays: Mapping[str, NDArray[Any]], prefix: str, n_in: str, n_out: str
 ) -> dict[str, ArraySpec]:
-    """Specifies the arrays of a network, whose layers take what the layers before them give."""
     count = _count_layers(arrays, prefix)
     if not 1 <= count <= MAX_LAYERS:
         raise InputError(f"its {prefix} has {count} layers; train one of 1 to {MAX_LAYERS}")

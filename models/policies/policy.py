@@ -38,15 +38,10 @@ INTERCEPT = "intercept"
 
 @dataclass(frozen=True)
 class Reals:
-    """An array of half, single or double precision, converted to double precision.
-
-    Attributes:
-        dims: Its dimensions: numbers, or names that stand for the same size in all arrays of a
-            policy, such as "joints trees nodes+1". A question mark allows a size of 0.
-        ascending: Whether the last axis must not descend.
-    """
+    """An array of half, single or double precision, converted to double precision."""
 
     dims: str
+    """Numbers, or names of one size in all arrays: "joints trees nodes+1"; "n?" may be 0."""
     least: float = -LARGEST
     most: float = LARGEST
     ascending: bool = False
@@ -124,7 +119,6 @@ def _fit_shape(shape: tuple[int, ...], dims: str, sizes: dict[str, int]) -> None
 
 
 _NARROW = {"i": (np.uint8, np.int32), "f": (np.float16, np.float32)}
-"""Narrower types of whole numbers and of doubles, the narrowest first."""
 
 
 def narrowest(array: NDArray[Any]) -> NDArray[Any]:
@@ -172,19 +166,15 @@ def contributions_of_action(
 class Policy(ABC):
     """A callable `observation (..., n) -> action (..., 12)` that names what it observes.
 
-    Policies are immutable: a systems diagram may share one between contexts and clones. The
-    constructor checks names and arrays, whatever their source.
+    Policies are immutable: a systems diagram may share one between contexts and clones.
     """
 
     kind: ClassVar[str]
-    """Name of the kind of policy in files and on the command line."""
     suffix: ClassVar[str] = ".safetensors"
-    """Ending of the names of its files."""
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
     """The policy's arrays, by the names of its attributes."""
 
     joint_law: JointLaw = OWN_LAW
-    """The law by which joints follow its targets."""
     observes_by: str | None = None
     """Digest of the expert whose estimator it observes by, if it has one from there."""
     machine: "Gait | None" = None
@@ -228,7 +218,6 @@ class Policy(ABC):
     @classmethod
     @contextmanager
     def _naming_this_kind(cls) -> Iterator[None]:
-        """Puts the kind of policy before the message of an error."""
         try:
             yield
         except InputError as error:
@@ -328,11 +317,7 @@ class Policy(ABC):
         return made
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
-        """Splits a joint's targets at observations (..., n) into parts that add up to them.
-
-        Raises:
-            InputError: if the joint is unknown, or this kind of policy has no such parts.
-        """
+        """Splits a joint's targets at observations (..., n) into parts that add up to them."""
         raise InputError(
             f"policies of kind {self.kind!r} do not split into contributions; take an additive, "
             "a linear or a symbolic one"
@@ -343,11 +328,7 @@ class Policy(ABC):
         raise InputError(f"policies of kind {self.kind!r} are not sums of terms; take another one")
 
     def importance(self, observations: Array) -> tuple[str, Array] | None:
-        """Returns the importance of each observation by the policy's parts, given samples (m, n).
-
-        Returns:
-            The name of the method, and an array (12, n); None for policies without such parts.
-        """
+        """Returns the method, and importances (12, n) by the policy's parts on samples (m, n)."""
         return None
 
     def refuse_other_machine(self, gait: "Gait") -> None:

@@ -39,15 +39,11 @@ from glassgait.models.task.symmetry import refuse_other_mirror
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each RM state.
 
-    A formula gives a joint's target in rad, from quantities in the robot's units. Its file is text;
-    see `glassgait.models.formulas.file`.
+    A formula gives a joint's target in rad, from quantities in the robot's units.
 
     Attributes:
-        formulas_by_state: Formulas in canonical form (n_states, 12), or (1, 12) where all states
-            share them.
-        vocabulary: The meaning of their variables.
+        formulas_by_state: Canonical formulas (n_states, 12), or (1, 12) for all states.
         mirror: Mirror image of each RM state, where the file leaves mirror images out.
-        readings: Ranges within which the formulas read sensors, if there are any.
     """
 
     suffix = SUFFIX
@@ -77,7 +73,6 @@ class FormulaPolicy(Policy):
     def _canonical(
         self, rows: Sequence[Sequence[Expression]]
     ) -> tuple[tuple[Expression, ...], ...]:
-        """Returns formulas in canonical form, and refuses those that no policy can have."""
         n_rows = self.layout.n_machine_states if self.statewise else 1
         if [len(row) for row in rows] != [quadruped.N_JOINTS] * n_rows:
             raise InputError(
@@ -108,14 +103,12 @@ class FormulaPolicy(Policy):
         return made
 
     def refuse_other_machine(self, gait: Gait) -> None:
-        """Refuses another machine, and one whose mirror images are not the policy's."""
         super().refuse_other_machine(gait)
         refuse_other_mirror(self.mirror, gait)
 
     # ---- Files -------------------------------------------------------------------------------
 
     def to_file(self) -> FormulaFile:
-        """Returns the content of the policy's file."""
         formulas = {
             ((state, joint) if self.statewise else (joint,)): formula
             for state, row in enumerate(self.formulas_by_state)
@@ -146,16 +139,11 @@ class FormulaPolicy(Policy):
         return write_formulas(self.to_file())
 
     def save(self, path: Path) -> None:
-        """Writes the policy's text to a file, atomically."""
         write_atomically(path, self.to_text())
 
     @staticmethod
     def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
-        """Builds the policy of a file, with its estimator if the file holds odometry.
-
-        Args:
-            robot: The robot that the file names; by default the shipped one.
-        """
+        """Builds the policy of a file, with its estimator if the file holds odometry."""
         kind = SymbolicPolicy if file.n_states is None else StatewiseSymbolicPolicy
         formulas, joints = list(file.formulas.values()), quadruped.N_JOINTS
         policy = kind(
@@ -238,7 +226,6 @@ class FormulaPolicy(Policy):
         return Tape(formulas, len(self.observation_names))
 
     def _targets(self, formulas: Sequence[Expression]) -> Tape:
-        """Compiles formulas of the observed quantities."""
         expanded = [self.vocabulary.expanded(formula) for formula in formulas]
         return Tape(expanded, len(self.observation_names))
 

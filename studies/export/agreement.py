@@ -13,10 +13,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.control import ControlStep, Sensors
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import LoadedController
-from glassgait.models.policies.controller import (
-    Controller,
-    estimator_in_loop,
-)
+from glassgait.models.policies.controller import Controller, estimator_in_loop
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
@@ -40,8 +37,6 @@ UNLIMITED = Scenario(limit_targets=False)
 
 
 class Moment(NamedTuple):
-    """The inputs of a controller in one step."""
-
     sensors: Sensors
     command: Command
 
@@ -67,11 +62,7 @@ def agreement_table(
     *,
     exact: bool = True,
 ) -> pd.DataFrame:
-    """Compares C and Python over recorded and over random sequences, one row each.
-
-    Half of `n_steps` are of recorded and half of random sensors. Raises InputError if `exact` and a
-    difference is above `SAME`.
-    """
+    """Compares C and Python over recorded and random sequences, one row and half the steps each."""
     # Recorded robots show what policies are for, and random sensors what they may meet.
     recorded = (n_steps + 1) // 2
     sequences = {
@@ -130,11 +121,7 @@ def compare_controllers(
 
 
 def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
-    """Draws sensors at random, in sequences of `SEQUENCE_STEPS`.
-
-    Joints are anywhere in their ranges, at any velocity up to their limits. In every other step a
-    transition of the gait fires. The trunk leans and turns in any direction.
-    """
+    """Draws sensors at random; in every other step a transition of the gait fires."""
     generator, of_trunk = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     counts = [min(SEQUENCE_STEPS, n_steps - k) for k in range(0, n_steps, SEQUENCE_STEPS)]
     return [
@@ -174,14 +161,14 @@ def recorded_sequences(
     """Records the sensors of robots that the controller moves, in the training scenario."""
     steps = recorded_steps(gait, controller, n_steps, seed)
     return [
-        list(sequence) for sequence in zip(*(moments(one.before) for one in steps), strict=True)
+        list(sequence) for sequence in zip(*(_moments(one.before) for one in steps), strict=True)
     ]
 
 
 def recorded_steps(
     gait: Gait, controller: Controller, n_steps: int, seed: int
 ) -> list[EpisodeStep]:
-    """Records so many control steps in all of robots that walk about `SEQUENCE_STEPS` each."""
+    """Records control steps of robots that walk about `SEQUENCE_STEPS` each."""
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
     recorded = _Steps()
     episode(
@@ -205,8 +192,7 @@ class _Steps(Observer):
         self.steps.append(step)
 
 
-def moments(state: TaskState) -> Iterator[Moment]:
-    """Returns the inputs of each robot's controller in a state."""
+def _moments(state: TaskState) -> Iterator[Moment]:
     for position, speed, touching, imu, velocity, dwell in zip(
         *state.sensors(), *state.command, strict=True
     ):

@@ -41,7 +41,6 @@ class Export(OneGait):
         name: Prefix of the names of its files, functions and types; <gait>_<policy> by default.
         n_steps: Control steps through which Python and the export are compared, half of them of
             recorded and half of random sensors.
-        seed: Seed of all randomness.
         output: Folder of the results; runs/export/<gait>/<policy> by default.
     """
 
@@ -56,7 +55,6 @@ class Export(OneGait):
     output: Path | None = None
 
     def run(self) -> None:
-        """Writes the files, and tables of their comparison with Python."""
         # The policy, and the name of its files.
         found = self.policies()
         asked = self.policy or default_student(found)

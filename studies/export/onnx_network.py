@@ -49,7 +49,6 @@ class _Graph:
         return name
 
     def add(self, operator: str, *inputs: str, named: str | None = None, **attributes: Any) -> str:
-        """Adds an operator and returns the name of its output."""
         output = named or f"{operator.lower()}_{len(self.nodes)}"
         self.nodes.append(helper.make_node(operator, inputs, [output], output, **attributes))
         return output
@@ -90,11 +89,7 @@ def graph_bytes(
 
     The graph maps `obs` (batch, 40 + n_states; 46 + n_states with an IMU) to `actions` (batch, 12)
     and `estimate` (batch, 7), the velocity of the trunk and the heights of the feet. Odometry has a
-    memory, so with it the estimate is an input. Inputs and outputs are of the type `real`; the
-    graph computes in double precision.
-
-    Raises:
-        InputError: if the policy is no network, or is made for another gait or observation.
+    memory, so with it the estimate is an input. The graph computes in double precision.
     """
     policy, estimator = controller.policy, exported_estimator(controller)
     if not isinstance(policy, NeuralPolicy):
@@ -185,8 +180,8 @@ def compare_graph(
 ) -> pd.DataFrame:
     """Compares a graph with Python on observations of robots that the controller moves.
 
-    Returns one row: the number of observations, the greatest difference of a joint target (rad) and
-    of an estimated velocity (0.5 m/s) or foot height (m). More than `SAME` is refused.
+    Returns the greatest difference of a joint target (rad) and of an estimated velocity (0.5 m/s)
+    or foot height (m). More than `SAME` is refused.
     """
     session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
     narrow = session.get_inputs()[0].type == "tensor(float)"

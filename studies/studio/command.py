@@ -17,8 +17,6 @@ from glassgait.studies.distillation.students import OnePolicy
 
 MISSING = "the studio needs NiceGUI; install it with pip install 'glassgait[studio]'"
 
-Port = Annotated[int, Ge(0), Le(65535)]
-
 
 @checked
 class OpenStudio(OnePolicy):
@@ -38,11 +36,10 @@ class OpenStudio(OnePolicy):
 
     scenario: str = TRAINING
     seed: Seed = 0
-    port: Port = 8080
+    port: Annotated[int, Ge(0), Le(65535)] = 8080
     output: Path | None = None
 
     def run(self) -> None:
-        """Serves the page until Ctrl-C."""
         try:
             # Imported here: NiceGUI is optional, and no other command needs it.
             from glassgait.studies.studio.page import HOST, serve  # noqa: PLC0415

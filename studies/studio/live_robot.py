@@ -75,8 +75,6 @@ class Sample(NamedTuple):
 
 
 class _Walker:
-    """One robot in its diagram, advanced control step by control step."""
-
     def __init__(self, gait: Gait, scenario: Scenario, controller: Controller) -> None:
         self._scenario = scenario
         self._diagram = MakeLocomotion(gait, scenario, policy=controller)
@@ -125,8 +123,6 @@ class LiveRobot:
 
     Attributes:
         address: Address of Meshcat's page once the thread runs.
-        steering: The current command.
-        paused: Whether time stands still.
         problem: Why the robot stopped, or None.
         falls: Falls of the robot and of the ghost.
         late: Share of recent control steps that were late, from 0 to 1.
@@ -155,11 +151,9 @@ class LiveRobot:
         self._thread = threading.Thread(target=self._live, name="live robot", daemon=True)
 
     def start(self) -> None:
-        """Starts to walk."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the thread."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -178,15 +172,12 @@ class LiveRobot:
         self._requests.append(lambda: [walker.push(velocity) for walker in self._walkers])
 
     def pause(self, paused: bool) -> None:
-        """Stops time, or lets it go on."""
         self.paused, self.problem = paused, None
 
     def restart(self) -> None:
-        """Puts both robots back on their feet."""
         self._requests.append(self._begin)
 
     def samples(self) -> list[tuple[Sample, Sample]]:
-        """Returns the last samples of robot and ghost, in order."""
         return list(self._samples)
 
     def _begin(self) -> None:

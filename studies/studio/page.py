@@ -36,7 +36,6 @@ SWITCH_INTERVAL = 1e-3
 """How long the robot's thread may keep Python to itself while messages wait (s)."""
 
 SECOND = round(1.0 / CONTROL_PERIOD)
-"""Control steps of a second."""
 
 PUSHES = {"ahead": (1.0, 0.0), "left": (0.0, 1.0), "back": (-1.0, 0.0), "right": (0.0, -1.0)}
 """Velocity that each push adds, forward and to the left (m/s)."""
@@ -47,13 +46,7 @@ MONOSPACE = "font-family: ui-monospace, Menlo, Consolas, monospace; font-size: 1
 def serve(
     robot: LiveRobot, session: EditSession, gait: Gait, save_as: Path, listening: socket.socket
 ) -> None:
-    """Serves the page until Ctrl-C.
-
-    Args:
-        robot: The robot, which starts to walk once the page can be opened.
-        save_as: Folder and stem of the file that is saved.
-        listening: A socket that listens at `HOST`.
-    """
+    """Serves the page until Ctrl-C; edits are saved to the folder and stem `save_as`."""
     # NiceGUI's page on an application of its own, which has no other routes.
     app = FastAPI(openapi_url=None)
 
@@ -83,8 +76,6 @@ def serve(
 
 
 class _Page:
-    """The page of one browser."""
-
     def __init__(self, robot: LiveRobot, session: EditSession, gait: Gait, save_as: Path) -> None:
         self._robot, self._session = robot, session
         self._gait, self._save_as = gait, save_as
@@ -93,7 +84,6 @@ class _Page:
         self._texts: list[str] = []
 
     async def build(self) -> None:
-        """Builds the page, and keeps it up to date."""
         ui.query("html").props('lang="en"')
         # Quasar's own blue is too light to read text on.
         ui.colors(primary="#005a8c", negative="#a40000")
@@ -198,7 +188,6 @@ class _Page:
         ui.notify(f"saved to {path}; every command takes it with --policy")
 
     def _show_formula(self) -> None:
-        """Shows the text of the formula, after an edit or another choice."""
         session = self._session
         self._shown = (self._place, session.policy)
         terms = session.terms(self._place)

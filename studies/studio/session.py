@@ -17,9 +17,6 @@ class EditSession:
     """The versions of a policy whose formulas are edited.
 
     Formulas that the file leaves out, because they are mirror images, follow those that it holds.
-
-    Attributes:
-        places: Places of the formulas that the file holds.
     """
 
     def __init__(self, policy: FormulaPolicy, expert: Policy) -> None:
@@ -32,13 +29,7 @@ class EditSession:
 
     @property
     def policy(self) -> FormulaPolicy:
-        """The current version."""
         return self._versions[self._at]
-
-    @property
-    def original(self) -> FormulaPolicy:
-        """The version that the session started from."""
-        return self._versions[0]
 
     def text(self, place: Place) -> str:
         """Returns a formula as its file writes it, on one line."""
@@ -46,16 +37,11 @@ class EditSession:
         return write_formula(formula, self.policy.vocabulary.symbols)
 
     def terms(self, place: Place) -> list[tuple[Expression, str]]:
-        """Returns the terms of a formula, each with its text."""
         symbols, formula = self.policy.vocabulary.symbols, self.policy.to_file().formulas[place]
         return [(term, write_formula(term, symbols)) for term in formula.terms()]
 
     def replace(self, place: Place, text: str) -> None:
-        """Replaces a formula by text in the syntax of the file.
-
-        Raises:
-            InputError: if the text is not a formula, or its names are unknown.
-        """
+        """Replaces a formula by text in the syntax of the file."""
         file = self.policy.to_file()
         formula = parse_formula(text, file.vocabulary.symbols)
         formulas = {**file.written(), place: formula}
@@ -68,11 +54,9 @@ class EditSession:
         self._at = len(self._versions) - 1
 
     def undo(self) -> None:
-        """Goes back one version if possible."""
         self._at = max(0, self._at - 1)
 
     def redo(self) -> None:
-        """Goes forward one version if possible."""
         self._at = min(len(self._versions) - 1, self._at + 1)
 
     def reset(self) -> None:
@@ -82,15 +66,13 @@ class EditSession:
     def diff(self) -> list[str]:
         """Returns the changed lines of the file as a unified diff without its head."""
         before, after = (
-            write_formulas(policy.to_file()).splitlines() for policy in (self.original, self.policy)
+            write_formulas(policy.to_file()).splitlines()
+            for policy in (self._versions[0], self.policy)
         )
         return list(difflib.unified_diff(before, after, lineterm="", n=0))[2:]
 
     def save(self, folder: Path, stem: str) -> Path:
-        """Writes the current version to a file of its own, and returns the path.
-
-        A later save of the same session replaces the file; files of other sessions stay.
-        """
+        """Writes the current version to this session's file, and returns the path."""
         if self._saved is None:
             names = itertools.chain([stem], (f"{stem}_{number}" for number in itertools.count(2)))
             paths = (folder / f"{name}{FormulaPolicy.suffix}" for name in names)

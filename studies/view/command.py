@@ -48,13 +48,11 @@ class OwnCommand(Settings):
     dwell: Annotated[int, Ge(1)] | None = None
 
     def over(self, scenario: Scenario) -> Scenario:
-        """Returns a scenario with this command."""
         given = {name: value for name, value in asdict(self).items() if value is not None}
         if scenario.command != DrawnCommands() and not given:
             return scenario
-        fixed = scenario.command
-        if not isinstance(fixed, FixedCommand):
-            fixed = FixedCommand()
+        asked = scenario.command
+        fixed = asked if isinstance(asked, FixedCommand) else FixedCommand()
         return replace(scenario, command=replace(fixed, **given))
 
 
@@ -97,7 +95,6 @@ class View(PolicySource):
             raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
 
     def run(self) -> None:
-        """Plays, and writes the replay, the gait diagram and these settings."""
         # The policy, or expert and student in turns, in the scenario with its command.
         found = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
         gait, controller = found.gait, self._controller(found)
@@ -135,7 +132,6 @@ class View(PolicySource):
         console.print(f"replay, gait diagram and settings written to {stem}.*")
 
     def _controller(self, found: Policies) -> Controller:
-        """Loads the policy, or expert and student in turns."""
         controller = found.controller(self.policy)
         if self.ratio is None:
             return controller

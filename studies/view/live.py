@@ -27,20 +27,11 @@ FALLEN_SECONDS = 1.0
 
 
 def play_live(
-    gait: Gait,
-    policy: Controller,
-    scenario: Scenario,
-    meshcat: Meshcat,
-    replay: Path,
-    *,
-    seed: int = 0,
+    gait: Gait, policy: Controller, scenario: Scenario, meshcat: Meshcat, replay: Path, *, seed: int
 ) -> Rollout:
     """Rolls a policy out in real time until the button or Ctrl-C ends it, and writes the replay.
 
-    A robot that falls starts again, with the next seed of noise, pushes and drawn commands.
-
-    Returns:
-        The last minute, falls included, on a clock that starts with the first step.
+    A robot that falls starts again, with the next seed. Returns the last minute, falls included.
     """
     # The diagram is built once: a restart only sets its state.
     meshcat.AddButton(STOP_BUTTON, "Escape")

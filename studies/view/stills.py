@@ -13,12 +13,7 @@ from glassgait.studies.common.figures import COLUMN_WIDTH, draw_gait, styled
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
-    """Returns the steps [start, stop) of the machine's last whole cycle, from one entry of its
-    initial state to the next.
-
-    Raises:
-        InputError: if the rollout holds no whole cycle.
-    """
+    """Returns the steps [start, stop) between the last two entries of the initial state."""
     initial = rollout["rm_state"][:, gait.states.index(gait.initial)] > 0.5
     entries = np.flatnonzero(initial[1:] & ~initial[:-1]) + 1
     if len(entries) < 2:
@@ -28,11 +23,7 @@ def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
 
 @styled
 def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
-    """Draws stills of the last cycle above the gait diagram, framed in the colour of the RM state.
-
-    Raises:
-        InputError: if the rollout holds no whole cycle.
-    """
+    """Draws stills of the last cycle above the gait diagram, framed in the RM states' colours."""
     # Stills are evenly spread over the cycle.
     start, stop = last_cycle(rollout, gait)
     middles = (np.arange(n_stills) + 0.5) / n_stills

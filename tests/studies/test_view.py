@@ -108,7 +108,9 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
     names = load_expert("trot").observation_names
     flinging = LinearPolicy("trot", names, np.zeros((12, len(names))), np.full(12, 10.0))
     controller = alone(flinging, load_expert("trot"))
-    rollout = play_live(trot, controller, scenario, open_meshcat(), tmp_path / "replay.html")
+    rollout = play_live(
+        trot, controller, scenario, open_meshcat(), tmp_path / "replay.html", seed=0
+    )
     assert signal.getsignal(signal.SIGINT) is usual
     assert len(rollout.time) == len(rollout["state"]) == 31
     assert rollout.time[-1] > 0.7
