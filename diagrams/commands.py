@@ -67,8 +67,7 @@ class SliderCommand(Settings):
         """Does nothing: sliders end where the gait's range does."""
 
 
-NAMES = ("command", "commanded_dwell")
-"""Ports of a command."""
+NAMES = ("command", "commanded_dwell")  # ports of a command
 
 CommandConfig = FixedCommand | DrawnCommands | SliderCommand
 

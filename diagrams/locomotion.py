@@ -47,8 +47,7 @@ if TYPE_CHECKING:
     from glassgait.models.policies.controller import Controller, Estimator
     from glassgait.models.policies.policy import Policy
 
-Ports = dict[str, OutputPort]
-"""Output ports by what they give."""
+Ports = dict[str, OutputPort]  # output ports by what they give
 
 OUTPUTS = (
     *("actions", "observations", "reward", "plain_reward", "reward_terms", "failures"),

@@ -31,8 +31,7 @@ KEPT_STEPS = 3000
 
 FALL_MONITOR = "fall_monitor"
 
-_INSTANT_TOLERANCE = 1e-9
-"""Rounding error of times that are sums of control periods (s)."""
+_INSTANT_TOLERANCE = 1e-9  # rounding error of times that are sums of control periods (s)
 
 
 @dataclass(frozen=True)

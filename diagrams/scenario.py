@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from glassgait.models.policies.controller import Controller
     from glassgait.models.policies.policy import Policy
 
-TRAINING = "training"
-"""Name of the scenario that is meant where none is named."""
+TRAINING = "training"  # name of the scenario that is meant where none is named
 
 SCENARIO_DIRECTORY = Path(__file__).resolve().parent / "scenarios"
 

@@ -55,12 +55,10 @@ RANDOM_LIFT = 0.025
 """Height of the trunk above the standing pose in random contexts (m): no foot is in the ground,
 whatever the legs' pose."""
 
-MOST_STEPS = 2000
-"""Greatest number of a discrete plant's steps in a control period, of 10 µs each."""
+MOST_STEPS = 2000  # greatest number of a discrete plant's steps in a control period, of 10 µs each
 
 OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
-OF_MUJOCO = ("contact_force", "contact_time")
-"""Settings of a station that only one engine has."""
+OF_MUJOCO = ("contact_force", "contact_time")  # as the former, settings of one engine only
 
 MUJOCO_CONTACT_TIME = 0.01
 """Time constant of MuJoCo's contacts, by default (s): of as stiff a ground as Drake's is here."""
@@ -68,8 +66,7 @@ MUJOCO_CONTACT_TIME = 0.01
 WORLD_STATE = "world_state"
 """Name of the system that knows where a robot on ground that repeats has gone to."""
 
-PAYLOAD_BOX = (0.2, 0.1, 0.05)
-"""Sizes of the payload (m)."""
+PAYLOAD_BOX = (0.2, 0.1, 0.05)  # sizes of the payload (m)
 
 PATCH = "patch"
 """Name of the boxes of the ground that have the patches' friction, before their number."""
@@ -257,14 +254,9 @@ def set_friction(
 
 def actuated_joints(plant: MultibodyPlant) -> list[str]:
     """Names the robot's joints in the order of the plant's actuators and of `desired_state`."""
-    (instance,) = {
-        plant.get_joint_actuator(index).model_instance()
-        for index in plant.GetJointActuatorIndices()
-    }
-    return [
-        plant.get_joint_actuator(index).joint().name()
-        for index in plant.GetJointActuatorIndices(instance)
-    ]
+    # The robot's actuators are all there are.
+    indices = plant.GetJointActuatorIndices()
+    return [plant.get_joint_actuator(index).joint().name() for index in indices]
 
 
 def _set_motors(plant: MultibodyPlant, robot: Robot, config: StationConfig) -> None:

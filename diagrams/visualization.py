@@ -45,17 +45,14 @@ from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH, GaitDisplay
 
-BOXES_PATH = f"{WORLD_PATH}/terrain"
-"""Meshcat's root of ground that is made of boxes."""
+BOXES_PATH = f"{WORLD_PATH}/terrain"  # Meshcat's root of ground that is made of boxes
 
 SHADES = ((0.62, 0.64, 0.66), (0.56, 0.58, 0.60))
-PATCH_SHADE = (0.55, 0.66, 0.78)
-"""Colours of the boxes, and of those with the patches' friction."""
+PATCH_SHADE = (0.55, 0.66, 0.78)  # colours of the boxes, and of those with the patches' friction
 
 GHOST_PATH, GHOST_COLOR = f"{WORLD_PATH}/visualizer/ghost", Rgba(0.54, 0.58, 0.64, 0.4)
 
-LANE = 0.6
-"""Distance of the ghost to the robot's left (m)."""
+LANE = 0.6  # distance of the ghost to the robot's left (m)
 
 _SKY = np.array([0.93, 0.95, 0.97])
 _TILES = (Rgba(0.80, 0.82, 0.84, 1.0), Rgba(0.74, 0.76, 0.79, 1.0))

@@ -19,11 +19,9 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 
-STATE = quadruped.N_POSITIONS + quadruped.N_VELOCITIES
-"""Length of the plant's state."""
+STATE = quadruped.N_POSITIONS + quadruped.N_VELOCITIES  # length of the plant's state
 
-Outputs = Mapping[str, ArrayLike]
-"""Vectors by the names of their ports."""
+Outputs = Mapping[str, ArrayLike]  # vectors by the names of their ports
 
 
 class FunctionSystem(LeafSystem):

@@ -11,16 +11,13 @@ from glassgait.models.task.drawing import state_colors
 from glassgait.models.task.gait import Gait
 from glassgait.systems.base import STATE
 
-DISPLAY_PERIOD = 1.0 / 32.0
-"""Time between two pictures (s)."""
+DISPLAY_PERIOD = 1.0 / 32.0  # time between two pictures (s)
 
 PATH = "gait"
-WORLD_PATH = "/drake"
-"""Meshcat's root of everything that Drake draws."""
+WORLD_PATH = "/drake"  # Meshcat's root of everything that Drake draws
 
 PAVEMENT_PATH = "pavement"
-TILE = 0.5
-"""Edge of the pavement's tiles (m)."""
+TILE = 0.5  # edge of the pavement's tiles (m)
 
 
 class GaitDisplay(LeafSystem):

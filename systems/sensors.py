@@ -19,8 +19,7 @@ from glassgait.models.task.observation import JOINT_NOISE, N_ESTIMATED
 from glassgait.models.task.randomization import Randomization, seed_of
 from glassgait.systems.base import STATE, FunctionSystem, MealySystem, Outputs
 
-SOUND_SENSORS = stuck_sensors((), ())
-"""Contact sensors of which none is stuck (4)."""
+SOUND_SENSORS = stuck_sensors((), ())  # contact sensors of which none is stuck (4)
 
 
 class JointSensor(FunctionSystem):
