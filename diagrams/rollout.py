@@ -51,11 +51,7 @@ class Rollout:
 
 
 def make_simulator(
-    diagram: Diagram,
-    *,
-    seed: int = 0,
-    state: Array | None = None,
-    accuracy: float | None = None,
+    diagram: Diagram, *, seed: int = 0, state: Array | None = None, accuracy: float | None = None
 ) -> Simulator:
     """Makes a simulator of the robot's diagram, or of a larger one, that is ready to advance.
 

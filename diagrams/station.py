@@ -301,11 +301,7 @@ def _add_payload(
 
 
 def _limit_collisions(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    instance: ModelInstanceIndex,
-    *,
-    feet_only: bool,
+    plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, *, feet_only: bool
 ) -> None:
     bodies = map(plant.get_body, plant.GetBodyIndices(instance))
     geometries = [own for body in bodies for own in plant.GetCollisionGeometriesForBody(body)]

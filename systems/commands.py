@@ -141,12 +141,7 @@ class GivenCommand(LeafSystem):
             )
 
     def _calc(
-        self,
-        index: int,
-        given: InputPort,
-        drawn: InputPort,
-        context: Context,
-        output: BasicVector,
+        self, index: int, given: InputPort, drawn: InputPort, context: Context, output: BasicVector
     ) -> None:
         if not given.HasValue(context):
             output.SetFromVector(drawn.Eval(context))

@@ -100,10 +100,7 @@ class FallMonitor(FunctionSystem):
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        limits: TerminationLimits | None = None,
-        ground: Ground = LEVEL_GROUND,
+        self, robot: Robot, limits: TerminationLimits | None = None, ground: Ground = LEVEL_GROUND
     ) -> None:
         super().__init__(
             inputs={"state": STATE, "action": N, "previous_action": N},
