@@ -30,8 +30,7 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.observation import N_ESTIMATED, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
-NO_READING: Array = np.full(N_IMU, np.nan)
-"""Reading of a robot without an IMU."""
+NO_READING: Array = np.full(N_IMU, np.nan)  # of a robot without an IMU
 NO_READING.flags.writeable = False
 
 
@@ -106,15 +105,19 @@ class ControlStep:
         """
         last = self.initial(sensors.joint_position) if before is None else before
 
+        height = last.estimate[..., -quadruped.N_LEGS :] if true_height is None else true_height
+
+        def expected_height() -> Array:
+            # Before it is known which feet touch.
+            if true_height is not None or not isinstance(self.estimator, Odometry):
+                return height
+            position = sensors.joint_position
+            return self.estimator.expected_heights(self.robot, last.odometry, position)
+
         # Contacts, of which a stuck sensor may say nothing true.
-        contacts = believed_contacts(
-            last.trust,
-            sensors.touching,
-            lambda: self._expected_height(last, sensors) if true_height is None else true_height,
-        )
+        contacts = believed_contacts(last.trust, sensors.touching, expected_height)
 
         # The reward machine. It follows the believed contacts.
-        height = last.estimate[..., -quadruped.N_LEGS :] if true_height is None else true_height
         machine = self.machine.step(
             last.machine,
             foot_contact=contacts.contact,
@@ -200,9 +203,3 @@ class ControlStep:
     def joint_targets(self, action: Array) -> Array:
         """Returns the joint targets (..., 12; rad) of actions."""
         return self.robot.joint_targets(action, limited=self.law.limited)
-
-    def _expected_height(self, before: Memory, sensors: Sensors) -> Array:
-        """Returns how high the feet are (..., 4; m) before it is known which of them touch."""
-        if not isinstance(self.estimator, Odometry):
-            return before.estimate[..., -quadruped.N_LEGS :]
-        return self.estimator.expected_heights(self.robot, before.odometry, sensors.joint_position)

@@ -33,10 +33,7 @@ _REMEDIES = {
 
 
 def write_atomically(path: Path, data: bytes | str) -> None:
-    """Writes a file under a temporary name and renames it, so that no reader sees half of it.
-
-    If it cannot be written, what was there before is kept.
-    """
+    """Writes a file under a temporary name and renames it, so that no reader sees half of it."""
     temporary = path.parent / f".{path.name}.{os.getpid()}.partial"
     try:
         _refuse_irregular(path)
@@ -169,10 +166,9 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 
 def write_record(path: Path, values: Any, of: str = "") -> None:
-    """Writes what a run needs in order to resume, as JSON, atomically.
+    """Writes what a run needs in order to resume, as JSON that keeps every digit and NaN.
 
-    Floats keep every digit, and NaN stays NaN. `of` names the run and the part of it that the
-    values belong to.
+    `of` names the run and the part of it that the values belong to.
     """
     write_atomically(path, json.dumps({"of": of, "values": values}) + "\n")
 

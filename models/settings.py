@@ -51,8 +51,8 @@ FEW = MaxLen(100)  # bounds a list, which a run records and reads back
 Range = Annotated[tuple[float, float], IN_ORDER]
 """Least and greatest value of a range; they may be equal."""
 
+# Numbers that YAML 1.1 takes for text: an exponent without its sign, or without a point.
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
-"""Numbers that YAML 1.1 takes for text: an exponent without its sign, or without a point."""
 
 _CONFIG = ConfigDict(
     strict=True,

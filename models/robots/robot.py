@@ -168,12 +168,7 @@ class Robot(Settings):
         return _fixed(least), _fixed(greatest)
 
     def joint_torque(
-        self,
-        *,
-        target: Array,
-        position: Array,
-        velocity: Array,
-        gains: tuple[float, float],
+        self, *, target: Array, position: Array, velocity: Array, gains: tuple[float, float]
     ) -> Array:
         """Evaluates the joints' PD law, limited to the motors' effort, at one instant.
 
@@ -256,10 +251,6 @@ class TargetLimits(Settings):
                     f"its range than a margin of {self.margin:g} rad; give a smaller margin"
                 )
 
-    def reach(self, robot: Robot) -> Array:
-        """Returns the greatest distance of targets from joints and from targets before (12)."""
-        return robot.effort / self.stiffness / robot.action_scale
-
     def ends(self, robot: Robot) -> tuple[Array, Array]:
         """Returns the least and the greatest actions (12 each)."""
         stance, scale = robot.default_stance, robot.action_scale
@@ -275,7 +266,9 @@ class TargetLimits(Settings):
         positions (..., 12; rad) and gravity's direction in the trunk's frame (..., 3).
         """
         here = (position - robot.default_stance) / robot.action_scale
-        reach, (least, greatest) = self.reach(robot), self.ends(robot)
+        # The greatest distance of targets from joints and from targets before.
+        reach = robot.effort / self.stiffness / robot.action_scale
+        least, greatest = self.ends(robot)
         is_upright = gravity[..., 2:] < self.upright
         limited = np.where(is_upright, action, here)
         limited = clip(limited, here - reach, here + reach)

@@ -34,17 +34,15 @@ def to_mermaid(gait: Gait) -> str:
     # Some names, such as "end", are words of the language, so states go by their numbers.
     ids = {state: f"s{i}" for i, state in enumerate(gait.states)}
     lines = ["stateDiagram-v2", "  direction LR"]
-    lines += [f'  state "{_coded(state)}" as {ids[state]}' for state in gait.states]
+    for state in gait.states:
+        # Codes stand for all but letters, digits and spaces.
+        coded = re.sub(r"[^\w ]", lambda found: f"#{ord(found[0])};", state)
+        lines.append(f'  state "{coded}" as {ids[state]}')
     lines.append(f"  [*] --> {ids[gait.initial]}")
     for edge in gait.transitions:
         label = ", ".join([edge.when.text, *_conditions(gait, edge)])
         lines.append(f"  {ids[edge.source]} --> {ids[edge.target]}: {label}")
     return "\n".join(lines) + "\n"
-
-
-def _coded(name: str) -> str:
-    """Writes a name with codes for all but letters, digits and spaces."""
-    return re.sub(r"[^\w ]", lambda found: f"#{ord(found[0])};", name)
 
 
 def _conditions(gait: Gait, edge: Transition) -> list[str]:

@@ -4,8 +4,8 @@ The stances that move the machine on are boolean formulas over the feet's contac
 `FL & RR & ~FR & ~RL`. They are read by Python's grammar, restricted to the names of the feet, `&`,
 `|`, `~` and parentheses, and kept as truth tables over the 16 stances. Nothing is executed.
 
-A formula file may hold its gait as the same YAML under a key of its header: `find_gait` of
-`glassgait.models.policies.library` reads both.
+A formula file may hold its gait as the same YAML in its header: `policies.library.find_gait` reads
+both.
 """
 
 import ast
@@ -32,9 +32,6 @@ from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
 from glassgait.models.task import MOST_STATES
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
-
-TAKEN_NAMES = ("checkpoint", "config")
-"""Names of files that a training run keeps beside the gait's expert."""
 
 # Greatest lengths, in bytes of the name, in characters of the others. Every formula over four feet
 # can be written in fewer.
@@ -117,7 +114,7 @@ def _name(name: str) -> str:
     # The file system counts bytes.
     if not plain or name.startswith(".") or not 0 < len(os.fsencode(name)) <= LONGEST_NAME:
         raise ValueError(f"printable, {LONGEST_NAME} bytes at most, and start with no dot")
-    if name in TAKEN_NAMES:
+    if name in ("checkpoint", "config"):
         raise ValueError("another name, since a run keeps a file of its own under this one")
     return name
 

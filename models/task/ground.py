@@ -72,18 +72,14 @@ class Ground:
         return tops.max(axis=-1)
 
     def _around(self, points: Array, reach: float) -> Array:
-        """Returns points in all cells whose boxes are within `reach` (m) of points (..., k, 2; m).
-
-        There are four of each point (..., k, 4, 2; m).
-        """
+        """Returns points (..., k, 4, 2; m) in all cells with boxes within `reach` (m) of others."""
         reaches = reach + self._own(self._overlap, points)[..., None, None]
         return points[..., None, :] + reaches * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 
     def clearance(self, centres: Array, radius: float) -> Array:
         """Returns the distance (..., k; m) of spheres from the ground, negative inside of it.
 
-        It is exact for spheres that touch or nearly do, if they are smaller than half a cell.
-        Centres are (..., k, 3; m), the radius is in m.
+        It is exact for spheres (..., k, 3; m) that nearly touch and are smaller than half a cell.
         """
         if self.is_level:
             return centres[..., 2] - radius
@@ -142,10 +138,7 @@ class Ground:
         return self.clearance(kinematics.world_feet(robot, positions), robot.foot_radius) < 0.0
 
     def periods(self, positions: Array) -> Array:
-        """Returns how far robots are from the middle period (n, 3; m): whole periods and the rise.
-
-        `positions` are the plant's q (n, 19) or x (n, 37).
-        """
+        """Returns how far q (n, 19) or x (n, 37) are from the middle period (n, 3; m)."""
         if self.is_level:
             return np.zeros((*positions.shape[:-1], 3))
         places = positions[..., quadruped.POSITION][..., :2]

@@ -23,14 +23,11 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.observation import JOINT_NOISE
 
+# Coulomb friction; of far greater ones the contact solver ends the process.
 Friction = Annotated[NotNegative, Le(1000.0)]
-"""Coulomb friction; of far greater ones the contact solver ends the process."""
-
 Legs = Annotated[tuple[Literal["FL", "FR", "RL", "RR"], ...], FEW, DISTINCT]
-"""Names of legs, in any order."""
-
+# Time from an observation until its action reaches the joints (s).
 Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
-"""Time from an observation until its action reaches the joints (s), two control periods at most."""
 
 
 @checked

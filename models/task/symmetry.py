@@ -12,16 +12,14 @@ from glassgait.models.errors import InputError
 from glassgait.models.task.gait import STANCES, Gait, Transition, stance_code
 from glassgait.models.task.observation import MIRRORED_LEG_ORDER
 
-_MIRRORED_STANCES = stance_code(STANCES[:, MIRRORED_LEG_ORDER])
-"""Code of each stance's mirror image (16)."""
+_MIRRORED_STANCES = stance_code(STANCES[:, MIRRORED_LEG_ORDER])  # codes of mirror images (16)
 
 
 def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
     """Returns the index of each RM state's mirror image, or None if the machine favours a side.
 
-    The machine is symmetric if its states can be renamed so that every transition has a mirror
-    image among the transitions: left and right feet exchanged in its formula, and the same dwell
-    and grace.
+    States are renamed so that every transition has a mirror image among the transitions: left and
+    right feet exchanged in its formula, and the same dwell and grace.
     """
     outgoing = {
         state: [edge for edge in gait.transitions if edge.source == state] for state in gait.states

@@ -262,10 +262,7 @@ def _noise(terrain: Terrain, generator: np.random.Generator) -> Array:
 
 
 def _planes(corners: Array, cell: float) -> tuple[Array, Array]:
-    """Fits a plane to the four corners of each cell, which is the tangent plane in its middle.
-
-    Returns heights in the middle (n, n; m), and rises over runs along x and y (n, n, 2).
-    """
+    """Fits planes to cells' corners; returns middle heights (n, n; m) and tilts (n, n, 2)."""
     east, north = np.roll(corners, -1, axis=0), np.roll(corners, -1, axis=1)
     opposite = np.roll(east, -1, axis=1)
     top = (corners + east + north + opposite) / 4
