@@ -53,10 +53,7 @@ class _Products:
     """
 
     def __init__(self, operands: Sequence[Sequence[int]]) -> None:
-        """
-        Args:
-            operands: Slots of each node's operands, the longest chain first.
-        """
+        # Slots of each node's operands, the longest chain first.
         lengths = [len(chain) for chain in operands]
         self._flat = np.concatenate(operands).astype(np.intp)
         self._starts = np.cumsum([0, *lengths[:-1]])
@@ -64,7 +61,6 @@ class _Products:
         self._places = [np.array(slots, dtype=np.intp) for slots in _by_place(operands)]
 
     def __call__(self, values: Array) -> Array:
-        """Evaluates the nodes (k, ...) from the values before (size, ...)."""
         return self._of_row(values) if values.ndim == 1 else self._of_rows(values)
 
     def _of_row(self, values: Array) -> Array:
@@ -183,9 +179,6 @@ class Tape:
     Nodes of all formulas that have the same operator and the same height are evaluated together,
     and a sub-formula that occurs twice is evaluated once. Every value has a slot: first come those
     of the variables, then those of the constants, then those of each instruction's nodes.
-
-    Attributes:
-        instructions: Slots and functions of the nodes, in the order in which they are evaluated.
     """
 
     def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
@@ -208,16 +201,22 @@ class Tape:
         self._constants = np.array(constants)
 
         # One instruction evaluates all nodes of a height and operator.
-        self.instructions: list[tuple[slice, _Function | _Products]] = []
+        self._instructions: list[tuple[slice, _Function | _Products]] = []
         size = n_variables + len(constants)
         for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
             # The longest chain first; of functions all are as long.
             numbers.sort(key=lambda number: -len(nodes.keys[number][1][0]))
             places = slice(size, size + len(numbers))
             slots[numbers] = np.arange(places.start, places.stop)
-            operands = [slots[list(nodes.keys[number][1][0])] for number in numbers]
-            signs = [nodes.keys[number][1][1] for number in numbers]
-            self.instructions.append((places, _instruction(operator, operands, signs)))
+            keys = [nodes.keys[number][1] for number in numbers]
+            chains: list[Any] = [slots[list(chain)] for chain, _ in keys]
+            if operator == "sum":
+                instruction = _Sums(chains, [signs for _, signs in keys])
+            elif operator == "product":
+                instruction = _Products(chains)
+            else:
+                instruction = _Function(operator, chains)
+            self._instructions.append((places, instruction))
             size = places.stop
         self._size = size
         self._outputs = slots[roots]
@@ -240,18 +239,6 @@ class Tape:
         constants = slice(self.n_variables, self.n_variables + len(self._constants))
         values[constants].T[...] = self._constants
         with np.errstate(all="ignore"):
-            for places, instruction in self.instructions:
+            for places, instruction in self._instructions:
                 values[places] = instruction(values)
         return values[self._outputs]
-
-
-def _instruction(
-    operator: str, operands: Sequence[Any], signs: Sequence[Sequence[float]]
-) -> _Function | _Products:
-    match operator:
-        case "sum":
-            return _Sums(operands, signs)
-        case "product":
-            return _Products(operands)
-        case _:
-            return _Function(operator, operands)

@@ -14,12 +14,10 @@ UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cu
 MAX_DEPTH = 100
 """Greatest depth of a formula: functions that walk through formulas are recursive."""
 
-MAX_NODES = 5000
-"""Greatest number of nodes of a formula."""
-
 LARGEST = 1e30
 """Greatest size of a number, so that products of a few stay finite."""
 
+MAX_NODES = 5000
 MAX_TERMS = 1000
 """Greatest number of terms that products of sums are multiplied out to."""
 
@@ -34,7 +32,6 @@ class Expression:
     operands: tuple["Expression", ...] = ()
     value: float = 0.0
     variable: int = -1
-    """Index of the variable."""
 
     @cached_property
     def length(self) -> int:
@@ -47,7 +44,6 @@ class Expression:
 
     @cached_property
     def variables(self) -> frozenset[int]:
-        """Indices of the variables that the formula uses."""
         if self.operator == "variable":
             return frozenset([self.variable])
         return frozenset().union(*(operand.variables for operand in self.operands))
@@ -100,7 +96,6 @@ class Expression:
         return self if same else Expression(self.operator, operands)
 
     def derivative(self, variable: int) -> "Expression":
-        """Differentiates the formula by a variable."""
         if variable not in self.variables:
             return ZERO
         # Sum, product and chain rule, zeros and ones left out.
@@ -123,12 +118,10 @@ class Expression:
 
 
 def constant(value: float) -> Expression:
-    """Makes a constant."""
     return Expression("constant", value=value)
 
 
 def variable(index: int) -> Expression:
-    """Makes a variable."""
     return Expression("variable", variable=int(index))
 
 
@@ -159,13 +152,11 @@ def times(left: Expression, right: Expression) -> Expression:
 
 
 def negated(formula: Expression) -> Expression:
-    """Negates a formula."""
     is_number = formula.operator == "constant"
     return constant(-formula.value) if is_number else Expression("neg", (formula,))
 
 
 def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Expression:
-    """Differentiates a function of one argument by its argument."""
     one_minus_square = plus(ONE, negated(Expression("square", (whole,))))
     slopes = {
         "neg": constant(-1.0),
@@ -185,12 +176,9 @@ def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Express
 def canonical(formula: Expression) -> Expression:
     """Returns the formula of the same value whose minus signs stand in front.
 
-    Two trees may say the same, such as x + (-2)·y and x - 2·y. A formula in canonical form is the
-    tree that its text reads back as. Only signs move, so that no value changes, not even in its
-    last digit; only the sign of a zero may change, and so that of a quotient by it.
-
-    Signs stand before what leads a product or a quotient, before divisors, or between terms; never
-    before a right factor, and never before a sum.
+    It is the tree that its text reads back as. No value changes, not even in its last digit; only
+    the sign of a zero may, and so that of a quotient by it. Signs stand before what leads a product
+    or a quotient, before divisors, or between terms; never before a right factor or a sum.
     """
     operands = tuple(canonical(operand) for operand in formula.operands)
     match formula.operator, operands:
@@ -239,7 +227,7 @@ def is_negative(formula: Expression) -> bool:
 
 
 def numbers_of(formula: Expression) -> Iterator[float]:
-    """Lists the constants of a formula, from left to right."""
+    """Lists a formula's constants from left to right."""
     if formula.operator == "constant":
         yield formula.value
     for operand in formula.operands:

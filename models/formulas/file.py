@@ -43,7 +43,7 @@ Files hold only printable ASCII characters and line feeds:
 `grammar.py` describes formulas. `latex.py` shows the programs that `odometry` and `limits` name.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -52,8 +52,8 @@ import yaml
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.grammar import written_lines, written_number
-from glassgait.models.formulas.mirror import FormulaMirror, Place, completed, without_images
-from glassgait.models.formulas.quantities import Definition, Readings, Vocabulary
+from glassgait.models.formulas.mirror import FormulaMirror, Place, without_images
+from glassgait.models.formulas.quantities import Readings, Vocabulary
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT, OWN_LAW, JointLaw
 from glassgait.models.task.gait import Gait, gait_lines
@@ -96,20 +96,11 @@ class FormulaFile:
         vocabulary, kept = self.vocabulary.using(formulas[place] for place in places)
         return replace(self, vocabulary=vocabulary, formulas=dict(zip(places, kept, strict=True)))
 
-    def with_written(
-        self, definitions: Sequence[Definition], formulas: Mapping[Place, Expression]
-    ) -> "FormulaFile":
-        """Returns the file with others in the place of `written_definitions` and `written`.
-
-        Formulas and definitions that the file leaves out become mirror images of the new ones.
-        """
-        names = self.vocabulary.names
-        vocabulary = Vocabulary(names, tuple(definitions))
+    def with_written(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
+        """Returns the file with others in the place of `written`, and with their mirror images."""
         if self.mirror is not None:
-            vocabulary = Vocabulary(names, completed(names, self.mirror, definitions))
-            formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
-        ordered = {place: formulas[place] for place in self.formulas}
-        return replace(self, vocabulary=vocabulary, formulas=ordered)
+            formulas = FormulaMirror.of(self.vocabulary, self.mirror).complete(formulas)
+        return replace(self, formulas={place: formulas[place] for place in self.formulas})
 
     @property
     def n_states(self) -> int | None:
@@ -123,18 +114,8 @@ class FormulaFile:
         formulas = (*defined, *self.formulas.values())
         return frozenset().union(*(formula.variables for formula in formulas))
 
-    def written_definitions(self) -> tuple[Definition, ...]:
-        """Returns the definitions that the file holds, mirror images left out."""
-        definitions = self.vocabulary.definitions
-        if self.mirror is None:
-            return definitions
-        return without_images(self.vocabulary.names, self.mirror, definitions)
-
     def written(self) -> dict[Place, Expression]:
-        """Returns the formulas that the file holds, mirror images left out.
-
-        Of two formulas that are each other's image the file holds the first.
-        """
+        """Returns the formulas that the file holds: of two that are images, only the first."""
         if self.mirror is None:
             return dict(self.formulas)
         # Two images of each other may differ: both then stand in the file.
@@ -152,7 +133,6 @@ class FormulaFile:
 
 
 def write_formulas(file: FormulaFile) -> str:
-    """Writes a formula file."""
     return "\n".join([*header_lines(file), *_formulas(file)]) + "\n"
 
 
@@ -202,10 +182,13 @@ def _formulas(file: FormulaFile) -> Iterator[str]:
     yield from ("", *_TARGETS, *(f"# {_QUANTITIES[group]}" for group in groups))
     if file.mirror is not None:
         yield from _IN_THE_MIRROR
-    # Definitions, then the formulas of each state.
-    if file.vocabulary.definitions:
+    # Definitions, mirror images left out, then the formulas of each state.
+    definitions = file.vocabulary.definitions
+    if definitions:
         yield from ("", DEFINITIONS)
-    for definition in file.written_definitions():
+    if file.mirror is not None:
+        definitions = without_images(file.vocabulary.names, file.mirror, definitions)
+    for definition in definitions:
         start, symbols = f"{definition.symbol} = ", file.vocabulary.symbols
         lines = written_lines(start, definition.formula, symbols)
         note = f"    # {definition.note}" if definition.note else ""

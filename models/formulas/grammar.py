@@ -37,7 +37,6 @@ from glassgait.models.formulas.expression import (
 )
 
 LINE_LENGTH = 100
-"""Characters of a line."""
 
 GLUE = "\N{NO-BREAK SPACE}"
 """Stands for a space at which no line ends."""
@@ -83,14 +82,7 @@ class TextError(InputError):
 
 
 def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
-    """Reads a formula of these variables, on one line or several, with comments after #.
-
-    Returns:
-        The formula, in canonical form.
-
-    Raises:
-        TextError: if the text is anything else.
-    """
+    """Reads a formula, with comments after #, into canonical form; raises a `TextError`."""
     # On one line each character keeps its place.
     flat = _COMMENT.sub(lambda comment: " " * len(comment[0]), text).replace("\n", " ")
     try:
@@ -109,10 +101,9 @@ def variable_names(count: int) -> tuple[str, ...]:
 
 
 def parse_expression(text: str, names: Sequence[str]) -> Expression:
-    """Reads a formula as engines of symbolic regression write it.
+    """Reads a formula of engines of symbolic regression; its tree may not be canonical.
 
-    Powers may be x ^ 2 as well, and every name in `UNARY` is a function. The tree that is returned
-    need not be in canonical form.
+    Powers may be x ^ 2 as well, and every name in `UNARY` is a function.
     """
     try:
         formula = _Parser(text.replace("^", "**"), names, UNARY).read()
@@ -126,9 +117,6 @@ def refuse_unprintable(text: str, whole: str) -> None:
     """Refuses all characters but printable ASCII ones and line feeds.
 
     What a person cannot see, or takes for another character, must not change what a robot does.
-
-    Args:
-        whole: Name of the text in the error.
     """
     if found := _UNPRINTABLE.search(text):
         raise TextError.at(
@@ -267,11 +255,7 @@ def written_number(value: float) -> str:
 
 @dataclass(frozen=True)
 class Notation:
-    """How a language writes formulas.
-
-    Attributes:
-        has_powers: Whether x**2 is a square and x**3 a cube; else both are functions.
-    """
+    """How a language writes formulas; without powers, squares and cubes are functions."""
 
     number: Callable[[float], str] = written_number
     function: Callable[[str], str] = str
@@ -279,7 +263,6 @@ class Notation:
 
 
 OWN_NOTATION = Notation()
-"""The notation that is read here."""
 
 
 def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
@@ -298,11 +281,8 @@ def written_lines(
 ) -> list[str]:
     """Writes a formula in lines that end only before a sign between terms.
 
-    Args:
-        start: Beginning of the first line, such as "FL_hip = ".
-        formula: The formula, in canonical form.
-        width: Greatest number of characters of a line, where names allow.
-        indent: Spaces before the first line; the others have four more.
+    Lines have `width` characters at most, where names allow. All but the first, which begins with
+    `indent` spaces and `start`, are indented by four more.
     """
     # Only the spaces before signs may end a line.
     tokens = formula_tokens(formula, symbols, notation)

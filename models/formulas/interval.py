@@ -29,7 +29,6 @@ class Interval:
 
     @property
     def magnitude(self) -> Array:
-        """Greatest absolute values."""
         return np.maximum(np.abs(self.lower), np.abs(self.upper))
 
     def __neg__(self) -> "Interval":
@@ -51,7 +50,6 @@ class Interval:
         return _outward(products.min(axis=0), products.max(axis=0))
 
     def power(self, exponent: int) -> "Interval":
-        """Raises to a whole power, 1 or more."""
         if exponent == 1:
             return self
         if exponent % 2:
@@ -99,7 +97,6 @@ FUNCTIONS: dict[str, Callable[[Interval], Interval]] = {
     "tanh": Interval.tanh,
     "inverse": Interval.inverse,
 }
-"""Bounds of the functions of one argument, by name."""
 
 OPERATORS: dict[str, Callable[..., Interval]] = {
     "add": Interval.__add__,
@@ -111,7 +108,6 @@ OPERATORS: dict[str, Callable[..., Interval]] = {
     "cube": lambda of: of.power(3),
     **FUNCTIONS,
 }
-"""Bounds of the operators of formulas, by name."""
 
 
 def _outward(lower: Array, upper: Array, ulps: int = 1) -> Interval:

@@ -17,7 +17,6 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import entries_of
 
 TERMS_OF_A_LINE = 4
-"""Terms of a formula in a line of LaTeX."""
 
 
 def programs_of(file: FormulaFile) -> dict[str, list[str]]:
@@ -106,10 +105,9 @@ def to_latex(file: FormulaFile) -> str:
 
 
 def _symbols(file: FormulaFile) -> Iterator[str]:
-    """Lists the symbols of the quantities that formulas use, one of each kind."""
     symbols, kinds = symbols_of(file.vocabulary), dict[str, str]()
     used = file.variables()
-    # Joints and feet share a kind, such as dq.
+    # One of each kind: joints and feet share one, such as dq.
     for index, entry in enumerate(entries_of(file.vocabulary.names)):
         kind = entry.symbol if entry.leg is None else entry.symbol.split(".")[0]
         if index in used and kind not in kinds:
@@ -135,7 +133,6 @@ def _definitions(file: FormulaFile) -> Iterator[str]:
 
 
 def _targets(file: FormulaFile) -> Iterator[str]:
-    """Writes all targets. Mirror images stand in full, and name the formula of the file."""
     symbols, held, state = symbols_of(file.vocabulary), file.written(), None
     mirror = None if file.mirror is None else FormulaMirror.of(file.vocabulary, file.mirror)
     yield _section("targets")
@@ -182,7 +179,6 @@ _NOTATION = Notation(number=_number, function=r"\operatorname{{{}}}".format)
 
 
 def _defined(symbol: str) -> str:
-    """Returns the LaTeX symbol of a definition."""
     kind, _, of = symbol.partition(".")
     if of in quadruped.LEGS and kind in _OF_LEGS:
         return rf"{_OF_LEGS[kind]}_{{\mathrm{{{of}}}}}"
@@ -204,7 +200,6 @@ def _joint(name: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Writes plain text so that LaTeX takes it as such."""
     return re.sub(r"[\\{}$&#^_%~]", lambda sign: _ESCAPES.get(sign[0], f"\\{sign[0]}"), text)
 
 

@@ -29,7 +29,6 @@ class FormulaMirror:
 
     @classmethod
     def of(cls, vocabulary: Vocabulary, states: Sequence[int]) -> Self:
-        """Returns the mirror of formulas of this vocabulary."""
         observed, n = _observed(vocabulary.names, states), len(vocabulary.names)
         formulas = [definition.formula for definition in vocabulary.definitions]
         defined = []
@@ -93,7 +92,6 @@ def without_images(
 
 
 def _observed(names: Sequence[str], states: Sequence[int]) -> tuple[Expression, ...]:
-    """Returns the image of each observed quantity."""
     reflection = reflect_observation(names, states)
     images = map(variable, reflection.index.tolist())
     return tuple(

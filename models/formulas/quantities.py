@@ -45,9 +45,6 @@ a push has taken them fall more often.
 SENSED: tuple[Group, ...] = (*LIMITED, "gravity", "base velocity")
 """Groups that may have a range: all but targets, counts and the machine's state."""
 
-DIGITS = 2
-"""Digits of a range's end behind the first digit of the range's width."""
-
 SENT = 0.2
 """Distance from its default stance at which a joint's last target is clearly to one side (rad)."""
 
@@ -67,7 +64,6 @@ class RobotUnits:
 
     @classmethod
     def of(cls, robot: Robot, names: Sequence[str]) -> Self:
-        """Returns the map of a robot's observations of the given names."""
         entries = entries_of(names)
         scale = np.array([entry.scale(robot) for entry in entries])
         return cls(scale, np.array([_offset(robot, entry) for entry in entries]), robot)
@@ -133,12 +129,7 @@ class Readings:
 
     @classmethod
     def around(cls, names: Sequence[str], lower: Array, upper: Array) -> Self:
-        """Returns the ranges of `LIMITED` that hold a box, their ends rounded outward.
-
-        Args:
-            lower: Least quantities of the box (n), in the robot's units.
-            upper: Greatest ones (n).
-        """
+        """Returns the ranges of `LIMITED` that hold a box of quantities (n, n), rounded outward."""
         # Join what all legs need, right hips turned to left ones.
         hulls: dict[str, Range] = {}
         for entry, low, high in zip(entries_of(names), lower, upper, strict=True):
@@ -161,7 +152,6 @@ class Readings:
         return least, greatest
 
     def refuse_others(self, names: Sequence[str]) -> None:
-        """Refuses ranges of quantities that are not observed."""
         known = {_kind_of(entry) for entry in entries_of(names)}
         if other := [kind for kind, _ in self.ranges if kind not in known]:
             imu = ", or add 'senses: imu' to the header" if other[0] in _KINDS else ""
@@ -193,7 +183,8 @@ _TURNING = frozenset(
 
 
 def _outward(low: float, high: float) -> Range:
-    step = 10.0 ** (math.floor(math.log10(max(high - low, 1e-6))) - DIGITS)
+    # Ends have two digits behind the first digit of the range's width.
+    step = 10.0 ** (math.floor(math.log10(max(high - low, 1e-6))) - 2)
     # An end that is off the last digit only by rounding is on it.
     first, last = math.floor(low / step + 1e-6), math.ceil(high / step - 1e-6)
     # Formatting removes the digits that the product adds.
@@ -202,12 +193,7 @@ def _outward(low: float, high: float) -> Range:
 
 @dataclass(frozen=True)
 class Definition:
-    """A formula of the observed quantities that has a name.
-
-    Attributes:
-        formula: In canonical form.
-        note: Its meaning, in words, with its unit if it has one.
-    """
+    """A formula, in canonical form, of the observed quantities; the note says what it means."""
 
     symbol: str
     formula: Expression
@@ -223,7 +209,6 @@ class Vocabulary:
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """Names of all variables, in order."""
         return (*symbols_of(self.names), *(definition.symbol for definition in self.definitions))
 
     @cached_property
@@ -232,7 +217,6 @@ class Vocabulary:
         return {first + i: definition.formula for i, definition in enumerate(self.definitions)}
 
     def variable(self, symbol: str) -> Expression:
-        """Returns the variable of a known name."""
         return variable(self.symbols.index(symbol))
 
     def expanded(self, formula: Expression) -> Expression:
@@ -266,11 +250,9 @@ _OF_THE_TRUNK = (
     ("phase", "t/cmd.t", "share of the commanded time in the state that is over"),
     ("e.v", "cmd.v - v.x", "m/s, by how much the robot is slower than it should be"),
 )
-"""Definitions that no leg has: name, formula and note."""
 
 
 def _of_leg(robot: Robot, leg: str) -> Iterator[tuple[str, str, str]]:
-    """Yields name, formula and note of a leg's definitions."""
     lifted = f"tanh(100*h.{leg} - 2)"
     yield f"lifted.{leg}", lifted, "-1 on the ground, 0 at 2 cm, 1 in the air"
     # A hip's sides are out and in, so that a leg and its mirror image have the same meaning.

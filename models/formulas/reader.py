@@ -57,8 +57,6 @@ def read_formulas(text: str) -> FormulaFile:
 
 @checked
 class _Header(Settings):
-    """The keys of a header."""
-
     title: ClassVar[str] = "header"
 
     format: int
@@ -146,10 +144,9 @@ class _Formulas:
         self.states = range(ObservationLayout.of(self.names).n_machine_states)
         self.definitions: list[Definition] = []
         self.formulas: dict[Place, Expression] = {}
-        self.sections: list[str] = []
+        self.sections, self.section = list[str](), ""
 
     def read(self, lines: Sequence[str], first: int) -> FormulaFile:
-        """Reads the lines from an index on."""
         number = min(first + 1, len(lines))
         for number, statement in _statements(lines, first):
             bare, *more = map(_bare, statement.split("\n"))
@@ -169,10 +166,6 @@ class _Formulas:
         self._end_definitions()
         return self._finished(number)
 
-    @property
-    def _section(self) -> str:
-        return self.sections[-1] if self.sections else ""
-
     def _begin(self, title: str, line: int) -> None:
         if title in self.sections:
             raise TextError(f"{title!r} stands twice; join the two", line, 1)
@@ -189,22 +182,23 @@ class _Formulas:
             )
         self._end_definitions()
         self.sections.append(title)
+        self.section = title
 
     def _end_definitions(self) -> None:
-        if self._section == DEFINITIONS and self.mirror is not None:
+        if self.section == DEFINITIONS and self.mirror is not None:
             self.definitions = [*completed(self.names, self.mirror, self.definitions)]
 
     def _assign(self, assigned: re.Match[str], line: int) -> None:
         name, text = assigned.groups()
         # Definitions do not use other definitions.
-        known = [] if self._section == DEFINITIONS else self.definitions
+        known = [] if self.section == DEFINITIONS else self.definitions
         symbols = (*self.observed, *(definition.symbol for definition in known))
         try:
             formula = parse_formula(text, symbols)
         except TextError as error:
             shift = assigned.start(2) if error.line == 1 else 0
             raise TextError(str(error), error.line + line - 1, error.column + shift) from error
-        if self._section == DEFINITIONS:
+        if self.section == DEFINITIONS:
             self._define(name, formula, text, line)
             return
         # Below a state stand the formulas of joints.
@@ -212,7 +206,7 @@ class _Formulas:
             raise TextError(
                 f"{shown(name)} is no joint; the joints are {', '.join(quadruped.JOINTS)}", line, 1
             )
-        joint, state = quadruped.JOINTS.index(name), _STATE.fullmatch(self._section)
+        joint, state = quadruped.JOINTS.index(name), _STATE.fullmatch(self.section)
         place = (int(state[1]), joint) if state else (joint,)
         if place in self.formulas:
             raise TextError(f"{name} has a formula above; leave one out", line, 1)

@@ -45,7 +45,7 @@ class EditSession:
         file = self.policy.to_file()
         formula = parse_formula(text, file.vocabulary.symbols)
         formulas = {**file.written(), place: formula}
-        edited = file.with_written(file.written_definitions(), formulas)
+        edited = file.with_written(formulas)
         policy = FormulaPolicy.from_file(edited, self.policy.robot)
         if policy.estimator is None:
             policy = policy.with_estimator_of(self._expert)
