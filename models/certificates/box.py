@@ -86,9 +86,9 @@ class ObservationBox:
 
     def taking(self, indices: Collection[int], other: Self) -> Self:
         """Returns this box with another's ranges of some observations."""
-        taken = np.isin(np.arange(len(self.names)), list(indices))
-        lower = np.where(taken, other.lower, self.lower)
-        return replace(self, lower=lower, upper=np.where(taken, other.upper, self.upper))
+        lower, upper, taken = self.lower.copy(), self.upper.copy(), list(indices)
+        lower[taken], upper[taken] = other.lower[taken], other.upper[taken]
+        return replace(self, lower=lower, upper=upper)
 
     def in_state(self, state: int) -> Self:
         """Returns the box with the one-hot machine state held."""
@@ -166,8 +166,8 @@ def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
 def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
     """Returns the box of what the robot can be and its sensors can measure.
 
-    Joint angles reach as far as a robot that has not failed, and the noise of encoders, let them;
-    targets of the step before reach the joints' limits. It holds the operating box.
+    Joint angles reach as far as a robot that has not failed, and the noise of encoders, let them.
+    It holds the operating box.
     """
     limits = _limits(gait, operating)
     lower = np.minimum(limits.lower, operating.lower)

@@ -40,18 +40,18 @@ class Factor:
 
 @dataclass
 class PolynomialRing:
-    """Numbers the factors that polynomials are made of."""
+    """Numbers the factors that polynomials are made of, and lists the quantities of each."""
 
     factors: list[Factor] = field(default_factory=list)
+    variables: list[frozenset[int]] = field(default_factory=list)
     _numbers: dict[Factor, int] = field(default_factory=dict)
-    _variables: dict[int, frozenset[int]] = field(default_factory=dict)
 
     def polynomial(self, formula: Expression) -> Polynomial:
         """Multiplies a formula of observed quantities out."""
         operands = [self.polynomial(operand) for operand in formula.operands]
         match formula.operator, operands:
             case "constant", _:
-                return _of_number(Fraction(formula.value))
+                return {(): Fraction(formula.value)} if formula.value else {}
             case "variable", _:
                 return self._of_factor(Factor("variable", formula.variable))
             case "neg", [inner]:
@@ -73,28 +73,19 @@ class PolynomialRing:
                 return self._of_factor(Factor(operator, argument=tuple(sorted(inner.items()))))
         raise AssertionError(formula.operator)
 
-    def variables(self, factor: int) -> frozenset[int]:
-        """Returns the quantities that a factor is of."""
-        if factor not in self._variables:
-            own = self.factors[factor]
-            inner = {number for monomial, _ in own.argument for number, _ in monomial}
-            self._variables[factor] = (
-                frozenset([own.variable])
-                if own.function == "variable"
-                else frozenset().union(*(self.variables(number) for number in inner))
-            )
-        return self._variables[factor]
-
     def _inverse(self, divisor: Polynomial) -> Polynomial:
         number = divisor.get((), Fraction(0))
         if set(divisor) == {()} and number:
-            return _of_number(1 / number)
+            return {(): 1 / number}
         return self._of_factor(Factor("inverse", argument=tuple(sorted(divisor.items()))))
 
     def _of_factor(self, factor: Factor) -> Polynomial:
         if factor not in self._numbers:
             self._numbers[factor] = len(self.factors)
             self.factors.append(factor)
+            inner = {number for monomial, _ in factor.argument for number, _ in monomial}
+            first = frozenset([factor.variable] if factor.function == "variable" else [])
+            self.variables.append(first.union(*(self.variables[number] for number in inner)))
         return {((self._numbers[factor], 1),): Fraction(1)}
 
 
@@ -125,10 +116,6 @@ def product(left: Polynomial, right: Polynomial) -> Polynomial:
     return {monomial: coefficient for monomial, coefficient in whole.items() if coefficient}
 
 
-def _of_number(number: Fraction) -> Polynomial:
-    return {(): number} if number else {}
-
-
 Element = tuple[int, int]
 """A factor and its power: what a relaxation takes for a variable of its own."""
 
@@ -151,14 +138,11 @@ class Step(NamedTuple):
 class Relaxation:
     """Bounds a polynomial over boxes of quantities from above.
 
-    Where powers of factors, its *elements*, are taken for independent of one another, the
-    polynomial is affine in each, so that it is greatest where each is at one of its two ends. A
-    monomial adds a table over the ends of its elements. Tables are added up, and maximised over one
-    element after the other (variable elimination, Bertelè and Brioschi, Nonserial Dynamic
-    Programming, 1972). That finds the best corner. Where more than `MOST_TOGETHER` elements meet,
-    tables of one element are maximised apart (mini-buckets, Dechter and Rish 2003): a bound still.
-    Two elements may depend on the same quantity; boxes that are narrow in these `shared` quantities
-    lose little.
+    If powers of factors, its *elements*, were independent, the polynomial would be affine in each,
+    and greatest at ends of all. Monomials are tables over these ends, which are added up and
+    maximised over one element after the other (variable elimination, Bertelè and Brioschi,
+    Nonserial Dynamic Programming, 1972); where more than `MOST_TOGETHER` elements meet, apart
+    (mini-buckets, Dechter and Rish 2003). Boxes that are narrow in `shared` quantities lose little.
 
     Attributes:
         used: Quantities that the polynomial is of.
@@ -178,11 +162,11 @@ class Relaxation:
             for monomial, coefficient in polynomial.items()
         }
         self._steps = eliminated(list(self._monomials), self._elements)
-        of_elements = (ring.variables(number) for number, _ in self._elements)
+        of_elements = (ring.variables[number] for number, _ in self._elements)
         self.used = sorted(frozenset[int]().union(*of_elements))
         self.curved, self.shared = list[int](), list[int]()
         for index in self.used:
-            of = [own for own in self._elements if index in ring.variables(own[0])]
+            of = [own for own in self._elements if index in ring.variables[own[0]]]
             if any(power > 1 or ring.factors[i].function != "variable" for i, power in of):
                 self.curved.append(index)
             if len(of) > 1 or any(self._is_loose(number) for number, _ in of):
@@ -246,7 +230,7 @@ class Relaxation:
     def _key(self, element: Element) -> tuple[list[int], str, int, Element]:
         number, power = element
         function = self._ring.factors[number].function
-        return sorted(self._ring.variables(number)), function, power, element
+        return sorted(self._ring.variables[number]), function, power, element
 
     def _is_loose(self, number: int) -> bool:
         """Returns whether a function's bounds may be wider than its values."""

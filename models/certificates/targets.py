@@ -1,8 +1,7 @@
 """Bounds of the joint targets that a policy's formulas give.
 
-Bounds are of exact formulas; robots evaluate them from left to right in double precision. Each node
-of a formula is bounded over the whole box, and with it the error of its computed value: the running
-error of Higham, Accuracy and Stability of Numerical Algorithms, section 3.3.
+Bounds are of exact formulas. The error of double precision is the running error of Higham, Accuracy
+and Stability of Numerical Algorithms, section 3.3, of each node over the whole box.
 """
 
 from collections.abc import Sequence

@@ -28,11 +28,8 @@ TEMPLATES = Path(__file__).parent / "templates"
 SAME = 1e-9
 """Actions that differ by less are the same, computed one by one or many at once."""
 
-MOST_SHOWN = 30
-"""Terms of a target that the page holds all; of a target with more it holds the largest."""
-
-N_SHOWN = 14
-"""Terms that the page then holds; it holds the sum of the others."""
+MOST_SHOWN, N_SHOWN = 30, 14
+"""Terms of a target that are all shown, and of one with more; the others are a sum."""
 
 LEAST_SWING = 1e-9
 """Swing (rad) below which a term is constant within each state, but for rounding."""

@@ -223,8 +223,7 @@ class Check(Settings):
             from glassgait.models.certificates.checker import RefusedError, check  # noqa: PLC0415
         except ImportError as error:
             raise InputError(str(error)) from error
-        given = {"--policy": self.policy, "--robot": self.robot}
-        for option, file in given.items():
+        for option, file in {"--policy": self.policy, "--robot": self.robot}.items():
             if file and len(self.certificates) != 1:
                 raise InputError(f"{option}: is of one certificate; name one")
 

@@ -5,15 +5,15 @@ polynomial is affine in each power of these, so over a box it is greatest where 
 its ends. A term adds a table over the ends of its factors; tables are added up, and maximised over
 one factor after the other.
 
-Robots evaluate formulas in double precision. Each node is bounded over the whole box, and with it
-how far its computed value may be from the exact one: the running error of Higham, Accuracy and
-Stability of Numerical Algorithms, section 3.3.
+The error of double precision is the running error of Higham, Accuracy and Stability of Numerical
+Algorithms, section 3.3, of each node over the whole box.
 """
 
 import math
 from collections.abc import Collection
 from copy import copy
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,10 +51,7 @@ Terms = list[tuple[arb, list[Factor]]]
 
 def hull(values: list[arb]) -> Span:
     """Returns the least and the greatest of numbers."""
-    least = greatest = values[0]
-    for value in values[1:]:
-        least, greatest = least.min(value), greatest.max(value)
-    return least, greatest
+    return reduce(arb.min, values), reduce(arb.max, values)
 
 
 def multiplied(first: Span, last: Span) -> Span:
