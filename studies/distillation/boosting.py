@@ -41,7 +41,6 @@ class GbmSettings(EnsembleSettings):
     The paper uses the library's defaults: 100 trees of depth 3, of all samples and observations.
 
     Attributes:
-        learning_rate: Share of a tree's correction that is kept.
         subsample: Share of the samples that a tree sees.
         feature_share: Share of the observations that a split may choose from.
     """
@@ -74,9 +73,6 @@ class HistogramGbmSettings(EnsembleSettings):
 
     Attributes:
         round_trees: Number of trees while samples are collected.
-        depth: Greatest depth of a tree.
-        leaves: Greatest number of leaves of a tree.
-        learning_rate: Share of a tree's correction that is kept.
     """
 
     title: ClassVar[str] = "distillation: histogram_gbm"
@@ -117,10 +113,7 @@ class EbmSettings(EnsembleSettings):
         interactions: Functions of two observations, a joint; None for five of each observation,
             which is interpret's default.
         round_interactions: The same, at most, while samples are collected; None for as many.
-        max_bins: Bins of an observation.
         max_interaction_bins: Bins of an observation in functions of two.
-        max_rounds: Greatest number of boosting rounds.
-        learning_rate: Share of a round's correction that is kept.
         smoothing_rounds: Rounds of smooth fitting before the greedy ones.
         interaction_smoothing_rounds: The same, for functions of two.
     """

@@ -46,9 +46,7 @@ def collect(
     which stay. A robot that falls starts again within its episode.
 
     Args:
-        controller: The expert, whose actions are the samples' labels, and the student.
         episodes: Numbers of the episodes, counted from 1.
-        worlds: Ranges from which each round draws new scenarios, or one scenario.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
     """
     controller.refuse_other_machine(gait)

@@ -35,7 +35,6 @@ class Distill(Settings):
 
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
-        config: Settings of the run.
         sweep: How many seeds, and where their jobs run; of one gait and seed, where its students
             are made.
         robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
@@ -106,7 +105,6 @@ class Refine(OnePolicy):
     """Let a policy of formulas learn on in closed loop, by PPO; only its numbers change.
 
     Attributes:
-        config: Settings of the run.
         output: Folder of the run; runs/refine/<gait>/<policy> by default.
         resume: Continue the run that the folder holds.
     """

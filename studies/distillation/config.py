@@ -54,12 +54,8 @@ class DistillationConfig(Settings):
     """Settings of a distillation (paper, Algorithm 1 and Section III-B).
 
     Attributes:
-        gait: Name of a gait, or path of a gait file; commands name it themselves.
-        students: Kinds of students.
-        collector: Student that collects the samples of all, which then learn from its mistakes and
-            not from their own; by default each collects its own, but exact trees take those of
-            histogram trees. With `itself`, the paper's way, each collects its own.
-        seed: Seed of all randomness.
+        collector: Student that collects the samples of all; by default each collects its own, but
+            exact trees take those of histogram trees. With `itself`, the paper's way, each does.
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.
         episodes_per_fit: Episodes that share a student, a divisor of those that share a ratio; by
@@ -68,8 +64,6 @@ class DistillationConfig(Settings):
             paper has none.
         alone_episodes: Episodes of such a round; by default 16, and 48 for machines of more than
             two states. Formulas have a setting of their own.
-        alone_steps: Control steps of such an episode, but for formulas.
-        episode_steps: Control steps of the other episodes.
         overdue_weight: How often a sample of a robot that waits is counted: its machine's state has
             lasted two control steps longer than commanded. By default 1, the paper's, and 4 for
             machines of more than two states.
@@ -79,9 +73,6 @@ class DistillationConfig(Settings):
         worlds: The randomised scenarios of the samples: those that experts learn in.
         scenario: Name of a scenario that ships, or path of a scenario file. Samples are collected
             in it instead, except for its commands.
-        settings: Settings of the students' fits.
-        n_workers: Students that are made at once; of one, joints that are fitted at once. Commands
-            name it themselves.
     """
 
     title: ClassVar[str] = "distillation"
@@ -210,14 +201,10 @@ class RefinementConfig(Settings):
     """Settings of a refinement.
 
     Attributes:
-        seed: Seed of all randomness.
-        updates: Number of PPO updates.
         candidate_updates: Updates from one candidate, and one checkpoint, to the next. At the end
             of the run the candidates walk without the expert; the best of them is the result.
         candidate_steps: Control steps that each of a candidate's robots walks.
         n_robots: Robots that walk at once.
-        worlds: The randomised scenarios that they walk in.
-        ppo: Settings of PPO.
     """
 
     title: ClassVar[str] = "refinement"

@@ -70,8 +70,7 @@ class Dataset:
     """Visited states with the expert's actions.
 
     Attributes:
-        observations: Observations (m, n).
-        actions: The expert's actions there (m, 12).
+        observations: Rows (m, n), with the expert's actions there (m, 12).
         episodes: Number of the episode that each sample is from (m,), counted from 1.
         minutes: Wall time of collecting them, with the fits of the students that acted.
     """

@@ -121,10 +121,7 @@ class FormulaNetwork(nn.Module):
         sums: Mapping[Place, WeightedSum],
         columns: Mapping[Expression, int],
     ) -> _Weights:
-        """Finds the weights of the joints whose formulas read the mirror image, or of the others.
-
-        The state is empty where formulas serve every state; columns are indices of terms.
-        """
+        """Finds the weights of joints whose formulas read the mirror image, or of the others."""
         # Numbers with their terms, joints and signs, a joint at a time.
         rest = torch.zeros((len(columns), quadruped.N_JOINTS))
         found: list[tuple[int, int, int, float]] = []

@@ -36,11 +36,7 @@ DIGITS = 3
 
 
 def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
-    """Returns the gates of formulas that serve one state of the machine.
-
-    They tell the moment of the gait, the side to which each joint was last sent and, as far as it
-    is observed, the robot's course.
-    """
+    """Returns the gates for one state: the gait's moment, joints' last targets and the course."""
     # A network remembers only its last targets, and networks that learned on real ground use them
     # as switches.
     sent = (f"sent.{joint}" for joint in quadruped.JOINTS)
@@ -51,11 +47,8 @@ def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
 
 
 def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
-    """Returns the gates of formulas that serve every state of the machine.
-
-    They are the gates of one state, the states but the last, where all others are 0, and the
-    products of those states with the gate `late`.
-    """
+    """Returns the gates of formulas that serve every state of the machine."""
+    # The last state is where all others are 0.
     symbols = [vocabulary.symbols[i] for i in indices_of("machine state", vocabulary.names)]
     states = [vocabulary.variable(symbol) for symbol in symbols[:-1]]
     late, *others = gates(vocabulary)

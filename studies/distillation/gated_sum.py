@@ -37,11 +37,8 @@ BLOCK = 16_384
 class PossibleTerms:
     """The possible terms of a gated sum: each quantity, and its product with each gate.
 
-    Blocks of samples are made as they are read. All terms of 300,000 samples take 4 GB.
-
-    Attributes:
-        values: Samples of the quantities (m, n).
-        opened: The gates there (m, g).
+    They are those of quantities (m, n) and the gates opened there (m, g). Blocks of samples are
+    made as they are read: all terms of 300,000 samples take 4 GB.
     """
 
     values: Array
@@ -98,14 +95,9 @@ def fit_gated_sums(
 
 
 def weight_paths(terms: PossibleTerms, targets: Array, max_terms: int) -> list[Array]:
-    """Chooses terms one after the other, by orthogonal matching pursuit with a ridge penalty.
+    """Chooses terms for targets (m, j) by orthogonal matching pursuit with a ridge penalty.
 
-    Targets (m, j) have a sum a column; a sum's constant, which makes its mean the target's, is not
-    counted as a term.
-
-    Returns:
-        For each of the j sums the weights of its terms (terms + 1, k), before the first and after
-        each.
+    Returns weights (terms + 1, k) for each target, before the first term and after each.
     """
     # Standardise the terms, and accumulate their products block by block.
     mean, spread = terms.moments

@@ -49,14 +49,9 @@ class RefinementRun(LearningRun):
     ) -> None:
         """Begins a run, or continues the one that the folder holds.
 
-        Args:
-            expert: The expert; its estimator, which no longer learns, observes for the policy.
-            name: Name of the policy's file.
-
         Raises:
             InputError: if the checkpoint is damaged; or the policy was made for another machine
-                than the gait's, holds numbers that are not weights of terms, or is not finite
-                where robots walk.
+                than the gait's, cannot learn, or is not finite where robots walk.
         """
         policy.refuse_other_machine(gait)
         self._refinement, self._expert, self._policy, self._name = config, expert, policy, name

@@ -112,14 +112,9 @@ def fit_sparse_formula(
 
 
 def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
-    """Distributes terms over formulas so that they serve all of them best.
+    """Distributes terms, constants among them, and returns each formula's without its constant.
 
-    Args:
-        errors: Mean squared error of each formula after each number of terms (terms + 1).
-        n_terms: Terms of all formulas together, the constant of each among them.
-
-    Returns:
-        Number of terms of each formula, its constant not counted.
+    Errors are the mean squares of each formula after each number of terms (terms + 1).
     """
     counts = [0] * len(errors)
     left = n_terms - len(errors)

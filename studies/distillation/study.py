@@ -26,9 +26,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
-from glassgait.studies.common.jobs import (
-    run_parallel,
-)
+from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run import open_run
 from glassgait.studies.common.tables import write_metrics, write_table
@@ -87,17 +85,14 @@ def distill(
     *,
     resume: bool = False,
 ) -> pd.DataFrame:
-    """Distils the expert into every student of the configuration.
+    """Distils the expert into every student of the configuration, and returns a row of R² for each.
 
-    Each round's samples and each finished student are written at once, and every round draws from
-    a generator of its own: a run that was killed and resumed ends as if it had not been.
-
-    Returns:
-        R² with a row for each student.
+    Each round's samples and each finished student are written at once: a run that was killed and
+    resumed ends as if it had not been.
 
     Raises:
         InputError: if the folder cannot be claimed for this run (see `open_run`), or holds a file
-            that is damaged; or a student's file does not act as the student.
+            that is damaged.
     """
     # The settings, and what the run reads.
     config = config.for_gait(gait)

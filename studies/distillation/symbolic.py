@@ -36,7 +36,6 @@ from glassgait.studies.distillation.gated_sum import fit_gated_sums
 from glassgait.studies.distillation.students import StudentSettings
 
 Engine = Literal["operon", "pysr"]
-"""Engine that searches formulas."""
 
 Shape = tuple[int, int]
 """Lengths of the sum that a formula starts from, and of the whole formula (nodes)."""
@@ -52,8 +51,6 @@ class SymbolicSettings(StudentSettings):
             weighted observation is one node to Operon and three to PySR.
         operator_complexity: Greatest length of the arguments of a function or a product, in nodes;
             sums are free (pysr).
-        iterations: Iterations of the search (pysr).
-        generations: Generations of the search (operon).
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
         shapes: Lengths of the sum that a formula starts from and of the whole formula; equal ones
@@ -103,9 +100,6 @@ class SymbolicSettings(StudentSettings):
 class StatewiseSymbolicSettings(SymbolicSettings):
     """Settings of symbolic regression, where a joint has a formula for each state of the machine.
 
-    Rounds take the smallest shape: it strays furthest, and samples of where it goes serve the
-    larger.
-
     Attributes:
         mirrored: Whether formulas of one side are mirror images of the other's, where the gait's
             machine has a mirror image; each sample then counts twice.
@@ -114,7 +108,7 @@ class StatewiseSymbolicSettings(SymbolicSettings):
     title: ClassVar[str] = "distillation: statewise_symbolic"
 
     mirrored: bool = True
-
+    # Rounds take the smallest: it strays furthest, and samples of where it goes serve the larger.
     shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = tuple(
         (n, n) for n in (90, 150, 250, 400)
     )
@@ -171,13 +165,7 @@ def fit_formulas(
     seed: int,
     n_jobs: int = 1,
 ) -> list[Expression]:
-    """Searches the formula of each place, with the digits that are shown.
-
-    Of several shapes in the settings the first counts; `opened` are the gates.
-
-    Raises:
-        InputError: if the engine is PySR and Julia cannot start, or its search fails.
-    """
+    """Searches the formula of each place by the gates `opened`, with the digits that are shown."""
     values, targets = variables(part.observations), part.targets
     n_observed = part.observations.shape[1]
     seeds, observed = range(seed, seed + targets.shape[1]), values[:, :n_observed]

@@ -25,7 +25,6 @@ class Train(Settings):
 
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
-        config: Settings of the run.
         sweep: How many seeds, and where they train.
         like: Record of an expert (<gait>.yaml) whose settings are taken instead.
         output: Folder of the run; runs/train/<gait> by default. Of several gaits each has its

@@ -72,23 +72,14 @@ class PpoConfig(Settings):
         steps_per_update: Control steps of each robot between two updates.
         critic_updates: First updates, in which only the critic learns. It begins anew even where
             the actor does not, and both learn at one rate, which is low for a good actor.
-        epochs: Passes over those steps.
-        num_minibatches: Mini-batches of a pass.
-        clip: Clipping of the probability ratio.
-        gamma: Discount of the return.
-        gae_lambda: λ of the generalized advantage estimate.
-        entropy: Weight of the entropy at first, which keeps the robots trying.
-        final_entropy: Weight of the entropy in the end, which lets them become precise.
+        entropy: Weight of the entropy at first; robots keep trying.
+        final_entropy: Weight of the entropy in the end; robots become precise.
         entropy_decay: Updates between which the weight falls from the one to the other.
         learning_rate: Initial learning rate, then adapted to the desired divergence.
         desired_kl: Divergence that the learning rate is adapted to at first.
-        final_kl: Divergence that it is adapted to in the end; a smaller one makes the last policies
-            differ less.
+        final_kl: The same in the end; the last policies differ less.
         kl_decay: Updates between which the divergence falls from the one to the other.
-        initial_std: Initial standard deviation of the actions.
         reward_scale: Factor on the task's reward; a transition pays up to 30 before it.
-        actor_layers: Widths of the actor's hidden layers.
-        critic_layers: Widths of the critic's hidden layers.
     """
 
     title: ClassVar[str] = "training: ppo"
@@ -115,13 +106,7 @@ class PpoConfig(Settings):
 
 @checked
 class EstimatorConfig(Settings):
-    """Settings of the learned state estimator.
-
-    Attributes:
-        layers: Widths of the hidden layers.
-        epochs: Passes over the steps of each update.
-        num_minibatches: Mini-batches of a pass.
-    """
+    """Settings of the learned state estimator, which learns from the steps of each update."""
 
     title: ClassVar[str] = "training: estimator"
 
@@ -150,12 +135,9 @@ class TrainingConfig(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file; the command takes several.
         robot: Name of a robot that ships, or path of a `robot.yaml`.
-        seed: Seed of all randomness.
         warm_start: Expert of this robot, of a machine with as many states, as which the actor
             begins; by default it begins anew.
-        updates: Number of PPO updates.
         n_robots: Robots that train at once.
-        worlds: The randomised scenarios that they train in.
         friction_updates: Updates between two draws of the frictions, and two grounds.
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
@@ -166,8 +148,6 @@ class TrainingConfig(Settings):
         senses: Where the body state comes from: `learned` is the paper's, a network that learns
             beside the actor, without an IMU; `odometry` estimates it by the IMU, the joints and the
             standing feet; with `imu` the actor observes gravity and angular velocity as well.
-        weights: Weights of the reward.
-        limits: Bounds of the termination.
     """
 
     title: ClassVar[str] = "training"
@@ -196,8 +176,7 @@ class TrainingConfig(Settings):
     @property
     def joint_law(self) -> JointLaw:
         """The control of the joints in training, where exploration may ask for anything."""
-        gains = self.worlds.station.gains(load_robot(self.robot))
-        return JointLaw(gains, self.limit_targets)
+        return JointLaw(self.worlds.station.gains(load_robot(self.robot)), self.limit_targets)
 
     @property
     def expert_law(self) -> JointLaw:

@@ -34,14 +34,9 @@ def observed_by_actor(observations: TensorDict) -> torch.Tensor:
 
 
 class TrainingStep(NamedTuple):
-    """One control step of all robots, after the resets.
+    """One control step of all robots (n, ...), after the resets.
 
-    Attributes:
-        observations: Observation groups (n, ...).
-        rewards: Scaled rewards (n,).
-        dones: Whether the episode ended (n,).
-        time_outs: Whether it ended only by its length (n,).
-        task: The simulator's report of the step.
+    Rewards are scaled; episodes in `time_outs`, which are `dones` too, ended by their length.
     """
 
     observations: TensorDict
@@ -63,13 +58,7 @@ class Environment:
         *,
         observes_imu: bool = False,
     ) -> None:
-        """Makes the robots.
-
-        Args:
-            estimator: Odometry, or a network that maps proprioception (n, k) to its estimate of
-                trunk and feet (n, 7).
-            observes_imu: Whether gravity and angular velocity are observed.
-        """
+        """Makes the robots; a network estimates trunk and feet (n, 7) by proprioception (n, k)."""
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
@@ -173,9 +162,15 @@ class Environment:
     def _privileged(self) -> Array:
         s = self.simulator.state
         _, angular = kinematics.base_velocity(s.plant)
+        # The true direction of gravity, which differs from the ground's on slopes.
+        leaning = []
+        if isinstance(self._estimator, Odometry):
+            velocity = s.plant[:, quadruped.LINEAR_VELOCITY]
+            reading = measure_imu(s.plant, velocity, self.simulator.gravity)
+            leaning.append(ImuReading.of(reading).gravity)
         return np.concatenate(
             [
-                *self._leaning(),
+                *leaning,
                 kinematics.gravity_direction(s.plant[:, quadruped.QUATERNION]),
                 ANGULAR_VELOCITY_SCALE * angular,
                 s.touching,
@@ -186,14 +181,6 @@ class Environment:
             ],
             axis=1,
         )
-
-    def _leaning(self) -> tuple[Array, ...]:
-        """Returns the true direction of gravity, which differs from the ground's on slopes."""
-        if not isinstance(self._estimator, Odometry):
-            return ()
-        plant, gravity = self.simulator.state.plant, self.simulator.gravity
-        reading = measure_imu(plant, plant[:, quadruped.LINEAR_VELOCITY], gravity)
-        return (ImuReading.of(reading).gravity,)
 
     def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Returns the state for a checkpoint: named arrays, and values that JSON can hold."""

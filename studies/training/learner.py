@@ -23,10 +23,7 @@ _OUTPUT_SCALE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.1)
 
 
 class Mirrored(nn.Module):
-    """The mean of f(x) and M f(M x), with M the mirror: equivariant for every network f.
-
-    Both halves go through f in one batch.
-    """
+    """The mean of f(x) and M f(M x), with M the mirror: equivariant for every network f."""
 
     input_index: torch.Tensor
     input_sign: torch.Tensor
@@ -68,7 +65,7 @@ class StateEstimator(nn.Module):
         return self.mlp(proprioception) * self.scale
 
     def fit(self, observations: TensorDict, optimizer: torch.optim.Optimizer) -> float:
-        """Regresses on observation groups (n, ...), and returns the mean squared error."""
+        """Learns from observation groups (n, ...), and returns the mean squared error."""
         inputs, targets = observations["proprioception"], observations["body_state"]
         losses = []
         for _ in range(self._config.epochs):
@@ -177,10 +174,7 @@ class Learner:
         self.ppo.schedule = "fixed" if held else "adaptive"
 
     def update(self, last_observations: TensorDict, number: int) -> dict[str, float]:
-        """Learns from the stored steps and returns the losses by name.
-
-        Observations follow the last stored step, and `number` updates were done before.
-        """
+        """Learns from the stored steps, `number` updates into the run, and returns the losses."""
         # The entropy's weight and the divergence follow their schedules.
         ppo = self._config
         weights, divergences = (ppo.entropy, ppo.final_entropy), (ppo.desired_kl, ppo.final_kl)

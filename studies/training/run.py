@@ -30,7 +30,7 @@ from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.console import console, progress_bar
 from glassgait.studies.common.run import CHECKPOINT_NAME, to_plain
 from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.environment import Environment, TrainingStep
+from glassgait.studies.training.environment import Environment
 from glassgait.studies.training.learner import (
     Learner,
     Mirrored,
@@ -53,12 +53,7 @@ PACKAGES = ("drake", "torch", "rsl-rl-lib", "numpy")
 
 
 class LearningRun(ABC):
-    """A run in its folder, from the first update or from its checkpoint.
-
-    Attributes:
-        seconds: Wall time spent (s), over all parts of an interrupted run.
-        curve: The learning curve, a row for each update.
-    """
+    """A run in its folder, from the first update or from its checkpoint."""
 
     environment: Environment
     learner: Learner
@@ -66,12 +61,10 @@ class LearningRun(ABC):
     def __init__(
         self, config: TrainingConfig, gait: Gait, folder: Path, *, resume: bool = False
     ) -> None:
-        """Begins a run, or continues from the folder's checkpoint.
-
-        A resumed run must have the same settings, except for more updates.
-        """
+        """Begins a run, or continues from the folder's checkpoint with more updates at most."""
         self.config, self.gait, self.folder = config, gait, folder
         self.n_updates = 0
+        # Wall time (s) over all parts of an interrupted run, and a row for each update.
         self.seconds = 0.0
         self.curve: list[dict[str, float]] = []
         torch.manual_seed(config.seed)
@@ -133,8 +126,16 @@ class LearningRun(ABC):
                 ppo.process_env_step(
                     step.observations, step.rewards, step.dones, {"time_outs": step.time_outs}
                 )
-                for name, value in _means_over_robots(step).items():
-                    totals[name] += value
+                task = step.task
+                means = {
+                    "reward": task.reward,
+                    "plain_reward": task.plain_reward,
+                    "rhythm": task.served_dwell,
+                    "failure_rate": task.terminated,
+                    **{f"terms/{name}": task.terms[:, i] for i, name in enumerate(REWARD_TERMS)},
+                }
+                for name, values in means.items():
+                    totals[name] += float(values.mean())
 
         # Learn.
         losses = self.learner.update(step.observations, self.n_updates)
@@ -190,10 +191,7 @@ class LearningRun(ABC):
             raise InputError(f"{path}: is damaged; train anew into another folder") from error
 
     def _write_learned(self, policy: Policy, name: str, study: Settings | None = None) -> None:
-        """Writes a policy, its record `<name>.yaml` and its curve `<name>.csv`, each atomically.
-
-        The record holds the settings of a study that does more than train, too.
-        """
+        """Writes a policy, its record with a study's further settings, and its curve."""
         # The record: how the policy was trained, and how it did at the end.
         curve = pd.DataFrame(self.curve)
         recent = curve.tail(RECENT_UPDATES).mean()
@@ -264,18 +262,6 @@ class TrainingRun(LearningRun):
             robot=load_robot(self.config.robot),
         )
         self._write_learned(policy.with_joint_law(self._law), self.gait.name)
-
-
-def _means_over_robots(step: TrainingStep) -> dict[str, float]:
-    task = step.task
-    values = {
-        "reward": task.reward,
-        "plain_reward": task.plain_reward,
-        "rhythm": task.served_dwell,
-        "failure_rate": task.terminated,
-        **{f"terms/{name}": task.terms[:, i] for i, name in enumerate(REWARD_TERMS)},
-    }
-    return {name: float(value.mean()) for name, value in values.items()}
 
 
 def _load_start(
