@@ -144,12 +144,10 @@ class DistillationConfig(Settings):
 
 @dataclass(frozen=True)
 class Round:
-    """Episodes that share a student and an alternation ratio, and are rolled out at once.
+    """Episodes of as many control steps that share a student and an alternation ratio.
 
-    Attributes:
-        period: Control steps from one action of the expert to the next; 0 is never.
-        episodes: Numbers of the episodes; they and rounds are counted from 1.
-        steps: Control steps of an episode.
+    The expert acts after each period of control steps, or never if it is 0; rounds and episodes
+    are counted from 1.
     """
 
     number: int

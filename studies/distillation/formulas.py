@@ -72,24 +72,11 @@ class FormulaVariables:
 
 @dataclass(frozen=True)
 class FormulaSamples:
-    """The samples of formulas that are fitted together, such as those of one state.
-
-    Attributes:
-        places: Where these formulas stand (k).
-        observations: Samples (m, n).
-        targets: What each formula should be there (m, k; rad).
-    """
+    """Observations (m, n) and targets (m, k; rad) of k formulas that are fitted together."""
 
     places: tuple[Place, ...]
     observations: Array
     targets: Array
-
-
-def samples_of_joints(samples: TrainingSet) -> FormulaSamples:
-    """Returns the samples of formulas that serve every state of the machine, one for each joint."""
-    places = tuple((joint,) for joint in range(quadruped.N_JOINTS))
-    targets = samples.robot.joint_targets(samples.actions)
-    return FormulaSamples(places, samples.observations, targets)
 
 
 def written_places(vocabulary: Vocabulary, mirror: Sequence[int] | None) -> tuple[Place, ...]:
@@ -123,8 +110,8 @@ def samples_by_state(
         here = tuple(place for place in places if place[0] == state)
         if here:
             joints = [joint for _, joint in here]
-            part = samples.observations[mine], targets[mine][:, joints]
-            parts.append(FormulaSamples(here, *part))
+            observations = samples.observations[mine]
+            parts.append(FormulaSamples(here, observations, targets[mine][:, joints]))
     return parts
 
 

@@ -47,11 +47,9 @@ def rank_alone(
     n_steps: int = EPISODE_STEPS,
     n_jobs: int = 1,
 ) -> pd.DataFrame:
-    """Rolls every candidate out without the expert, and ranks them by return.
+    """Rolls every candidate out without the expert, and ranks them by mean return, best first.
 
-    Returns:
-        A row for each candidate, the best first, with its means over 52 robots, half of them in the
-        training scenario and half in a rough one.
+    Means are over 52 robots, half in the training scenario and half in a rough one.
     """
     config = RolloutConfig(n_steps=n_steps)
     runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]

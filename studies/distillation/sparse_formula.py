@@ -46,10 +46,8 @@ LOOKED_AHEAD = 4
 class SparseFormulaSettings(StudentSettings):
     """Settings of a short formula file.
 
-    A term is a number times quantities; a formula's constant is one.
-
     Attributes:
-        terms: Terms of all formulas together; mirror images cost none.
+        terms: Terms of all formulas, with constants; mirror images cost none.
         mirrored: Whether formulas of one side are mirror images of the other's, where the gait's
             machine has a mirror image.
         alone_episodes: Episodes of a round in which the student acts without the expert.

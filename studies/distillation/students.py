@@ -95,13 +95,9 @@ def sums_of_terms() -> tuple[str, ...]:
 
 @checked
 class StudentSettings(Settings):
-    """Settings of a fit: the base of all, and the settings of students that have none.
+    """Settings of a fit: the base of all, and the settings of students that have none."""
 
-    Attributes:
-        alone_episodes: Episodes, of full length, of a round in which the student acts without the
-            expert; None takes the distillation's setting, and its shorter episodes.
-    """
-
+    # Episodes of full length of a round without the expert; None takes the distillation's setting.
     alone_episodes: ClassVar[int | None] = None
 
     def refuse_for(self, gait: Gait) -> None:
@@ -116,10 +112,7 @@ class StudentSettings(Settings):
         return self
 
     def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
-        """Returns the settings to choose from by title, if they leave a choice.
-
-        Each comes with its complexity: the simplest of those that walk equally well is taken.
-        """
+        """Returns the settings to choose from by title, each with its complexity."""
         return {}
 
 
@@ -148,8 +141,7 @@ class OnePolicy(OneGait):
     """Settings of a command that takes one student.
 
     Attributes:
-        policy: Kind of student, or path of a policy file; by default the student whose actions are
-            sums of the fewest terms.
+        policy: Kind of student, or path of a policy file; by default the shortest sum of terms.
     """
 
     policy: str | None = None

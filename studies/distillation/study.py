@@ -192,9 +192,8 @@ class _Distillation:
 
         # Every round draws from its own generator, so that it can be repeated.
         say(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
-        speeds = None
-        if config.speeds is not None:
-            speeds = np.minimum(config.speeds, self.gait.max_speed)
+        asked, most = config.speeds, self.gait.max_speed
+        speeds = None if asked is None else np.minimum(asked, most)
         samples = collect(
             self.gait,
             Controller(self.expert, student, plan.period),
@@ -219,8 +218,7 @@ class _Distillation:
             names, observations = student.observation_names, seen.observations
             ranges = readings_of(self.gait, student.robot, names, observations)
             student = student.with_readings(ranges).with_machine(self.gait)
-            latex = to_latex(student.to_file())
-            write_atomically(self.folder / f"{kind}.tex", latex)
+            write_atomically(self.folder / f"{kind}.tex", to_latex(student.to_file()))
         student.save(self.folder / f"{kind}{student.suffix}")
         scores = r2_scores(student, held_out)
 

@@ -18,6 +18,7 @@ from glassgait.models.formulas.expression import Expression, scaled
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.formulas.mirror import Place
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, checked
 from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.distillation.dataset import TrainingSet
@@ -28,7 +29,6 @@ from glassgait.studies.distillation.formulas import (
     gates,
     readable,
     samples_by_state,
-    samples_of_joints,
     settled,
     shared_gates,
 )
@@ -119,8 +119,7 @@ OPERON_SCALING_NODES = 4
 
 OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
 
-PYSR_UNARY_OPERATORS = ("sin", "tanh", "square", "cube")
-PYSR_BINARY_OPERATORS = ("+", "-", "*")
+PYSR_FUNCTIONS = ("sin", "tanh", "square", "cube")
 
 
 def fit_symbolic(
@@ -128,7 +127,10 @@ def fit_symbolic(
 ) -> FormulaPolicy:
     """Fits a formula for each joint."""
     variables = FormulaVariables(samples.robot, samples.observation_names)
-    part = samples_of_joints(_weighted(samples, settings))
+    weighted = _weighted(samples, settings)
+    places = tuple((joint,) for joint in range(quadruped.N_JOINTS))
+    targets = samples.robot.joint_targets(weighted.actions)
+    part = FormulaSamples(places, weighted.observations, targets)
     opened = shared_gates(variables.vocabulary)
     found = fit_formulas(part, variables, opened, settings, seed, n_jobs)
     return formula_policy(samples, variables.vocabulary, dict(zip(part.places, found, strict=True)))
@@ -242,9 +244,9 @@ def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
     # to. Sums are free, or no formula could have the paper's 90 nodes.
     limit = settings.operator_complexity
     return {
-        "unary_operators": list(PYSR_UNARY_OPERATORS),
-        "binary_operators": list(PYSR_BINARY_OPERATORS),
-        "constraints": dict.fromkeys(PYSR_UNARY_OPERATORS, limit) | {"*": (limit, limit)},
+        "unary_operators": list(PYSR_FUNCTIONS),
+        "binary_operators": ["+", "-", "*"],
+        "constraints": dict.fromkeys(PYSR_FUNCTIONS, limit) | {"*": (limit, limit)},
         "maxsize": settings.max_length,
         "niterations": settings.iterations,
         "random_state": seed,
@@ -259,10 +261,8 @@ def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
 def pysr_starts() -> bool:
     """Returns whether PySR and its Julia start here; missing ones are fetched first."""
     # They start in another process: one that holds both PyTorch and Julia may crash.
-    started = subprocess.run(
-        [sys.executable, "-c", "import pysr"], capture_output=True, check=False
-    )
-    return started.returncode == 0
+    command = [sys.executable, "-c", "import pysr"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 def _fit_pysr(

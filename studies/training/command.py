@@ -60,9 +60,8 @@ class Train(Settings):
         if self.like is None:
             return self.config
         if self.config != TrainingConfig() or self.gait != Train.gait:
-            raise InputError(
-                "--like takes every setting from the record; leave the other settings out"
-            )
+            problem = "--like takes every setting from the record; leave the other settings out"
+            raise InputError(problem)
         return read_config(self.like)
 
 

@@ -25,7 +25,6 @@ class ShowGait:
     """Check a gait file and draw its reward machine.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         output: Markdown file for the drawing; the terminal by default.
     """
 
@@ -64,11 +63,7 @@ MOST_LEAN = 10.0
 
 @checked
 class CheckRobot(Settings):
-    """Check a robot description, robot.yaml and URDF, and let the robot stand.
-
-    Attributes:
-        robot: Path of a robot.yaml, or name of a robot that ships.
-    """
+    """Check a robot description, by its name or the path of a robot.yaml, and let it stand."""
 
     title: ClassVar[str] = "robot"
 
@@ -85,9 +80,8 @@ class CheckRobot(Settings):
         print_table(f"{robot.full_name}: dropped in its stance", pd.DataFrame(rows))
         for row in rows:
             if problem := problem_of(row):
-                raise InputError(
-                    f"{robot.path}: the robot does not stand in {row['physics']}: {problem}"
-                )
+                where = f"{robot.path}: the robot does not stand in {row['physics']}"
+                raise InputError(f"{where}: {problem}")
 
 
 def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
@@ -125,9 +119,8 @@ def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
 
 def problem_of(row: dict[str, str | float]) -> str:
     """Returns what keeps a robot from standing and how to mend it; empty if it stands."""
-    height, sag, sway, lean, feet = (
-        float(row[key]) for key in ("height (m)", "sag / height", "sway (m)", "lean (°)", "feet")
-    )
+    keys = ("height (m)", "sag / height", "sway (m)", "lean (°)", "feet")
+    height, sag, sway, lean, feet = (float(row[key]) for key in keys)
     if not np.isfinite(height):
         return "the physics cannot be computed; check masses and inertias in the URDF"
     if lean > MOST_LEAN:

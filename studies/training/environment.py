@@ -60,8 +60,7 @@ class Environment:
     ) -> None:
         """Makes the robots; a network estimates trunk and feet (n, 7) by proprioception (n, k)."""
         self._reward_scale = config.ppo.reward_scale
-        self._estimator = estimator
-        self.generator = generator
+        self._estimator, self.generator = estimator, generator
 
         # A station for each group; its ground is laid at the hardship of the curriculum.
         worlds, robot = config.worlds, load_robot(config.robot)

@@ -162,10 +162,10 @@ class Learner:
         self._optimizers: dict[str, torch.optim.Optimizer] = {"ppo_optimizer": self.ppo.optimizer}
         self._estimator = estimator
         if estimator is not None:
-            rate = config.estimator.learning_rate
             self._modules["estimator"] = estimator
-            adam = torch.optim.Adam(estimator.parameters(), lr=rate)
-            self._optimizers["estimator_optimizer"] = adam
+            self._optimizers["estimator_optimizer"] = torch.optim.Adam(
+                estimator.parameters(), lr=config.estimator.learning_rate
+            )
 
     def hold_actor(self, held: bool) -> None:
         """Lets only the critic learn, or both."""
