@@ -18,8 +18,7 @@ from rich.text import Text
 
 from glassgait.models.errors import InputError
 
-BAD_INPUT, INTERRUPTED = 2, 130
-"""Exit codes."""
+BAD_INPUT, INTERRUPTED = 2, 130  # exit codes
 
 # Brackets in paths and in names of gaits are no markup; lines in a file have 160 characters.
 _width = None if sys.stdout.isatty() else 160

@@ -106,11 +106,9 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
     axes.set_yticks(range(quadruped.N_LEGS), quadruped.LEGS)
     axes.set(xlabel="time (s)", ylim=(quadruped.N_LEGS - 0.4, -0.6))
     axes.grid(visible=False)
-    handles = [
-        Patch(color=color, alpha=0.25, label=name)
-        for name, color in zip(gait.states, colors, strict=True)
-    ]
-    handles.insert(0, Patch(color="0.15", label="contact"))
+    named = zip(gait.states, colors, strict=True)
+    states_shown = [Patch(color=color, alpha=0.25, label=name) for name, color in named]
+    handles = [Patch(color="0.15", label="contact"), *states_shown]
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 

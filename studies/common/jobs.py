@@ -31,11 +31,6 @@ def _all_or_some(n_jobs: int) -> int:
 Jobs = Annotated[int, Lt(2**31), AfterValidator(_all_or_some)]
 """Number of jobs at once, as joblib counts."""
 
-LOST = (
-    "a worker process was ended from outside, most likely for lack of memory; free some or ask for "
-    "fewer at once, then continue with --resume"
-)
-
 
 def run_parallel(
     work: Iterable[Any], n_jobs: int = -1, *, in_order: bool = True
@@ -53,7 +48,10 @@ def run_parallel(
     try:
         yield from Parallel(n_jobs, return_as=kind)(delayed(_call)(*call) for call in work)
     except TerminatedWorkerError as error:
-        raise InputError(LOST) from error
+        raise InputError(
+            "a worker process was ended from outside, most likely for lack of memory; free some or "
+            "ask for fewer at once, then continue with --resume"
+        ) from error
 
 
 def _call(function: Callable[..., Any], values: Sequence[Any], named: Mapping[str, Any]) -> Any:
@@ -68,9 +66,6 @@ def parallel_backend(backend: Backend) -> Iterator[None]:
 
     The cluster is the one that DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names, or else a new one of
     this machine's cores. Its workers must see the run's folder under the same path.
-
-    Raises:
-        InputError: if the extra of the backend is not installed, or no cluster answers.
     """
     if backend == "loky":
         yield

@@ -182,15 +182,8 @@ def find_policies(
 ) -> Policies:
     """Finds the policies of a gait, and prints their origin unless it is to be quiet.
 
-    Args:
-        source: Folder of a run of train, distill or refine; by default what ships is taken and, of
-            a gait that does not ship, what the default folders hold.
-        robot: Name of the robot, or path of its robot.yaml; by default that of the run's policies,
-            and of what ships the default one.
-
-    Raises:
-        InputError: if the folder that is named holds no policies of the gait, or the expert of its
-            students is not found.
+    The robot is by default that of the run's policies, and of what ships the default one. A folder
+    that holds no policies of the gait is refused, and one whose students' expert is not found.
     """
     name, known = gait.name, load_robot(robot or DEFAULT_ROBOT)
     if source is not None:
@@ -252,10 +245,7 @@ def _lacking(gait: Gait, folder: Path, robot: Robot) -> str:
 
 
 def _refuse_other_gait(gait: Gait, folder: Path) -> None:
-    """Refuses policies of a gait file that was edited since they were made.
-
-    Policies refuse changes of built-in gaits themselves.
-    """
+    # Policies refuse changes of built-in gaits themselves.
     record = folder / CONFIG_NAME
     found = read_yaml(record) if record.exists() and gait.name not in gait_names() else None
     inputs = found.get("inputs") if isinstance(found, dict) else None

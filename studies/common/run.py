@@ -69,12 +69,8 @@ def open_run(
             other settings, inputs or software, or the folder cannot be written to.
     """
     software = {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
-    record = {
-        "study": study,
-        "settings": to_plain(settings),
-        "inputs": dict(inputs or {}),
-        "software": software,
-    }
+    record = {"study": study, "settings": to_plain(settings), "inputs": dict(inputs or {})}
+    record["software"] = software
     path, made_of = folder / CONFIG_NAME, _made_of(record, free)
 
     # Check before writing anything: a refused command must not leave a trace.

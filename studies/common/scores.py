@@ -123,18 +123,11 @@ def wilson_interval(count: int, n: int) -> tuple[float, float]:
 def summarize(scores: pd.DataFrame, by: Sequence[str], against: str | None = None) -> pd.DataFrame:
     """Averages scores over robots, with falls and intervals.
 
-    Args:
-        scores: Scores, a row a robot.
-        by: Columns that distinguish groups.
-        against: Policy that the others are compared with, robot by robot, in the same gait and
-            scenario; none by default.
-
-    Returns:
-        A row a group, in the order of the scores: means and half the widths of their 95 % intervals
-        (`_ci`); `falls`, their share `fall_rate` with Wilson's interval (`_low`, `_high`) and, if
-        they were told apart, `physical_falls`. With a reference also `points_more`, by which the
-        falls of a hundred exceed the reference's, and the `share` of its return with the paired
-        interval `share_ci`.
+    A row a group, in the order of the scores: means and half the widths of their 95 % intervals
+    (`_ci`); `falls`, their share `fall_rate` with Wilson's interval (`_low`, `_high`) and, if they
+    were told apart, `physical_falls`. `against` a policy, robot by robot in the same gait and
+    scenario, also `points_more`, by which the falls of a hundred exceed the reference's, and the
+    `share` of its return with the paired interval `share_ci`.
     """
     keys, rows = list(by), []
     for values, group in scores.groupby(keys, sort=False):

@@ -40,11 +40,8 @@ SIDES = ("ahead", "left", "back", "right")
 
 @styled
 def return_figure(scores: pd.DataFrame, title: str) -> Figure:
-    """Draws average return and falls against the alternation ratio (paper, Figure 2).
-
-    Between them stands the share of the expert's return from `LEAST_SHARE` on, whose intervals are
-    much shorter: it compares robots under the same commands and noise.
-    """
+    """Draws average return, its share of the expert's from `LEAST_SHARE` on, and falls against the
+    alternation ratio (paper, Figure 2)."""
     means = alternation_table(scores)
     expert = means[means["policy"] == "expert"].iloc[0]
     figure, (returns, share, falls) = subplots(

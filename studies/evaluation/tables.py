@@ -37,13 +37,8 @@ TITLES = {
 def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     """Sums up every policy in every scenario, the worst scenario first.
 
-    Args:
-        scores: Scores of one gait; policies are compared with the expert or, without it, with the
-            first policy.
-        titles: The scenarios' titles by their names.
-
-    Returns:
-        A row a policy and scenario: the columns of `summarize`.
+    A row a policy and scenario, with the columns of `summarize`. Policies of the one gait are
+    compared with the expert or, without it, with the first policy.
     """
     table = summarize(scores, ["policy", "scenario"], against=policies_of(scores)[0])
     table.insert(2, "world", table["scenario"].map(titles))

@@ -148,8 +148,7 @@ class Robot:
     def read(self) -> bool:
         """Reads the states since the last call, and returns whether any came.
 
-        Raises:
-            FaultError: if none came for too long, one is not finite, or the trunk leans too far.
+        A FaultError says if none came for too long, one is not finite, or the trunk leans too far.
         """
         states = self._reader.take(N=100)
         if not states:

@@ -22,9 +22,6 @@ from glassgait.studies.distillation.students import STUDENTS, samples_folder
 if TYPE_CHECKING:
     import pandas as pd
 
-MEASURED = ("gbm", "ebm", "statewise_linear", "symbolic", "statewise_symbolic")
-"""Kinds of students that are measured by default."""
-
 
 @checked
 class Importance(Experiment):
@@ -42,7 +39,7 @@ class Importance(Experiment):
     title: ClassVar[str] = "importance"
     scenario: ClassVar[tuple[str, ...]] = (TRAINING,)
 
-    policy: PolicyNames = MEASURED
+    policy: PolicyNames = ("gbm", "ebm", "statewise_linear", "symbolic", "statewise_symbolic")
     joint: str = "FL_hip"
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10
@@ -73,8 +70,7 @@ class Importance(Experiment):
         return folder if kept else None
 
     def cases(self) -> list[Case]:
-        """Lists the students."""
-        # This refuses neural policies before anything is measured.
+        """Lists the students; neural policies are refused before anything is measured."""
         _ = self.students
         return super().cases()
 

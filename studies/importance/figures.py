@@ -35,18 +35,13 @@ def importance_map(importances: Array, names: Sequence[str], title: str) -> Figu
     # The map, a row for each joint.
     figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 2.9))
     image = axes.imshow(shares, cmap="viridis", aspect="auto", vmin=0.0)
-    axes.set_yticks(
-        range(quadruped.N_JOINTS), [name.replace("_", " ") for name in quadruped.JOINTS]
-    )
+    axes.set_yticks(range(quadruped.N_JOINTS), [*map(_title, range(quadruped.N_JOINTS))])
     axes.set_xticks(range(len(names)), names, rotation=90, fontsize=5)
     axes.set_title(title)
     axes.grid(visible=False)
     bar = figure.colorbar(image, ax=axes, pad=0.01)
     bar.set_label("share of a joint's importance")
     return figure
-
-
-_BOX = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
 
 
 @styled
@@ -91,9 +86,9 @@ def tree_figure(
 
         # A box, and the branch to the question above it.
         at = _place(node)
-        axes.text(
-            *at, label, ha="center", va="center", fontsize=5, bbox={**_BOX, "facecolor": face}
-        )
+        box = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
+        box["facecolor"] = face
+        axes.text(*at, label, ha="center", va="center", fontsize=5, bbox=box)
         if node:
             above = _place((node - 1) // 2)
             axes.plot(*zip(above, at, strict=True), color="0.4", linewidth=0.7, zorder=0)
@@ -293,13 +288,9 @@ N_SHAPES, N_PAIRS = 3, 2
 def student_figures(
     gait: str, kind: str, student: Policy, joint: int, observations: Array, seed: int = 0
 ) -> dict[str, Figure]:
-    """Draws the model of a student's joint.
+    """Draws the model of a student's joint, if it is of boosted trees or an additive model.
 
-    Boosted trees: one tree, and the partial dependence on the three most important observations.
-    Additive models: the terms' importances, functions of one observation with their bands, and of
-    two as maps. Other students have no such figures. Names begin with the kind and the joint.
-
-    Importances and averages are taken over the observations (m, n).
+    Names begin with the kind and the joint. Averages are taken over the observations (m, n).
     """
     name = quadruped.JOINTS[joint]
     title = f"{gait.capitalize()}, {policy_title(kind)}, {name.replace('_', ' ')}"

@@ -72,8 +72,7 @@ PAPER_TOP: dict[str, dict[str, dict[str, list[list[str]]]]] = read_yaml(
 
 def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, list[list[str]]]:
     """Lists the first, second and third observations of each joint type, legs merged."""
-    # Each of a type's four joints names its first, second and third; a place lists the names of all
-    # four, the most frequent first.
+    # A place lists the names that a type's four joints give it, the most frequent first.
     groups = tuple(observation_groups(names))
     order = np.argsort(-merge_importances(importances, names), axis=1, kind="stable")
     tops = {}

@@ -92,12 +92,7 @@ class Benchmark(OneGait):
 
 
 def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
-    """Times an action of each policy in Python, and a whole control step in C if it compiles.
-
-    Returns:
-        A row a policy: median of an action in Python (µs); of the controller in C the median and
-        the 99.9th percentile of a step (µs), and the size of its file (kB).
-    """
+    """Times an action of each policy in Python, and a whole control step in C if it compiles."""
     if not has_compiler():
         say("there is no C compiler here, cc: controllers in C are not timed")
     rows = []

@@ -25,13 +25,8 @@ WIDE = ("6", "7", "8, top")
 
 @dataclass(frozen=True)
 class GaitResults:
-    """Results of one gait.
-
-    Attributes:
-        r2: R² of each student, as `distill` returns them.
-        standalone: Scores without the expert, formatted.
-        tops: The most important observations beside the paper's.
-    """
+    """Results of one gait: R² of students, their scores without the expert, and the most important
+    observations beside the paper's."""
 
     gait: str
     folder: Path

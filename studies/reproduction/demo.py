@@ -35,11 +35,8 @@ from glassgait.studies.evaluation.tables import standalone_table
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
 
-SHOWN = "sparse_formula"
-"""The shipped policy whose robot, gait diagram and explanation come first."""
-
-FORMULAS = "statewise_symbolic"
-"""The formulas that are distilled here."""
+SHOWN, FORMULAS = "sparse_formula", "statewise_symbolic"
+"""The shipped formulas that come first, and those that are distilled here."""
 
 QUICK = DistillationConfig(
     students=(FORMULAS, "histogram_gbm", "ebm"),
@@ -73,7 +70,6 @@ REPLAY_STEPS, REPLAYS_IN_A_ROW = 400, 450
 """An hour in all: a page that is opened late still moves."""
 
 EXPLAINED_JOINT, EXPLAINED_STEP = 1, 200
-"""The joint and control step of the explanation."""
 
 
 @checked

@@ -191,9 +191,8 @@ class Report(Settings):
         write_table(table, folder / "differences")
         if len(table):
             print_table("Not as in paper.yaml", table)
-        changed = [
-            f"{row['setting']}: {row['here']}, not {row['in full']}." for _, row in table.iterrows()
-        ]
+        rows = table.itertuples(index=False)
+        changed = [f"{setting}: {here}, not {full}." for setting, full, here in rows]
         return [*changed, *[WITHOUT_PYSR] * (self.searches_by == "operon"), pages]
 
     def write(self, results: Sequence[GaitResults], folder: Path) -> Path:

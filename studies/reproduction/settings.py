@@ -12,9 +12,6 @@ from glassgait.studies.common.run import default_folder, to_plain
 
 SETTINGS_FOLDER = Path(__file__).parent
 
-QUICK = "quick"
-"""Key of a settings file that holds the changes of a quick run."""
-
 BESIDE = ("output", "resume", "workers", "quick", "engine", "robot")
 """Settings that do not count as a difference, or show in another setting."""
 
@@ -31,14 +28,14 @@ def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise InputError(f"{path}: is not a mapping of settings; start from that of 'paper'")
-    less = values.pop(QUICK, None)
+    less = values.pop("quick", None)
     # Results of a person's file stay apart from those of the files that ship.
     if path.parent != SETTINGS_FOLDER:
         folder = default_folder(f"reproduce {path.stem}{'_quick' * quick}")
         values = {"output": str(folder)} | values
     if quick and not isinstance(less, dict):
         raise InputError(
-            f"{path}: has no settings under the key {QUICK!r}; add them, or leave --quick out"
+            f"{path}: has no settings under the key 'quick'; add them, or leave --quick out"
         )
     return kind.from_plain(_merged(values, less) if quick else values, str(path))
 
