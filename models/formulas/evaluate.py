@@ -28,14 +28,13 @@ BLOCK = 2_048
 
 
 class _Function:
-    """A function of one operand or of two, of all nodes of a height."""
+    """A function of one operand or two: all nodes (k, ...) of a height, from values (size, ...)."""
 
     def __init__(self, operator: str, operands: Sequence[Any]) -> None:
         self._function = _FUNCTIONS[operator]
         self._operands = np.array(operands, dtype=np.intp).T
 
     def __call__(self, values: Array) -> Array:
-        """Evaluates the nodes (k, ...) from the values before (size, ...)."""
         return self._function(*values[self._operands])
 
 
@@ -102,14 +101,11 @@ class _Nodes:
     """The distinct sub-formulas of formulas, numbered in the order in which they can be evaluated.
 
     A sum of sums is one node, and so is a product of products, where the order of evaluation stays.
-
-    Attributes:
-        keys: Operator of each, and its operands: their numbers, with their signs in a sum; the
-            value of a constant, the index of a variable.
-        heights: Operators on the longest way down from each.
     """
 
     def __init__(self) -> None:
+        # Operator of each, and its operands: their numbers, with their signs in a sum; the value
+        # of a constant, the index of a variable. Heights count operators on the longest way down.
         self.keys: list[tuple[str, Any]] = []
         self.heights: list[int] = []
         self._number_of_key: dict[tuple[str, Any], int] = {}

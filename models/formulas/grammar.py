@@ -32,6 +32,7 @@ from glassgait.models.formulas.expression import (
     Expression,
     checked_formula,
     constant,
+    negated,
     refuse_unfit,
     variable,
 )
@@ -40,9 +41,6 @@ LINE_LENGTH = 100
 
 GLUE = "\N{NO-BREAK SPACE}"
 """Stands for a space at which no line ends."""
-
-MOST_NAMED = 16
-"""Names that a refusal lists."""
 
 _COMMENT = re.compile("#[^\n]*")
 
@@ -184,8 +182,7 @@ class _Parser:
             self.at += 1
             formula = Expression("square" if text[-1] == "2" else "cube", (formula,))
         for _ in range(minus):
-            is_number = formula.operator == "constant"
-            formula = constant(-formula.value) if is_number else Expression("neg", (formula,))
+            formula = negated(formula)
         return formula
 
     def _atom(self) -> Expression:
@@ -243,8 +240,9 @@ def _known(name: str, names: Iterable[str]) -> str:
     if not alike:
         alike = [f"{known.partition('.')[0]}.…" if "." in known else known for known in names]
     listed = [*dict.fromkeys(alike)]
-    more = ["…"] if len(listed) > MOST_NAMED else []
-    return f"there are {', '.join([*listed[:MOST_NAMED], *more])}"
+    # A refusal stays one short sentence.
+    more = ["…"] if len(listed) > 16 else []
+    return f"there are {', '.join([*listed[:16], *more])}"
 
 
 def written_number(value: float) -> str:
