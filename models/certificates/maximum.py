@@ -39,10 +39,9 @@ class Region:
 
 @dataclass(frozen=True)
 class Maximum:
-    """Bounds of the greatest value of a function over a box.
+    """Bounds of the greatest value of a function over a box: `reached` at the witness (n).
 
-    No value exceeds the bound. The value at the witness (n) is `reached`. The bound was found over
-    the cells of `splits`.
+    The bound was found over the cells of `splits`.
     """
 
     bound: float
@@ -119,10 +118,7 @@ class _Search:
         self.n_cells = self._climbs_at = 1
 
     def split(self, cells: _Cells) -> tuple[_Cells, float]:
-        """Halves each cell where that lowers its bound most, and climbs from points in one.
-
-        Returns the parts, and the greatest bound of cells that cannot be split.
-        """
+        """Halves cells; returns the parts, and the greatest bound of those that cannot be split."""
         # Without shared quantities no split lowers a bound.
         shared, n = self._relaxation.shared, cells.lower.shape[1]
         if self.n_cells >= self._climbs_at:

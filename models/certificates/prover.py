@@ -25,16 +25,13 @@ from glassgait.models.task.symmetry import mirrored_states
 GAPS = {"operating": 0.008, "physical": 0.05}
 """Share of a joint's range that a bound over each box may be away from its witness.
 
-Outside the operating box a bound need not be sharp: over the physical box a proof of 0.008 takes up
-to forty times the room of all the others."""
+Over the physical box a proof of 0.008 takes up to forty times the room of all the others."""
 
 FINE = 1e-7
 """The same in a second search, towards the limit of a claim (rad)."""
 
 REFUTED, SLACK = 1e-8, 1e-11
-"""By how much a witness must break a claim, and what is added to bounds (rad, or rad per unit).
-
-Double precision is off by less than the first; the checker computes bounds in another way."""
+"""By how much a witness must break a claim, and what is added to bounds (rad, or rad per unit)."""
 
 SAMPLES = 5000
 """Random observations that may be witnesses."""

@@ -24,10 +24,7 @@ INPUTS: tuple[Group, ...] = (
     "base velocity",
     "foot height",
 )
-"""Groups of observations that are inputs: commands, and the motion of the trunk and the feet.
-
-Joint positions and velocities are left out. They describe how a servo continues its motion.
-"""
+"""Groups of observations that are inputs; those of joints say how a servo continues its motion."""
 
 CLOCKS: tuple[Group, ...] = ("iterations", "machine state")
 """Groups that say when. A definition that uses one of these is no input."""
@@ -103,10 +100,9 @@ class Claim:
 
 
 def readable_terms(file: FormulaFile) -> list[Term]:
-    """Lists the readable terms of the formulas that a file holds, in the file's order.
+    """Lists the readable terms of a file's formulas: numbers times one input and perhaps gates.
 
-    Products of sums are multiplied out. Terms with a function, a quotient, two inputs or joint
-    readings are left out. Terms of the same input and gates in one formula are joined.
+    Sums are multiplied out, and terms of the same input and gates in one formula are joined.
     """
     entries, symbols = entries_of(file.vocabulary.names), file.vocabulary.symbols
     gates = {i for i, entry in enumerate(entries) if entry.group == "machine state"}

@@ -25,14 +25,11 @@ from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 
-SAME = 1e-9
-"""Actions that differ by less are the same, computed one by one or many at once."""
-
 MOST_SHOWN, N_SHOWN = 30, 14
 """Terms of a target that are all shown, and of one with more; the others are a sum."""
 
-LEAST_SWING = 1e-9
-"""Swing (rad) below which a term is constant within each state, but for rounding."""
+ROUNDING = 1e-9
+"""Difference of actions, and swing of a term within a state (rad), that is none."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +142,7 @@ def held_back(policy: Policy, rollout: Rollout) -> str | None:
     if policy.joint_law.limits is None:
         return None
     apart = np.abs(policy(rollout["observations"]) - rollout["actions"]).max(axis=1)
-    return f"in {np.count_nonzero(apart > SAME)} of {len(apart)} steps"
+    return f"in {np.count_nonzero(apart > ROUNDING)} of {len(apart)} steps"
 
 
 def _quantities(
@@ -161,12 +158,8 @@ def _quantities(
 
 
 def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> dict[str, Any]:
-    """Keeps each target's largest terms as pairs of index and value, and the others' sum.
-
-    The kept ones stand in the file's order, so that a row stays where it is from step to step.
-    The terms of other states than the machine's are none of the target's.
-    """
-    # Choose the largest terms of each step.
+    """Keeps each target's largest terms as pairs of index and value, and the others' sum."""
+    # Choose the largest terms of each step; in the file's order rows stay where they are.
     values, active = explained.values, explained.active()
     sizes = np.where(active, np.abs(values), -1.0)
     order = np.argsort(-sizes, axis=1, kind="stable")
@@ -178,7 +171,7 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
 
     # Choose the terms that swing most over the rollout.
     importances = explained.importances()
-    moving = np.flatnonzero(importances > LEAST_SWING)
+    moving = np.flatnonzero(importances > ROUNDING)
     ranked = np.sort(moving[np.argsort(-importances[moving], kind="stable")[:N_SHOWN]])
     place = {quantity: index for index, quantity in enumerate(quantities)}
     return {

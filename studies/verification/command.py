@@ -146,10 +146,7 @@ def measure_box(
     scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> tuple[ObservationBox, str]:
-    """Rolls out every controller in every scenario, and bounds what robots sense.
-
-    Robots that fall do not count. Returns the operating box, and in words how it was measured.
-    """
+    """Returns the box of what robots that do not fall sense, and in words how it was measured."""
     # Scenarios of continuous plants take minutes a robot.
     stepped = [scenario for scenario in scenarios.values() if scenario.accuracy is None]
     jobs = [

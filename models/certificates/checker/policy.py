@@ -117,11 +117,7 @@ class FormulaFile:
         return self.worked_out(self.definitions[other], algebra, not mirrored)
 
     def evaluate(self, state: int, joint: str, algebra: Any, mirrored: bool = False) -> Any:
-        """Works out a target of quantities, or of their images in the mirror.
-
-        The algebra has `number`, `quantity`, `product`, `quotient`, `function` and a dictionary
-        `known`; sums and negatives are Python's operators.
-        """
+        """Works out a target of quantities, or of their images in the mirror, in an algebra."""
         sign = 1
         if (state, joint) not in self.formulas and self.mirror is not None:
             joint, sign = image_of(joint, self.mirror)
