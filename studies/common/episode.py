@@ -51,7 +51,6 @@ class ControlStep(NamedTuple):
     """A completed control step of n robots.
 
     Attributes:
-        step: Number of the step, counted from 0.
         robots: Numbers of the robots (n,), without those that were left out.
         observation: Observations (n, n_obs).
         action: Requested actions (n, 12), 0 of fallen robots; `after.memory.action` is limited.
@@ -99,7 +98,6 @@ class Event(NamedTuple):
     Attributes:
         step: Control step that it comes before, or each robot's own (n,); None for every step.
         mask: Robots that it comes to (n,); None for all.
-        apply: Changes the episode of the robots of a mask.
     """
 
     step: int | IntArray | None

@@ -164,12 +164,8 @@ def _measure(measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) ->
 
 @dataclass(frozen=True)
 class Report:
-    """The results of an experiment: what is written, by file name, and what is printed.
-
-    Attributes:
-        shown: Tables that are printed, by title.
-        lines: Sentences that are printed after them.
-    """
+    """The results of an experiment: what is written, by file name, and tables by title and lines
+    that are printed."""
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     metrics: Any = None

@@ -65,8 +65,7 @@ def open_run(
         A digest of settings, inputs and software, by which the run's files may be marked.
 
     Raises:
-        InputError: if the folder holds anything else than a run to resume, the run was made with
-            other settings, inputs or software, or the folder cannot be written to.
+        InputError: if the folder holds anything else than such a run to resume.
     """
     software = {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
     record = {"study": study, "settings": to_plain(settings), "inputs": dict(inputs or {})}

@@ -26,11 +26,8 @@ from glassgait.studies.evaluation.tables import alternation_table, policies_of, 
 
 LEAST_SHARE = 0.9  # share of the expert's return above which students differ visibly
 
-FALLS = mpl.colormaps["Reds"]
-"""Colours from light to dark for more falls: one hue, read without seeing colours."""
-
-SURVIVAL = mpl.colormaps["YlGnBu"]
-"""Colours from light where none survives to dark where all do."""
+# Of one hue each, light to dark: they are read without seeing colours.
+FALLS, SURVIVAL = mpl.colormaps["Reds"], mpl.colormaps["YlGnBu"]
 
 COLUMN, ROW = 0.24, 0.19  # size of a cell of the map of falls (inches)
 PANEL = 1.95  # width of a policy's disc of pushes (inches)

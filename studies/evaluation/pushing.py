@@ -170,12 +170,8 @@ def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
 
 @dataclass(frozen=True)
 class Basin:
-    """The pushes that one policy survives.
-
-    Attributes:
-        survived: Robots that survived, by direction and speed (n_directions, n_speeds).
-        failures: Robots that did not, by their ends.
-    """
+    """The pushes that one policy survives: counts of robots (n_directions, n_speeds), and of the
+    ends of the others."""
 
     grid: PushGrid
     survived: Array

@@ -96,10 +96,9 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def worst_first(table: pd.DataFrame, policies: Collection[str] = ()) -> list[str]:
-    """Lists all scenarios by the share of robots that fall, the greatest first.
+    """Lists all scenarios by the share of robots that fall, of all or of the named policies.
 
-    Only robots of the named policies are counted; by default all are. Scenarios of one share stay
-    in the table's order.
+    The greatest comes first; scenarios of one share stay in the table's order.
     """
     scenarios = table["scenario"].unique()
     counted = table[table["policy"].isin(policies)] if policies else table

@@ -34,14 +34,9 @@ from glassgait.models.export.contract import interface_of, read_contract
 from glassgait.models.robots import kinematics
 from glassgait.models.task.command import Command
 
-LEAN = 60.0
-"""Lean of the trunk beyond which joints are damped (degrees)."""
-
-SILENCE = 0.1
-"""Time without a state after which joints are damped (s)."""
-
-DAMPING = 5.0
-"""Damping of joints that are given up (N·m·s/rad)."""
+LEAN = 60.0  # lean of the trunk beyond which joints are damped (degrees)
+SILENCE = 0.1  # time without a state after which joints are damped (s)
+DAMPING = 5.0  # damping of joints that are given up (N·m·s/rad)
 
 TOUCH, RELEASE = 60, 40
 """Counts of a foot's sensor from which it touches, and to which it then touches; of one Go2."""

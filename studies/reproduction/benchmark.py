@@ -46,8 +46,7 @@ Part = Literal["throughput", "actions"]
 PARTS: dict[Part, str] = {"throughput": "Throughput", "actions": "One action, one robot"}
 """What can be measured, with the headings of the tables."""
 
-STEPS = 20_000
-"""Steps of a controller in C that are timed."""
+STEPS = 20_000  # steps of a controller in C that are timed
 
 
 @checked

@@ -18,12 +18,10 @@ class Section:
 
     Attributes:
         number: The paper's number of the table or figure, or "".
-        points: Sentences of a list.
         tables: Tables, each after its heading or "".
         replays: Titles of replays, each with its file in the page's folder.
         figures: Captions, each with its picture (PNG or SVG).
         texts: Titles of folded texts, each with its text.
-        wide: Whether a picture takes the page's whole width.
     """
 
     title: str

@@ -51,13 +51,10 @@ from glassgait.studies.training.config import TrainingConfig
 
 PAPER_GAITS = ("walk", "trot", "pace", "bound")
 
-JOINT = 0
-"""The joint of the paper's single-joint figures, FL hip."""
-
+JOINT = 0  # of the paper's single-joint figures, FL hip
 SEQUENCE_STEPS = 200
 EXPLAINED_STEP = 100
-SPEED = 0.5
-"""Commanded forward speed of the gait sequences (m/s)."""
+SPEED = 0.5  # commanded forward speed of the gait sequences (m/s)
 
 WITHOUT_PYSR = (
     "Formulas are searched by Operon, not by PySR: operators, nodes and iterations are counted in "
