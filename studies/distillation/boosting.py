@@ -106,8 +106,7 @@ class EbmSettings(EnsembleSettings):
     """Settings of interpret's explainable boosting.
 
     Attributes:
-        outer_bags: Models that are averaged; how much they differ is the error band of every
-            function.
+        outer_bags: Models that are averaged; functions' error bands are how much they differ.
         round_bags: The same, at most, while samples are collected and in the fit that the paper's
             split scores.
         interactions: Functions of two observations, a joint; None for five of each observation,

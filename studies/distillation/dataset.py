@@ -27,13 +27,9 @@ HELD_OUT_EVERY = 5
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """The samples that a student is fitted to.
+    """Observations (m, n) with the expert's actions (m, 12), of episodes' starts or not (m,).
 
-    Attributes:
-        observations: Observations (m, n).
-        actions: The expert's actions there (m, 12).
-        starts: Whether each sample is of an episode's start (m,).
-        mirror: State that each state of the machine is in the mirror; None where it favours a side.
+    The mirror lists each state's image; it is None where the machine favours a side.
     """
 
     gait: str
@@ -67,12 +63,9 @@ class TrainingSet:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Visited states with the expert's actions.
+    """Observations (m, n) with the expert's actions (m, 12) and their episodes (m,), from 1.
 
-    Attributes:
-        observations: Rows (m, n), with the expert's actions there (m, 12).
-        episodes: Number of the episode that each sample is from (m,), counted from 1.
-        minutes: Wall time of collecting them, with the fits of the students that acted.
+    Minutes are the wall time of collecting them, with the fits of the students that acted.
     """
 
     observations: Array

@@ -62,9 +62,7 @@ class FormulaNetwork(nn.Module):
     they are.
 
     The numbers are `start + unit @ changes`, and an optimizer sees the changes. A step of any
-    direction among them does as much to the targets, whether it counts metres or rad/s, and whether
-    or not two terms are nearly the same: with actions of Gaussian spread a gradient step then is
-    one of the natural gradient.
+    direction among them does as much to the targets: a step of the natural gradient.
     """
 
     start: torch.Tensor

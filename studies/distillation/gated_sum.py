@@ -67,15 +67,9 @@ def fit_gated_sums(
     max_length: int,
     weighted: int | None = None,
 ) -> list[Expression]:
-    """Fits the longest gated sums of at most `max_length` nodes, by orthogonal matching pursuit
-    with a ridge penalty.
+    """Fits the longest gated sums of at most `max_length` nodes to targets (m, j).
 
-    Args:
-        values: Samples of all variables (m, k).
-        targets: What to fit (m, j), a formula a column.
-        gates: Bounded functions of the variables; none for a plain weighted sum.
-        max_length: Bound on `Expression.length`.
-        weighted: Number of the first variables that sums may hold; all by default.
+    Sums hold the first `weighted` variables of the values (m, k), or all; gates may hold any.
     """
     # A term takes two nodes at least, so that no longer path is needed.
     n = values.shape[1] if weighted is None else weighted

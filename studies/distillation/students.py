@@ -25,8 +25,7 @@ class Student:
 
     Attributes:
         collector: The student that collects its samples; itself by default.
-        brevity: Rank among the students whose actions are sums of terms, 1 for the shortest; None
-            where they are not such sums.
+        brevity: Rank among the sums of terms, 1 for the shortest; None for other students.
         paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.
     """
 

@@ -239,9 +239,8 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
 
 def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
     """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations."""
-    # PySR's `constraints` bound the size of an operator's arguments, not of a formula. The paper's
-    # «maximum operator complexity» is therefore the size of what a function or a product is applied
-    # to. Sums are free, or no formula could have the paper's 90 nodes.
+    # PySR's `constraints` bound the size of what a function or a product is applied to. Sums are
+    # free, or no formula could have the paper's 90 nodes.
     limit = settings.operator_complexity
     return {
         "unary_operators": list(PYSR_FUNCTIONS),

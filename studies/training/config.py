@@ -38,11 +38,8 @@ class CurriculumConfig(Settings):
     """Settings of the growth of the reward machine's demands during training.
 
     The difficulty scales the dwell and the clearance that a transition asks for, and divides its
-    grace. It rises after every update in which the robots kept enough of the commanded rhythm. At a
-    low difficulty they may step faster than commanded; the rising dwell slows them down.
-
-    Once it is 1, pushes and the ground's angles and heights grow by their hardship, after every
-    update in which the robots kept the rhythm and few of them failed.
+    grace. It rises after every update in which the robots kept enough of the commanded rhythm. Once
+    it is 1, pushes and ground grow by their hardship, as long as few robots fail.
 
     Attributes:
         initial_difficulty: Difficulty at the start; 1 is the paper's way, no curriculum.
@@ -50,8 +47,7 @@ class CurriculumConfig(Settings):
         required_rhythm: Share of the commanded rhythm that lets the difficulty grow.
         initial_hardship: Share of the pushes' speed and of the ground at the start; 1 is all of it.
         hardship_rise: How much that grows after an update.
-        most_failures: Greatest share of the control steps that end by a failure which lets it
-            grow.
+        most_failures: Greatest share of control steps with a failure that lets it grow.
     """
 
     title: ClassVar[str] = "training: curriculum"
@@ -70,8 +66,7 @@ class PpoConfig(Settings):
 
     Attributes:
         steps_per_update: Control steps of each robot between two updates.
-        critic_updates: First updates, in which only the critic learns. It begins anew even where
-            the actor does not, and both learn at one rate, which is low for a good actor.
+        critic_updates: First updates, in which only the critic learns, which begins anew.
         entropy: Weight of the entropy at first; robots keep trying.
         final_entropy: Weight of the entropy in the end; robots become precise.
         entropy_decay: Updates between which the weight falls from the one to the other.
@@ -142,9 +137,8 @@ class TrainingConfig(Settings):
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
             machine does.
-        limit_targets: Whether joints only follow targets within their ranges, the nearest ones
-            there. The expert's file says so, and with which gains joints followed; it and its
-            students are run so from then on.
+        limit_targets: Whether joints follow the nearest targets within their ranges, in training
+            and, as the expert's file says, from then on.
         senses: Where the body state comes from: `learned` is the paper's, a network that learns
             beside the actor, without an IMU; `odometry` estimates it by the IMU, the joints and the
             standing feet; with `imu` the actor observes gravity and angular velocity as well.
