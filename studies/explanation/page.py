@@ -54,10 +54,7 @@ class ExplainedJoint:
         return Contributions(terms, contributions.values[kept])
 
     def importances(self) -> np.ndarray:
-        """Returns the mean size of each term's swings around its mean of the state (k; rad).
-
-        A constant of one state has none: it only comes and goes with the machine.
-        """
+        """Returns the mean size of each term's swings around its mean of the state (k; rad)."""
         swings = np.array(self.values)
         for state in np.unique(self.states):
             inside = self.states == state

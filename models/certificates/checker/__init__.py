@@ -1,8 +1,7 @@
 """Checks a certificate without the program that proved it.
 
-It uses nothing of the prover, and nothing by which policies act. The files of policy and robot are
-read anew, bounds are computed in balls of real numbers (Arb, by python-flint), rounding of double
-precision is bounded node by node, and every claim is decided again from bounds and witnesses.
+It uses nothing of the prover, and nothing by which policies act. Files are read anew, and every
+claim is decided again from bounds in balls of real numbers (Arb, by python-flint).
 
 Trusted are these files, Python, NumPy, PyYAML and Arb, that robots compute in double precision with
 functions that are right to 4 units of the last place, and that robots stay in the boxes.

@@ -1,7 +1,6 @@
 """Formula files, read anew: what the header says, definitions and formulas.
 
-A formula is parsed as a Python expression, of which a few kinds of nodes are known; it is never
-run. The grammar is written down where formula files are described.
+A formula is parsed as a Python expression, of which a few kinds of nodes are known, and never run.
 """
 
 import ast
