@@ -32,8 +32,6 @@ Memory = NDArray[np.void]
 
 
 class Step(NamedTuple):
-    """The result of a step of a controller."""
-
     memory: Memory
     targets: Array
     """Joint position targets (12; rad)."""
@@ -84,7 +82,6 @@ class LoadedController:
         )
 
     def initial(self) -> Memory:
-        """Returns the memory of a controller before its first step."""
         memory = np.zeros((), self._memory)
         self._init(_pointer(memory))
         return memory
@@ -138,12 +135,10 @@ def write_source(written: ControllerSource, folder: Path) -> Path:
 
 
 def load_controller(written: ControllerSource, folder: Path) -> LoadedController:
-    """Writes a controller's files into a folder, compiles them there and loads the library."""
     return compiled_controller(write_source(written, folder), written, folder)
 
 
 def compiled_controller(source: Path, interface: Interface, folder: Path) -> LoadedController:
-    """Compiles a controller's C file into a folder, and loads the library."""
     library = folder / f"{source.stem}.so"
     compile_c(source, library, (*FLAGS, "-shared", "-fPIC"))
     return LoadedController(library, interface)

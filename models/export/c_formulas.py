@@ -57,11 +57,9 @@ class Mirror(NamedTuple):
     signature: str
     """Declaration of the function of the formulas that the file holds."""
     states: tuple[str, ...]
-    """Constant of the mirror image of each RM state."""
     written: tuple[str, ...]
     """Joints that have a formula in each state, one bit a joint."""
     arrays: tuple[CArray, ...]
-    """The mirror images of an observation and of targets."""
 
 
 @policy_code.register
@@ -131,7 +129,6 @@ def _mirror(
 
 
 def _limited(readings: Readings | None, quantities: Sequence[str]) -> tuple[str, ...]:
-    """Returns the quantities that have ranges, by the part of their names before the dot."""
     ranges = readings.ranges if readings else ()
     has_range = {kind.partition(".")[0] for kind, _ in ranges}
     return tuple(name for name in quantities if name in has_range)
@@ -191,7 +188,6 @@ def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
 
 
 def _quantities(names: Sequence[str], used: frozenset[int]) -> tuple[str, ...]:
-    """Lists the observed quantities that formulas use, by the part before the dot."""
     entries = entries_of(names)
     return tuple(
         dict.fromkeys(
@@ -246,9 +242,8 @@ def _noted(lines: Sequence[str], end: str, note: str) -> list[str]:
 
 def _notation(real: Real) -> Notation:
     def named(operator: str) -> str:
-        if operator in ("square", "cube"):
-            return operator
-        return function("fabs" if operator == "abs" else operator, real)
+        whole = operator in ("square", "cube")
+        return operator if whole else function("fabs" if operator == "abs" else operator, real)
 
     return Notation(lambda value: number(value, real), named, has_powers=False)
 

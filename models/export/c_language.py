@@ -49,7 +49,6 @@ def number(value: float, real: Real) -> str:
 
 
 def function(name: str, real: Real) -> str:
-    """Names a function of math.h, such as tanh, for a type."""
     return f"{name}f" if real == "float" else name
 
 
@@ -61,7 +60,6 @@ def commented(text: str) -> str:
 
 
 def comment(text: str) -> str:
-    """Writes a sentence as a comment, on as many lines as it takes."""
     lines = textwrap.wrap(text, LINE_LENGTH - 6)
     return "/* " + "\n * ".join(lines) + " */"
 

@@ -22,8 +22,6 @@ ABREAST = 10
 
 @dataclass(frozen=True)
 class Code:
-    """A part of a controller's file."""
-
     title: str
     functions: str
     """Its functions; the last one is called from outside."""
@@ -40,7 +38,6 @@ class Style(NamedTuple):
     real: Real
 
     def signature(self, *, takes_state: bool, name: str = "act", writes: str = "action") -> str:
-        """Declares a function of the observation, on as many lines as it takes."""
         begin = f"static void {name}({'int state, ' if takes_state else ''}"
         observed = f"const {self.real} observation[N_OBSERVATIONS],"
         rest = f"{self.real} {writes}[12])"

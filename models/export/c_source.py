@@ -20,7 +20,7 @@ from glassgait.models.export.c_language import (
     number,
     rendered,
 )
-from glassgait.models.export.c_policies import Code, Style, network_code, policy_code
+from glassgait.models.export.c_policies import Style, network_code, policy_code
 from glassgait.models.formulas.grammar import GLUE
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.neural import Network
@@ -54,8 +54,6 @@ _GROUPS: dict[Group, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Interface:
-    """The C interface of a controller."""
-
     name: str
     real: Real
     joint_law: JointLaw
@@ -65,8 +63,6 @@ class Interface:
 
 @dataclass(frozen=True)
 class ControllerSource(Interface):
-    """The text of a controller: a C file and its header."""
-
     source: str
     header: str
 
@@ -101,6 +97,9 @@ def write_controller(
     if not isinstance(estimator, Odometry):
         network = network_code(estimator, "estimator", "estimate", real)
     codes = [acting] if network is None else [acting, network]
+    # Those whose numbers stand at the end of the file.
+    named = ["the estimator"] * (network is not None)
+    named += ["the policy"] * (network is None or bool(acting.arrays))
     has_imu = reads_imu(controller)
 
     # The numbers of the robot, the gait and the task, for the template.
@@ -129,7 +128,7 @@ def write_controller(
         "takes_state": acting.takes_state,
         "needs_elu": any("elu(" in code.functions for code in codes),
         "arrays": [array for code in codes for array in code.arrays],
-        "named": _named(acting, network),
+        "named": " and ".join(named),
         "has_imu": has_imu,
         "observes_imu": policy.layout.imu,
         "odometry": odometry and _odometry_code(odometry, robot, real),
@@ -147,7 +146,6 @@ def write_controller(
 
 
 def check_name(name: str) -> None:
-    """Refuses a name that a controller and its files cannot have."""
     if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
         raise InputError(
             f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} small "
@@ -156,7 +154,6 @@ def check_name(name: str) -> None:
 
 
 def reads_imu(controller: Controller) -> bool:
-    """Returns whether a controller's policy, its odometry or its limits read an IMU."""
     odometry = isinstance(controller.estimator, Odometry)
     return odometry or controller.policy.layout.imu or controller.joint_law.limits is not None
 
@@ -179,14 +176,7 @@ def _described(policy: Policy, policy_name: str) -> str:
     return f"policy {named}" if named == policy.kind else f"policy {named}, {kind}"
 
 
-def _named(policy: Code, network: Code | None) -> str:
-    if network is None:
-        return "the policy"
-    return "the estimator and the policy" if policy.arrays else "the estimator"
-
-
 def _places(robot: Robot, layout: ObservationLayout) -> list[tuple[str, int, str]]:
-    """Lists the constant, the index and the comment of each part of the observation."""
     found = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
     groups = [entry.group for entry in layout.entries]
     for group, (title, note) in _GROUPS.items():
@@ -292,7 +282,6 @@ def state_constants(gait: Gait) -> tuple[str, ...]:
 
 
 def machine_cases(gait: Gait, real: Real) -> list[Case]:
-    """Writes the transitions of each RM state that has any."""
     named = dict(zip(gait.states, state_constants(gait), strict=True))
     found = []
     for state in gait.states:
@@ -326,11 +315,9 @@ def _condition(edge: Transition, real: Real) -> tuple[str, ...]:
 
 def _conjuncts(node: ast.expr) -> list[str]:
     """Lists the parts that must all hold; the formula was checked with the gait's file."""
-    match node:
-        case ast.BinOp(left=left, op=ast.BitAnd(), right=right):
-            return [*_conjuncts(left), *_conjuncts(right)]
-        case _:
-            return [_proposition(node)]
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd):
+        return [*_conjuncts(node.left), *_conjuncts(node.right)]
+    return [_proposition(node)]
 
 
 def _proposition(node: ast.expr) -> str:

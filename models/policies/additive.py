@@ -135,7 +135,6 @@ class AdditivePolicy(Policy):
         return single, self.pair_tables[self._pair, first, second]
 
     def compact(self) -> Self:
-        """Returns the policy with tables that fit into single precision."""
         # Deviations move no joint; observations that are in no pair need no coarse bins.
         paired = np.isin(self._feature, self.pairs)
         cuts = zip(self.pair_cuts, paired, strict=True)
@@ -148,12 +147,6 @@ class AdditivePolicy(Policy):
             deviations=rounded(self.deviations, np.float16),
             pair_deviations=rounded(self.pair_deviations[:, bins, bins], np.float16),
         )
-
-    def term_names(self, joint: int) -> tuple[str, ...]:
-        """Names a joint's functions as pages do: those of one quantity, then those of two."""
-        names = symbols_of(self.observation_names)
-        pairs = self.pairs[self.pair_joints == joint]
-        return (*names, *(f"{names[first]} & {names[second]}" for first, second in pairs))
 
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         pairs = self.pairs[self.pair_joints == joint].tolist()
@@ -182,7 +175,10 @@ class AdditivePolicy(Policy):
             [constant, single[joint], paired[:, self.pair_joints == joint]], axis=1
         )
         values = values.reshape(*observation.shape[:-1], -1)
-        terms = (INTERCEPT, *self.term_names(joint))
+        # Functions of one quantity, then those of two.
+        names, pairs = symbols_of(self.observation_names), self.pairs[self.pair_joints == joint]
+        paired_names = (f"{names[first]} & {names[second]}" for first, second in pairs)
+        terms = (INTERCEPT, *names, *paired_names)
         return contributions_of_action(self.robot, terms, values, joint)
 
 

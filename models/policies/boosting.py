@@ -82,7 +82,6 @@ class BoostedTreesPolicy(Policy):
         return action.reshape(*observation.shape[:-1], -1)
 
     def compact(self) -> Self:
-        """Returns the policy with leaves and thresholds that fit into single precision."""
         # Thresholds of scikit-learn's exact trees stay as they are, so every branch is the same.
         exact = lower_neighbours(self.thresholds) is not None
         return self.with_arrays(
@@ -199,7 +198,6 @@ class _Tree(NamedTuple):
         return 1 + max(self.depth(self.left[node]), self.depth(self.right[node]))
 
     def fill(self, features: NDArray[Any], thresholds: Array, leaves: Array) -> None:
-        """Writes the tree into the arrays of a complete one, level by level."""
         nodes = [0]
         for slot in range(len(features)):
             node = nodes[slot]

@@ -74,7 +74,6 @@ class Controller:
         return law if self.student is None or self.period else self.student.joint_law.over(law)
 
     def refuse_other_machine(self, gait: Gait) -> None:
-        """Refuses a gait for which a policy that acts was not made."""
         for policy in self.policies.values():
             policy.refuse_other_machine(gait)
 
@@ -97,7 +96,6 @@ def alone(policy: Policy, expert: Policy | None = None) -> Controller:
 
 
 def expert_of(controller: Controller | Policy) -> Policy:
-    """Returns a controller's expert, or the policy itself."""
     return controller if isinstance(controller, Policy) else controller.expert
 
 

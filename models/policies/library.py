@@ -126,7 +126,6 @@ def find_gait(gait: str | Path, robot: str | None = None) -> "Gait":
 
 
 def shipped_experts(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
-    """Lists the gaits with a shipped expert for a robot."""
     folder = robot_folder(EXPERT_DIRECTORY, robot)
     return tuple(sorted(path.stem for path in folder.glob("*.safetensors")))
 
@@ -137,7 +136,6 @@ def shipped_expert(gait: str, robot: str = DEFAULT_ROBOT) -> Path:
 
 
 def shipped_students(gait: str, robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
-    """Lists the kinds of shipped students of a gait for a robot."""
     folder = robot_folder(STUDENT_DIRECTORY, robot) / gait
     paths = (path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES)
     return tuple(sorted(path.stem for path in paths))

@@ -141,7 +141,6 @@ class FactoredTerm(NamedTuple):
     weights: tuple[float, ...]
     """The weight, one for all RM states or one each; empty where the term is a function."""
     quantities: "tuple[Expression, ...]"
-    """Variables of the policy, or functions of them."""
     state: int | None = None
     """RM state whose formula the term is part of; None where it serves all."""
 
@@ -172,7 +171,6 @@ class Policy(ABC):
     kind: ClassVar[str]
     suffix: ClassVar[str] = ".safetensors"
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
-    """The policy's arrays, by the names of its attributes."""
 
     joint_law: JointLaw = OWN_LAW
     observes_by: str | None = None
@@ -259,7 +257,6 @@ class Policy(ABC):
         return made.with_joint_law(self.joint_law)
 
     def save(self, path: Path) -> None:
-        """Writes the policy to a safetensors file, atomically."""
         arrays, values = self.to_arrays()
         header = {
             "format": FORMAT_VERSION,
@@ -346,11 +343,7 @@ class Policy(ABC):
             )
 
     def check(
-        self,
-        *,
-        gait: "Gait | str",
-        observation_names: tuple[str, ...],
-        robot: Robot | None = None,
+        self, *, gait: "Gait | str", observation_names: tuple[str, ...], robot: Robot | None = None
     ) -> None:
         """Refuses another robot, another gait or its name, or another layout of the observation."""
         # The robot and the gait, by name.
@@ -378,6 +371,5 @@ class Policy(ABC):
 
 
 def first_not_finite(values: Array) -> tuple[int, ...] | None:
-    """Returns the index of the first entry that is not finite, or None."""
     found = np.argwhere(~np.isfinite(values))
     return tuple(int(index) for index in found[0]) if len(found) else None

@@ -48,7 +48,6 @@ class FormulaPolicy(Policy):
 
     suffix = SUFFIX
     statewise: ClassVar[bool]
-    """Whether each RM state has its formulas."""
 
     def __init__(
         self,
@@ -88,7 +87,6 @@ class FormulaPolicy(Policy):
         self._ends = None if readings is None else readings.ends(self.observation_names)
 
     def with_readings(self, readings: Readings | None) -> Self:
-        """Returns the policy that reads sensors within these ranges."""
         made = copy.copy(self)
         with self._naming_this_kind():
             made._take(readings)
@@ -131,7 +129,6 @@ class FormulaPolicy(Policy):
         return self._estimator if isinstance(self._estimator, Odometry) else None
 
     def n_terms(self) -> int:
-        """Counts the terms of all formulas in the policy's file."""
         return sum(len(formula.terms()) for formula in self.to_file().written().values())
 
     def to_text(self) -> str:
@@ -191,7 +188,6 @@ class FormulaPolicy(Policy):
         return actions_of(self.robot, targets)
 
     def _acting(self, observation: Array) -> NDArray[np.intp]:
-        """Returns the index of the row of formulas that acts on observations (..., n)."""
         if self.statewise:
             return self.machine_state(observation)
         return np.zeros(observation.shape[:-1], dtype=np.intp)

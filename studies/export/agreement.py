@@ -42,15 +42,12 @@ class Moment(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """The differences between two controllers over the same sequences."""
-
     steps: int
     target: float
     """Greatest difference of a joint target (rad)."""
     machine: int
     """Control steps at which the machine's state, iterations or age differ."""
     changes: int
-    """Changes of the machine's state."""
 
 
 def agreement_table(
@@ -92,7 +89,6 @@ def compare_controllers(
     compiled: LoadedController,
     sequences: Sequence[Sequence[Moment]],
 ) -> Agreement:
-    """Lets a controller in Python and in C take the steps of each sequence."""
     # The control step in Python, with all that the C file holds but the policy.
     controller.refuse_other_machine(gait)
     control = ControlStep(
@@ -160,9 +156,8 @@ def recorded_sequences(
 ) -> list[list[Moment]]:
     """Records the sensors of robots that the controller moves, in the training scenario."""
     steps = recorded_steps(gait, controller, n_steps, seed)
-    return [
-        list(sequence) for sequence in zip(*(_moments(one.before) for one in steps), strict=True)
-    ]
+    of_robots = zip(*(_moments(one.before) for one in steps), strict=True)
+    return list(map(list, of_robots))
 
 
 def recorded_steps(

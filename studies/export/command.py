@@ -122,6 +122,5 @@ class Export(OneGait):
 
 
 def controller_name(gait: str, policy: str) -> str:
-    """Makes a name that is valid in C from those of a gait and a policy."""
     name = re.sub(r"[^a-z0-9]+", "_", f"{gait}_{policy}".lower())[:MOST_NAME].strip("_")
     return name if name[:1].isalpha() else f"gait_{name}"[:MOST_NAME]

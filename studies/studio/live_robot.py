@@ -159,7 +159,6 @@ class LiveRobot:
             self._thread.join()
 
     def act_by(self, policy: Policy) -> None:
-        """Exchanges the policy of the robot, not of the ghost."""
         self._requests.append(lambda: setattr(self._edited, "acting", policy))
 
     def steer(self, command: FixedCommand) -> None:
@@ -219,7 +218,6 @@ class LiveRobot:
                 self._stopping.wait(left)
 
     def answer(self) -> None:
-        """Carries out what was requested since the last control step."""
         while self._requests:
             self._requests.popleft()()
 

@@ -197,7 +197,6 @@ class _Page:
         self._diff.set_content("\n".join(session.diff()) or "nothing has changed")
 
     def _refresh(self) -> None:
-        """Shows what the robot does, and what each term adds now."""
         if self._shown != (self._place, self._session.policy):
             self._show_formula()
 

@@ -32,7 +32,6 @@ class EditSession:
         return self._versions[self._at]
 
     def text(self, place: Place) -> str:
-        """Returns a formula as its file writes it, on one line."""
         formula = self.policy.to_file().formulas[place]
         return write_formula(formula, self.policy.vocabulary.symbols)
 
@@ -41,7 +40,6 @@ class EditSession:
         return [(term, write_formula(term, symbols)) for term in formula.terms()]
 
     def replace(self, place: Place, text: str) -> None:
-        """Replaces a formula by text in the syntax of the file."""
         file = self.policy.to_file()
         formula = parse_formula(text, file.vocabulary.symbols)
         formulas = {**file.written(), place: formula}

@@ -141,7 +141,6 @@ class View(PolicySource):
 
 
 def _summary(rollout: Rollout, scenario: Scenario) -> str:
-    """Describes how far the robot got, its return, and whether it observed true states."""
     speed = kinematics.base_velocity(rollout["state"])[0][:, 0].mean()
     commanded = rollout["command"][:, 0].mean()
     n_steps = len(rollout.time) - 1
