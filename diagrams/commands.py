@@ -75,7 +75,7 @@ CommandConfig = FixedCommand | DrawnCommands | SliderCommand
 def AddCommand(  # noqa: N802
     builder: DiagramBuilder, gait: Gait, config: CommandConfig, meshcat: Meshcat | None
 ) -> dict[str, OutputPort]:
-    """Adds the source of commands, and the diagram's inputs by which a planner commands instead.
+    """Adds the source of commands, and the inputs that let a planner override it.
 
     Returns the outputs command (2; m/s, rad/s) and commanded_dwell (1, control steps).
     """

@@ -1,4 +1,4 @@
-"""What an engine of physics does, and the joint targets that it is given."""
+"""Interface of the physics engines, and the joint targets that they hold."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

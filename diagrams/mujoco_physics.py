@@ -168,7 +168,7 @@ def _set_friction(model: mujoco.MjModel, terrain: Terrain, friction: float) -> N
 
 
 def _plain_description(robot: Robot) -> str:
-    """Returns the robot's description without its looks, some of which Drake alone can read."""
+    """Returns the robot's description without visuals; MuJoCo cannot read some of them."""
     tree = ElementTree.parse(robot.urdf_path).getroot()
     for link in tree.iter("link"):
         for visual in link.findall("visual"):

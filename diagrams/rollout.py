@@ -46,7 +46,7 @@ class Rollout:
 
     @property
     def failed(self) -> bool:
-        """Whether the rollout ended in a failure."""
+        """True if the rollout ended in a failure."""
         return bool(self["failures"][-1].any())
 
 

@@ -44,7 +44,7 @@ class Sensors(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a controller remembers between two control steps."""
+    """Memory of a controller between two control steps."""
 
     trust: ContactTrust
     machine: MachineState
@@ -67,7 +67,7 @@ class ControlStep:
 
     @property
     def needs_imu(self) -> bool:
-        """Whether the IMU is read."""
+        """True if the IMU is read."""
         uses = isinstance(self.estimator, Odometry) or self.law.limits is not None
         return self.observes_imu or uses
 

@@ -1,4 +1,4 @@
-"""What stands between a robot's sensors and its joints, a system for each part."""
+"""Systems between a robot's sensors and its joints, one for each part of the control step."""
 
 import math
 from collections.abc import Callable

@@ -1,1 +1,1 @@
-"""What a policy can never do, proved over all observations of a box at once."""
+"""Proofs of claims about formula policies, over all observations of a box."""

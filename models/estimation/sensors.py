@@ -92,7 +92,7 @@ def measure_imu(
 
 
 class ContactTrust(NamedTuple):
-    """What each sensor read last (..., 4), and for how many control steps it has not changed.
+    """Last reading of each sensor (..., 4), and the control steps since it changed.
 
     Readings are 0, 1 or `UNREAD`. A sensor that does not change for long is taken to be stuck.
     """

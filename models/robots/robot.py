@@ -86,7 +86,7 @@ class Robot(Settings):
 
     @cached_property
     def is_shipped(self) -> bool:
-        """Whether it ships with the project."""
+        """True if the robot ships with the project."""
         return Path(self.path).parent == ROBOT_DIRECTORY / self.name
 
     @cached_property

@@ -49,7 +49,7 @@ class Ground:
         self._half_size = np.concatenate([grid.half_size.reshape(-1, 2) for grid in grids])
 
     def of_robots(self, index: NDArray[np.int64]) -> "Ground":
-        """Returns the ground of the robots at `index` alone."""
+        """Returns the ground of only the robots at `index`."""
         if self._which.ndim == 0:
             return self
         own = copy.copy(self)
@@ -58,7 +58,7 @@ class Ground:
 
     @property
     def is_rough(self) -> NDArray[np.bool_]:
-        """Whether each robot stands on boxes (n,)."""
+        """True for each robot that stands on boxes (n,)."""
         return ~np.array([terrain.is_plane for terrain in self._terrains])[self._which]
 
     def height(self, points: Array) -> Array:

@@ -163,7 +163,7 @@ class Terrain(Settings):
 
     @property
     def is_plane(self) -> bool:
-        """Whether it is one plane of one friction, level or sloped."""
+        """True for one plane of one friction, level or sloped."""
         return self.kind == "plane" and self.patches == 0.0
 
     @property

@@ -75,7 +75,7 @@ class Dataset:
 
     @property
     def held_out(self) -> NDArray[np.bool_]:
-        """Whether each sample belongs to a held-out episode (m,)."""
+        """True for samples of held-out episodes (m,)."""
         return self.episodes % HELD_OUT_EVERY == 0
 
     @property

@@ -129,7 +129,7 @@ def distill(
 
 @dataclass(frozen=True)
 class _Distillation:
-    """What the students of a run share."""
+    """Data that the students of a run share."""
 
     config: DistillationConfig
     gait: Gait

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @checked
 class Scenarios(Experiment):
-    """Let policies walk alone in every scenario, and report scores and falls.
+    """Let policies walk without the expert in every scenario, and report scores and falls.
 
     Attributes:
         n_steps: Control steps of a rollout.

@@ -1,4 +1,4 @@
-"""An experiment of one's own: how long a walking robot takes to stand. `--help` lists settings."""
+"""Custom experiment: how long a walking robot takes to stand. `--help` lists settings."""
 
 import pandas as pd
 

@@ -30,7 +30,7 @@ STEP = 100
 
 @checked
 class ExplainPage(OnePolicy):
-    """Roll a student out alone and write a page that explains its every action.
+    """Roll a student out without the expert and write a page that explains every action.
 
     Attributes:
         joint: Joint that is shown first, and whose figures are drawn.

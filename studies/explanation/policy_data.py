@@ -1,4 +1,4 @@
-"""What pages show of a policy: its variables, and which lines of its file act."""
+"""Data of a policy for pages: its variables, and the lines of its file that act."""
 
 from typing import Any
 

@@ -1,1 +1,1 @@
-"""What others published, done again by their own settings, which a file holds."""
+"""Reproduction of the paper by its own settings."""

@@ -171,7 +171,7 @@ class _Page:
         self.add(Section(title, note=note, replays=[(title, file)], figures=saved))
 
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
-        """Rolls every student out alone, and adds one table of fit and scores."""
+        """Rolls every student out without the expert, and adds one table of fit and scores."""
         say("rolling out every student alone")
         table = standalone_table(self._roll_out(students, n_robots, (1, 0)))
         fits = {policy_title(row["student"]): row["r2"] for _, row in r2.iterrows()}
