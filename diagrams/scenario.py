@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from glassgait.models.policies.controller import Controller
     from glassgait.models.policies.policy import Policy
 
-TRAINING = "training"  # name of the scenario that is meant where none is named
+NOMINAL_SCENARIO = "nominal"  # name of the scenario that is meant where none is named
 
 SCENARIO_DIRECTORY = Path(__file__).resolve().parent / "scenarios"
 
@@ -42,9 +42,9 @@ LONGEST_NAME = LONGEST_TITLE = 80
 
 @checked
 class Scenario(Disturbances):
-    """Physics, commands and disturbances of an evaluation; by default those of training."""
+    """Physics, commands and disturbances of an evaluation; by default the nominal ones."""
 
-    title: str = "SAP 10 ms (training)"  # name in tables and errors
+    title: str = "nominal (SAP 10 ms)"  # name in tables and errors
     station: StationConfig = field(default_factory=StationConfig)
     # Of the error-controlled contact integrator, for a continuous plant.
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
@@ -128,9 +128,9 @@ class Scenario(Disturbances):
 
 
 def scenario_names(group: str = "all") -> tuple[str, ...]:
-    """Lists the scenarios of a group that ship, the training world first."""
+    """Lists the scenarios of a group that ship, the nominal scenario first."""
     names = (path.stem for path in SCENARIO_GROUPS[group].glob("*.yaml"))
-    return tuple(sorted(names, key=lambda name: (name != TRAINING, name)))
+    return tuple(sorted(names, key=lambda name: (name != NOMINAL_SCENARIO, name)))
 
 
 def scenario_name(scenario: str | Path) -> str:
@@ -141,7 +141,7 @@ def scenario_name(scenario: str | Path) -> str:
 def load_scenario(scenario: str | Path) -> Scenario:
     """Loads a scenario by its name, or from a path that ends in .yaml.
 
-    A file names only what differs from the training world.
+    A file names only what differs from the nominal scenario.
 
     Raises:
         InputError: if there is no such scenario, or its file breaks a rule.
@@ -190,7 +190,7 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
 def _parse(values: Any, path: Path) -> Scenario:
     if not isinstance(values, dict):
         raise InputError(
-            f"{path}: is not a mapping of settings; write what differs from the training scenario, "
+            f"{path}: is not a mapping of settings; write what differs from the nominal scenario, "
             "such as station: {friction: 0.3}"
         )
     values = {"title": path.stem} | values

@@ -153,8 +153,8 @@ def learned_expert() -> NeuralPolicy:
 def written_page() -> ControllerSource:
     """The C of the trot's page of formulas."""
     gait, expert = load_gait("trot"), load_expert("trot")
-    policy = load_student("trot", "sparse_formula")
-    names = {"name": "trot_sparse_formula", "policy_name": "sparse_formula", "version": "0"}
+    policy = load_student("trot", "formulas")
+    names = {"name": "trot_formulas", "policy_name": "formulas", "version": "0"}
     return write_controller(gait, alone(policy, expert), **names)
 
 

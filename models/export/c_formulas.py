@@ -68,7 +68,7 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
 
     Joints whose formulas the file leaves out act by the formulas of the mirrored robot.
     """
-    real, vocabulary, statewise = style.real, policy.vocabulary, policy.statewise
+    real, vocabulary, per_state = style.real, policy.vocabulary, policy.per_state
     written = policy.to_file().written()
 
     # The formulas of each state, and the definitions and quantities that they use.
@@ -86,11 +86,11 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
     # Their text.
     symbols = _symbols(vocabulary)
     groups = _groups(definitions, vocabulary, symbols, real)
-    formulas = [_state_lines(row, symbols, real, statewise=statewise) for row in rows]
+    formulas = [_state_lines(row, symbols, real, per_state=per_state) for row in rows]
     everything = [one.formula for one in definitions] + list(written.values())
     mirror = _mirror(policy, rows, style) if policy.mirror else None
-    signature = style.signature(takes_state=statewise)
-    kind = "each state of the machine and joint" if statewise else "each joint"
+    signature = style.signature(takes_state=per_state)
+    kind = "each state of the machine and joint" if per_state else "each joint"
     return Code(
         f"Formulas of the joints' targets, one for {kind}: {policy.n_terms()} terms"
         + (", and their mirror images." if policy.mirror else "."),
@@ -100,7 +100,7 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
             **_helpers(everything, quantities, groups, limited),
             signature=mirror.signature if mirror else signature,
             outer_signature=signature,
-            statewise=statewise,
+            per_state=per_state,
             groups=groups,
             quantities=quantities,
             ranges=_ranges(policy.readings, limited, real),
@@ -108,7 +108,7 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
             states=[pair for pair in zip(style.constants, formulas, strict=False) if pair[1]],
             mirror=mirror,
         ),
-        takes_state=statewise,
+        takes_state=per_state,
     )
 
 
@@ -118,7 +118,7 @@ def _mirror(
     assert policy.mirror is not None
     observation = reflect_observation(policy.vocabulary.names, policy.mirror)
     return Mirror(
-        style.signature(takes_state=policy.statewise, name="formulas", writes="target"),
+        style.signature(takes_state=policy.per_state, name="formulas", writes="target"),
         tuple(style.constants[image] for image in policy.mirror),
         tuple(f"0x{sum(1 << joint for joint in row):03x}" for row in rows),
         (
@@ -249,9 +249,9 @@ def _notation(real: Real) -> Notation:
 
 
 def _state_lines(
-    row: Mapping[int, Expression], symbols: Sequence[str], real: Real, *, statewise: bool
+    row: Mapping[int, Expression], symbols: Sequence[str], real: Real, *, per_state: bool
 ) -> list[tuple[str, ...]]:
-    indent = 8 if statewise else 4
+    indent = 8 if per_state else 4
     return [
         _lines(f"target[{quadruped.JOINTS[joint].upper()}] = ", formula, symbols, real, indent)
         for joint, formula in row.items()

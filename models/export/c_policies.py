@@ -53,18 +53,18 @@ def policy_code(policy: Policy, style: Style) -> Code:
 
 @policy_code.register
 def _(policy: LinearPolicy, style: Style) -> Code:
-    real, statewise = style.real, policy.weights.ndim == 3
-    of = "each state and joint" if statewise else "each joint"
+    real, per_state = style.real, policy.weights.ndim == 3
+    of = "each state and joint" if per_state else "each joint"
     return Code(
         f"Weighted sums of the observation, one for {of}.",
         rendered(
-            "linear.c", real, signature=style.signature(takes_state=statewise), statewise=statewise
+            "linear.c", real, signature=style.signature(takes_state=per_state), per_state=per_state
         ),
         (
             CArray.of_reals("WEIGHTS", policy.weights, real, f"weight of each observation, {of}"),
             CArray.of_reals("INTERCEPTS", policy.intercepts, real, f"constant of {of}"),
         ),
-        takes_state=statewise,
+        takes_state=per_state,
     )
 
 

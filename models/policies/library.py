@@ -39,7 +39,7 @@ def policy_class(kind: str) -> type[Policy] | None:
     match kind:
         case "neural":
             import glassgait.models.policies.neural  # noqa: PLC0415
-        case "linear" | "statewise_linear":
+        case "linear" | "linear_per_state":
             import glassgait.models.policies.linear  # noqa: PLC0415
         case "boosted_trees":
             import glassgait.models.policies.boosting  # noqa: PLC0415

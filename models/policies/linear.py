@@ -68,10 +68,10 @@ class LinearPolicy(Policy):
         return contributions_of_action(self.robot, terms, values, joint)
 
 
-class StatewiseLinearPolicy(LinearPolicy):
+class LinearPerStatePolicy(LinearPolicy):
     """A linear policy for each RM state: weights (n_states, 12, n), intercepts (n_states, 12)."""
 
-    kind = "statewise_linear"
+    kind = "linear_per_state"
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {
         "weights": Reals("states joints observations"),
         "intercepts": Reals("states joints"),

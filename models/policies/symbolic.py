@@ -47,7 +47,7 @@ class FormulaPolicy(Policy):
     """
 
     suffix = SUFFIX
-    statewise: ClassVar[bool]
+    per_state: ClassVar[bool]
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class FormulaPolicy(Policy):
     def _canonical(
         self, rows: Sequence[Sequence[Expression]]
     ) -> tuple[tuple[Expression, ...], ...]:
-        n_rows = self.layout.n_machine_states if self.statewise else 1
+        n_rows = self.layout.n_machine_states if self.per_state else 1
         if [len(row) for row in rows] != [quadruped.N_JOINTS] * n_rows:
             raise InputError(
                 f"its formulas must be of shape ({n_rows}, {quadruped.N_JOINTS}); fit them again"
@@ -108,7 +108,7 @@ class FormulaPolicy(Policy):
 
     def to_file(self) -> FormulaFile:
         formulas = {
-            ((state, joint) if self.statewise else (joint,)): formula
+            ((state, joint) if self.per_state else (joint,)): formula
             for state, row in enumerate(self.formulas_by_state)
             for joint, formula in enumerate(row)
         }
@@ -141,7 +141,7 @@ class FormulaPolicy(Policy):
     @staticmethod
     def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
         """Builds the policy of a file, with its estimator if the file holds odometry."""
-        kind = SymbolicPolicy if file.n_states is None else StatewiseSymbolicPolicy
+        kind = SymbolicPolicy if file.n_states is None else SymbolicPerStatePolicy
         formulas, joints = list(file.formulas.values()), quadruped.N_JOINTS
         policy = kind(
             file.gait,
@@ -164,7 +164,7 @@ class FormulaPolicy(Policy):
         ]
         rows = [[write_formula(one, symbols) for one in row] for row in self.formulas_by_state]
         parts: list[Any] = [*self._named(), self.observation_names, definitions]
-        parts.append(rows if self.statewise else rows[0])
+        parts.append(rows if self.per_state else rows[0])
         # A file's other keys count only where they are given.
         parts += ["limited"] if law.limited else []
         parts += [] if law.gains is None else [list(law.gains)]
@@ -188,7 +188,7 @@ class FormulaPolicy(Policy):
         return actions_of(self.robot, targets)
 
     def _acting(self, observation: Array) -> NDArray[np.intp]:
-        if self.statewise:
+        if self.per_state:
             return self.machine_state(observation)
         return np.zeros(observation.shape[:-1], dtype=np.intp)
 
@@ -199,7 +199,7 @@ class FormulaPolicy(Policy):
         names, values = [], []
         for state, formulas in enumerate(self.formulas_by_state):
             terms = [canonical(term) for term in formulas[joint].terms()]
-            title = f"state {state}: " if self.statewise else ""
+            title = f"state {state}: " if self.per_state else ""
             names += [title + write_formula(term, symbols) for term in terms]
             # Where the robot is in another state, this state's formula may not even be finite.
             mine = (acting == state)[..., None]
@@ -227,7 +227,7 @@ class FormulaPolicy(Policy):
 
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         return tuple(
-            _factored(term, state if self.statewise else None)
+            _factored(term, state if self.per_state else None)
             for state, formulas in enumerate(self.formulas_by_state)
             for term in formulas[joint].terms()
         )
@@ -296,11 +296,11 @@ class SymbolicPolicy(FormulaPolicy):
     """Each target is a formula of the observed quantities."""
 
     kind = "symbolic"
-    statewise = False
+    per_state = False
 
 
-class StatewiseSymbolicPolicy(FormulaPolicy):
+class SymbolicPerStatePolicy(FormulaPolicy):
     """A formula for each joint and RM state: a hybrid automaton to read."""
 
-    kind = "statewise_symbolic"
-    statewise = True
+    kind = "symbolic_per_state"
+    per_state = True

@@ -223,7 +223,7 @@ class Experiment(PolicySource):
 
     gait: Gaits = ("trot",)
     policy: PolicyNames = ("all",)
-    scenario: ScenarioNames = ("training",)
+    scenario: ScenarioNames = ("nominal",)
     falls: Falls = "task"
     n_robots: Count = 26
     seed: Seed = REPORTED_SEEDS[0]

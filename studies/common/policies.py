@@ -41,13 +41,13 @@ SHIPPED = "shipped"
 
 ORDER = (
     "linear",
-    "statewise_linear",
+    "linear_per_state",
     "gbm",
     "histogram_gbm",
     "ebm",
     "symbolic",
-    "statewise_symbolic",
-    "sparse_formula",
+    "symbolic_per_state",
+    "formulas",
 )
 """Order of the kinds of students in tables; other kinds come last."""
 

@@ -22,9 +22,9 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.common.jobs import Jobs
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.dataset import HELD_OUT_EVERY
-from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings
+from glassgait.studies.distillation.short_formulas import FormulasSettings
 from glassgait.studies.distillation.students import ITSELF, STUDENTS, StudentKind, StudentSettings
-from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
+from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, SymbolicSettings
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
 Steps = Annotated[Count, Ge(2)]
@@ -41,8 +41,8 @@ class StudentsSettings(Settings):
     histogram_gbm: HistogramGbmSettings = field(default_factory=HistogramGbmSettings)
     ebm: EbmSettings = field(default_factory=EbmSettings)
     symbolic: SymbolicSettings = field(default_factory=SymbolicSettings)
-    statewise_symbolic: StatewiseSymbolicSettings = field(default_factory=StatewiseSymbolicSettings)
-    sparse_formula: SparseFormulaSettings = field(default_factory=SparseFormulaSettings)
+    symbolic_per_state: SymbolicPerStateSettings = field(default_factory=SymbolicPerStateSettings)
+    formulas: FormulasSettings = field(default_factory=FormulasSettings)
 
     def of(self, name: str) -> StudentSettings:
         """Returns the settings of a student."""

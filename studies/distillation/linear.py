@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.linear_model import Ridge
 
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPerStatePolicy, LinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.studies.distillation.dataset import TrainingSet
@@ -29,9 +29,9 @@ def fit_linear(
     return LinearPolicy(samples.gait, names, model.coef_, model.intercept_, robot=samples.robot)
 
 
-def fit_statewise_linear(
+def fit_linear_per_state(
     samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
-) -> StatewiseLinearPolicy:
+) -> LinearPerStatePolicy:
     """Fits one law for each joint and state of the machine by ridge regression."""
     models = [
         Ridge(RIDGE).fit(samples.observations[mine], samples.actions[mine])
@@ -40,4 +40,4 @@ def fit_statewise_linear(
     weights = np.array([model.coef_ for model in models])
     intercepts = np.array([model.intercept_ for model in models])
     names = samples.observation_names
-    return StatewiseLinearPolicy(samples.gait, names, weights, intercepts, robot=samples.robot)
+    return LinearPerStatePolicy(samples.gait, names, weights, intercepts, robot=samples.robot)

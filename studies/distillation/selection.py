@@ -49,7 +49,7 @@ def rank_alone(
 ) -> pd.DataFrame:
     """Rolls every candidate out without the expert, and ranks them by mean return, best first.
 
-    Means are over 52 robots, half in the training scenario and half in a rough one.
+    Means are over 52 robots, half in the nominal scenario and half in a rough one.
     """
     config = RolloutConfig(n_steps=n_steps)
     runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]

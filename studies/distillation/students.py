@@ -1,4 +1,4 @@
-"""The kinds of students: their titles, colours and settings, and where runs keep them."""
+"""The kinds of students: their colours and settings, and where runs keep them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,7 +29,6 @@ class Student:
         paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.
     """
 
-    title: str
     color: str
     marker: str
     collector: str | None = None
@@ -38,33 +37,30 @@ class Student:
 
 
 STUDENTS: dict[str, Student] = {
-    "linear": Student("Linear", "#8A8A8A", "v", brevity=6),
-    "statewise_linear": Student("Linear per RM state", "#666666", "^", brevity=4),
+    "linear": Student("#8A8A8A", "v", brevity=6),
+    "linear_per_state": Student("#666666", "^", brevity=4),
     "gbm": Student(
-        "GBM",
         "#0072B2",
         "o",
         # The two differ little in where they go, and histograms are fitted five times as fast.
         collector="histogram_gbm",
         paper_r2={"walk": 0.9705, "trot": 0.9863, "pace": 0.9752, "bound": 0.9537},
     ),
-    "histogram_gbm": Student("GBM, histograms", "#2F8FC4", "h"),
+    "histogram_gbm": Student("#2F8FC4", "h"),
     "ebm": Student(
-        "EBM",
         "#D55E00",
         "s",
         brevity=5,
         paper_r2={"walk": 0.9787, "trot": 0.9906, "pace": 0.9819, "bound": 0.9637},
     ),
     "symbolic": Student(
-        "Symbolic",
         "#009E73",
         "D",
         brevity=2,
         paper_r2={"walk": 0.6811, "trot": 0.7334, "pace": 0.7331, "bound": 0.6564},
     ),
-    "statewise_symbolic": Student("Symbolic per RM state", "#B8609A", "P", brevity=3),
-    "sparse_formula": Student("Page of formulas", "#A87400", "*", brevity=1),
+    "symbolic_per_state": Student("#B8609A", "P", brevity=3),
+    "formulas": Student("#A87400", "*", brevity=1),
 }
 """The students by name, in the order of tables."""
 
@@ -72,13 +68,6 @@ if TYPE_CHECKING:
     StudentKind = str
 else:
     StudentKind = Literal[tuple(STUDENTS)]
-
-
-def policy_title(name: str) -> str:
-    """Returns the title of the expert or a student; other policies are called by their name."""
-    if name == "expert":
-        return "Neural expert"
-    return STUDENTS[name].title if name in STUDENTS else name
 
 
 def paper_students() -> tuple[str, ...]:

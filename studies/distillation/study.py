@@ -37,21 +37,21 @@ from glassgait.studies.distillation.dataset import Dataset, TrainingSet, r2_scor
 from glassgait.studies.distillation.formulas import readings_of
 from glassgait.studies.distillation.linear import (
     fit_linear,
-    fit_statewise_linear,
+    fit_linear_per_state,
     untrained_student,
 )
 from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
-from glassgait.studies.distillation.sparse_formula import fit_sparse_formula
-from glassgait.studies.distillation.students import STUDENTS, StudentSettings, policy_title
-from glassgait.studies.distillation.symbolic import fit_statewise_symbolic, fit_symbolic
+from glassgait.studies.distillation.short_formulas import fit_short_formulas
+from glassgait.studies.distillation.students import STUDENTS, StudentSettings
+from glassgait.studies.distillation.symbolic import fit_symbolic, fit_symbolic_per_state
 
 FITS: dict[str, Callable[..., Policy]] = {
     "linear": fit_linear,
-    "statewise_linear": fit_statewise_linear,
+    "linear_per_state": fit_linear_per_state,
     **dict.fromkeys(("gbm", "histogram_gbm", "ebm"), fit_ensemble),
     "symbolic": fit_symbolic,
-    "statewise_symbolic": fit_statewise_symbolic,
-    "sparse_formula": fit_sparse_formula,
+    "symbolic_per_state": fit_symbolic_per_state,
+    "formulas": fit_short_formulas,
 }
 """Fits a student: `fit(samples, settings, seed=seed, n_jobs=n_jobs)`."""
 
@@ -63,7 +63,7 @@ def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
     """Writes the scores, the paper's beside ours, as metrics.json, r2.csv and r2.md."""
     table = pd.DataFrame(
         {
-            "student": [policy_title(kind) for kind in r2["student"]],
+            "student": r2["student"],
             "R² (episodes held out)": r2["r2"].round(4),
             "R² (paper's shuffled split)": r2["r2_shuffled_split"].round(4),
             "paper": [STUDENTS[kind].paper_r2.get(gait, np.nan) for kind in r2["student"]],
@@ -161,7 +161,7 @@ class _Distillation:
             row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
             row["digest"] = digest(policy_path(self.folder, kind))
             write_record(record_path, row)
-        say(f"{STUDENTS[kind].title}: R² {row['r2']:.4f} on held-out episodes")
+        say(f"{kind}: R² {row['r2']:.4f} on held-out episodes")
         return {key: value for key, value in row.items() if key != "digest"}
 
     def _collect(self, kind: str) -> Dataset:
@@ -181,17 +181,17 @@ class _Distillation:
     def _roll_out(self, kind: str, plan: Round, n_rounds: int, before: Dataset | None) -> Dataset:
         """Fits the student to the samples so far, and rolls a round out with it."""
         started = time.monotonic()
-        config, title = self.config, STUDENTS[kind].title
+        config = self.config
 
         # At a ratio of 1 only the expert acts, and the student need not be fitted.
         student = untrained_student(self.expert)
         if before is not None and plan.period != 1:
             seen = before.subset(~before.held_out)
-            say(f"{title}: fitting to {len(seen.actions)} samples")
+            say(f"{kind}: fitting to {len(seen.actions)} samples")
             student = self._fit(kind, config.settings.of(kind).for_rounds(), self._samples(seen))
 
         # Every round draws from its own generator, so that it can be repeated.
-        say(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
+        say(f"{kind}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
         asked, most = config.speeds, self.gait.max_speed
         speeds = None if asked is None else np.minimum(asked, most)
         samples = collect(
@@ -208,7 +208,7 @@ class _Distillation:
     def _fit_final(self, kind: str, dataset: Dataset) -> dict[str, Any]:
         """Fits the student the last time, saves it, and scores it by both splits."""
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
-        say(f"{STUDENTS[kind].title}: fitting to {len(seen.actions)} samples, the last time")
+        say(f"{kind}: fitting to {len(seen.actions)} samples, the last time")
         settings, student = self._choose(kind, self._samples(seen))
 
         # What is scored is what is saved, rounded to single precision where that halves a file.
@@ -253,7 +253,7 @@ class _Distillation:
         }
 
         # The robots choose.
-        say(f"{STUDENTS[kind].title}: letting {len(candidates)} candidates walk, to choose one")
+        say(f"{kind}: letting {len(candidates)} candidates walk, to choose one")
         n_steps, n_workers = self.config.episode_steps, self.config.n_workers
         ranked = rank_alone(students, self.gait, self.expert, n_steps, n_workers)
         write_table(ranked, self.folder / f"{kind}_candidates")

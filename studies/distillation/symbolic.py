@@ -97,7 +97,7 @@ class SymbolicSettings(StudentSettings):
 
 
 @checked
-class StatewiseSymbolicSettings(SymbolicSettings):
+class SymbolicPerStateSettings(SymbolicSettings):
     """Settings of symbolic regression, where a joint has a formula for each state of the machine.
 
     Attributes:
@@ -105,7 +105,7 @@ class StatewiseSymbolicSettings(SymbolicSettings):
             machine has a mirror image; each sample then counts twice.
     """
 
-    title: ClassVar[str] = "distillation: statewise_symbolic"
+    title: ClassVar[str] = "distillation: symbolic_per_state"
 
     mirrored: bool = True
     # Rounds take the smallest: it strays furthest, and samples of where it goes serve the larger.
@@ -136,8 +136,8 @@ def fit_symbolic(
     return formula_policy(samples, variables.vocabulary, dict(zip(part.places, found, strict=True)))
 
 
-def fit_statewise_symbolic(
-    samples: TrainingSet, settings: StatewiseSymbolicSettings, *, seed: int, n_jobs: int
+def fit_symbolic_per_state(
+    samples: TrainingSet, settings: SymbolicPerStateSettings, *, seed: int, n_jobs: int
 ) -> FormulaPolicy:
     """Fits a formula for each joint and state of the machine, or for half of them and a mirror."""
     names, mirror = samples.observation_names, samples.mirror if settings.mirrored else None

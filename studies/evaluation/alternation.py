@@ -87,7 +87,7 @@ def alternation_scores(
     folder: Path,
     periods: tuple[int, ...] = PERIODS,
 ) -> pd.DataFrame:
-    """Scores every student at every ratio, in the training scenario.
+    """Scores every student at every ratio, in the nominal scenario.
 
     All meet the same initial states, commands and noise. Seeds kept for selection are refused.
     """

@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import PercentFormatter
 
-from glassgait.diagrams.scenario import TRAINING
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.arrays import Array
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.models.task.drawing import ink_on
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.distillation.students import STUDENTS, policy_title
+from glassgait.studies.distillation.students import STUDENTS
 from glassgait.studies.evaluation.pushing import Basin
 from glassgait.studies.evaluation.tables import alternation_table, policies_of, worst_first
 
@@ -56,7 +56,7 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
         at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)
         style = {"color": student.color, "marker": student.marker}
         style |= {"markersize": 3.5, "linewidth": 1.0}
-        bars = {"label": student.title, "capsize": 1.5, **style}
+        bars = {"label": kind, "capsize": 1.5, **style}
         returns.errorbar(at, line["return"], line["return_ci"], **bars)
         in_sight = line["share"] >= LEAST_SHARE
         share.errorbar(at, line["share"], line["share_ci"].where(in_sight), **bars)
@@ -95,14 +95,14 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
         1, len(tables), figsize=size, squeeze=False, sharey=True, width_ratios=counts
     )
 
-    # Draw the cells of each gait, and frame the training scenario.
+    # Draw the cells of each gait, and frame the nominal scenario.
     for axes, (gait, table) in zip(panels[0], tables.items(), strict=True):
         policies = policies_of(table)
         cells = {(cell["scenario"], cell["policy"]): cell for cell in table.to_dict("records")}
         for (row, scenario), (x, policy) in product(enumerate(scenarios), enumerate(policies)):
             _draw_cell(axes, x, row, cells.get((scenario, policy)))
-        if TRAINING in scenarios:
-            corner = (-0.5, scenarios.index(TRAINING) - 0.5)
+        if NOMINAL_SCENARIO in scenarios:
+            corner = (-0.5, scenarios.index(NOMINAL_SCENARIO) - 0.5)
             frame = Rectangle(corner, len(policies), 1, fill=False, edgecolor="black", linewidth=1)
             axes.add_patch(frame)
         axes.set(xlim=(-0.55, len(policies) - 0.45), ylim=(len(scenarios) - 0.45, -0.55))
@@ -110,7 +110,7 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0)
         axes.xaxis.tick_top()
-        titles = [policy_title(name) for name in policies]
+        titles = [*policies]
         axes.set_xticks(range(len(policies)), titles, fontsize=6.5, rotation=90)
         axes.set_title(gait.replace("_", "-"), fontsize=8)
 
@@ -122,7 +122,7 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
     ]
     axes = panels[0, 0]
     axes.set_yticks(range(len(scenarios)), [textwrap.fill(name, 40) for name in names])
-    caption = f"Robots that fall, of {most}; framed: the training scenario; hatched: not measured."
+    caption = f"Robots that fall, of {most}; framed: the nominal scenario; hatched: not measured."
     figure.supxlabel(textwrap.fill(caption, round(17 * width)), fontsize=7)
     return figure
 
@@ -160,7 +160,7 @@ def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
         axes.set_theta_zero_location("N")
         axes.set_xticks(np.arange(4) * np.pi / 2, SIDES, fontsize=6.5)
         axes.tick_params(pad=-2)
-        name, speed = policy_title(policy), basin.survived_up_to(1.0)
+        name, speed = policy, basin.survived_up_to(1.0)
         axes.set_title(f"{name}\nall survived up to {speed:.2g} m/s", fontsize=7.5)
     bar = figure.colorbar(
         ScalarMappable(Normalize(0, 1), SURVIVAL),

@@ -5,9 +5,8 @@ from collections.abc import Callable, Collection, Mapping
 import numpy as np
 import pandas as pd
 
-from glassgait.diagrams.scenario import TRAINING
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.studies.common.scores import summarize, wilson_interval
-from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.evaluation.pushing import Basin
 
 TITLES = {
@@ -57,15 +56,15 @@ def _places(names: list[str]) -> Callable[[pd.Series], pd.Series]:
 
 def readable_table(table: pd.DataFrame) -> pd.DataFrame:
     """Gives policies and columns of `fall_table` their titles."""
-    named = table.assign(policy=[policy_title(name) for name in table["policy"]])
+    named = table
     reference = policies_of(table)[0]
-    other = "the expert" if reference == "expert" else policy_title(reference)
+    other = "the expert" if reference == "expert" else reference
     titles = {key: title.replace("the expert", other) for key, title in TITLES.items()}
     return named[[name for name in titles if name in named]].rename(columns=titles)
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Lists where each policy falls most, beside the training scenario and all scenarios together.
+    """Lists where each policy falls most, beside the nominal scenario and all scenarios together.
 
     `return` is the mean of all robots in all scenarios. The worst scenario is the one with the
     greatest lower end of the interval of its share of falls: one fall of one robot says less than
@@ -74,7 +73,7 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for name in policies_of(table):
         everywhere = table[table["policy"] == name]
-        training = everywhere[everywhere["scenario"] == TRAINING]
+        training = everywhere[everywhere["scenario"] == NOMINAL_SCENARIO]
         worst = everywhere.iloc[everywhere["fall_rate_low"].argmax()]
         interval = f"{100 * worst['fall_rate_low']:.0f} to {100 * worst['fall_rate_high']:.0f} %"
         there = {
@@ -84,10 +83,10 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
             "points more than the expert": f"{worst['points_more']:+.0f}",
         }
         rows.append(
-            {"policy": policy_title(name)}
+            {"policy": name}
             | (there if worst["falls"] > 0 else dict.fromkeys(there, "–"))
             | {
-                "falls in training scenario": falls_of(training)[0] if len(training) else "–",
+                "falls in nominal scenario": falls_of(training)[0] if len(training) else "–",
                 "scenarios without a fall": f"{sum(everywhere['falls'] == 0)} of {len(everywhere)}",
                 "return": f"{np.average(everywhere['return'], weights=everywhere['robots']):,.0f}",
             }
@@ -135,7 +134,7 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
     alone = means[(means["policy"] == "expert") | (means["ratio"] == "0")]
     return pd.DataFrame(
         {
-            "policy": [policy_title(name) for name in alone["policy"]],
+            "policy": alone["policy"].tolist(),
             "return": with_interval(alone, "return", 0),
             "share of expert": with_interval(alone, "share", 3),
             "plain return": with_interval(alone, "plain_return", 1),
@@ -158,7 +157,7 @@ def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:
         named = [f"{name.replace('_', ' ')} {count}" for name, count in ends if count]
         rows.append(
             {
-                "policy": policy_title(policy),
+                "policy": policy,
                 "all survived up to (m/s)": basin.survived_up_to(1.0),
                 "half survived up to (m/s)": basin.survived_up_to(0.5),
                 "survived": f"{survived} of {n_pushes}",
@@ -174,7 +173,7 @@ def push_table(basins: Mapping[str, Basin]) -> pd.DataFrame:
     """Counts the robots that survive, a row a policy, direction and speed."""
     rows = [
         {
-            "policy": policy_title(policy),
+            "policy": policy,
             "direction (°)": round(float(np.degrees(basin.grid.directions[i])), 6),
             "speed (m/s)": float(basin.grid.speeds[j]),
             "robots": basin.grid.n_phases,

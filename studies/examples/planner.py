@@ -49,7 +49,7 @@ class Planner(LeafSystem):
 def main() -> None:
     """Walks to the goal."""
     builder = DiagramBuilder()
-    policy = load_student("trot", "sparse_formula")
+    policy = load_student("trot", "formulas")
     loop = builder.AddSystem(MakeLocomotion(load_gait("trot"), policy=policy))
     planner = builder.AddSystem(Planner())
     builder.Connect(loop.GetOutputPort("state"), planner.GetInputPort("state"))

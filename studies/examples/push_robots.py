@@ -37,7 +37,7 @@ def main() -> None:
     to_the_left = speed[:, None] * [0.0, 1.0, 0.0]
     ended = episode(
         load_gait("trot"),
-        load_student("trot", "sparse_formula"),
+        load_student("trot", "formulas"),
         Scenario(command=FixedCommand(speed=0.5)),
         n_robots=len(speed),
         n_steps=N_STEPS,

@@ -8,7 +8,6 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.episode import give
 from glassgait.studies.common.experiment import Case, Experiment, Report, run_from_command_line
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
-from glassgait.studies.distillation.students import policy_title
 
 
 @checked
@@ -33,7 +32,7 @@ class Stopping(Experiment):
         """Counts robots, falls and those that stand, and averages the seconds of the latter."""
         groups = table.groupby(["gait", "policy", "scenario"], sort=False, as_index=False)
         means = groups.agg({"robots": "sum", "falls": "sum", "stand": "sum", "mean": "mean"})
-        shown = means.assign(policy=means["policy"].map(policy_title))
+        shown = means
         return Report({"stopping": means}, shown={"Mean time to stand (s)": shown})
 
 

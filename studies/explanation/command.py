@@ -20,7 +20,7 @@ from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts import Steps, play
-from glassgait.studies.distillation.students import OnePolicy, policy_title, sums_of_terms
+from glassgait.studies.distillation.students import OnePolicy, sums_of_terms
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.importance.figures import contribution_figure, student_figures
 
@@ -159,8 +159,7 @@ class ExplainFormulas(OnePolicy):
                 console.print(f"#   {line}", style="dim", soft_wrap=True)
         written = len(file.written())
         console.print(
-            f"\n# {policy_title(name)}: {student.n_terms()} terms in {written} formulas, on "
-            f"{len(lines)} lines",
+            f"\n# {name}: {student.n_terms()} terms in {written} formulas, on {len(lines)} lines",
             style="dim",
         )
 

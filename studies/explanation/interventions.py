@@ -31,7 +31,7 @@ from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.students import OnePolicy, policy_title
+from glassgait.studies.distillation.students import OnePolicy
 from glassgait.studies.explanation.claims import (
     Claim,
     Walk,
@@ -87,7 +87,7 @@ class ExplainInterventions(OnePolicy):
 
         table = pd.DataFrame(rows)
         write_table(table, folder / "interventions")
-        print_table(f"{found.gait.name}: {policy_title(stem)}", table)
+        print_table(f"{found.gait.name}: {stem}", table)
         n_holding = (table["holds"] == "yes").sum()
         console.print(f"{n_holding} of {len(table)} claims hold; written to {folder}")
 

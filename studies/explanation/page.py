@@ -20,7 +20,6 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.drawing import ink_on, state_colors
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.figures import inline_image, page_template
-from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -121,7 +120,7 @@ def render_page(
     whose = "" if robot == DEFAULT_ROBOT else f" of the {robot.capitalize()}"
     return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
-        title=f"{gait.name.capitalize()}{whose}, {policy_title(policy_name)}",
+        title=f"{gait.name.capitalize()}{whose}, {policy_name}",
         joint=quadruped.JOINTS[joint].replace("_", " "),
         limited=policy.joint_law.limited,
         held_back=held_back(policy, rollout),

@@ -33,7 +33,7 @@ SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
 
 UNLIMITED = Scenario(limit_targets=False)
-"""The training scenario, except that joints follow any target."""
+"""The nominal scenario, except that joints follow any target."""
 
 
 class Moment(NamedTuple):
@@ -154,7 +154,7 @@ def _random_moments(
 def recorded_sequences(
     gait: Gait, controller: Controller, n_steps: int, seed: int
 ) -> list[list[Moment]]:
-    """Records the sensors of robots that the controller moves, in the training scenario."""
+    """Records the sensors of robots that the controller moves, in the nominal scenario."""
     steps = recorded_steps(gait, controller, n_steps, seed)
     of_robots = zip(*(_moments(one.before) for one in steps), strict=True)
     return list(map(list, of_robots))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from annotated_types import Ge
 
-from glassgait.diagrams.scenario import TRAINING
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.errors import InputError
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -29,7 +29,7 @@ class Importance(Experiment):
 
     Attributes:
         policy: Kinds of students, and paths of their files; by default those that there are of gbm,
-            ebm, statewise_linear, symbolic and statewise_symbolic.
+            ebm, linear_per_state, symbolic and symbolic_per_state.
         joint: Joint whose trees and functions are drawn.
         n_samples: Samples that importances are measured on, at most; a student was fitted to none.
             They are those that a distillation held out or, of other students, new ones.
@@ -37,9 +37,9 @@ class Importance(Experiment):
     """
 
     title: ClassVar[str] = "importance"
-    scenario: ClassVar[tuple[str, ...]] = (TRAINING,)
+    scenario: ClassVar[tuple[str, ...]] = (NOMINAL_SCENARIO,)
 
-    policy: PolicyNames = ("gbm", "ebm", "statewise_linear", "symbolic", "statewise_symbolic")
+    policy: PolicyNames = ("gbm", "ebm", "linear_per_state", "symbolic", "symbolic_per_state")
     joint: str = "FL_hip"
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10

@@ -16,7 +16,6 @@ from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of, entry_of, symbols_of
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.distillation.students import policy_title
 
 
 def _with_unit(policy: Policy, index: int) -> str:
@@ -293,7 +292,7 @@ def student_figures(
     Names begin with the kind and the joint. Averages are taken over the observations (m, n).
     """
     name = quadruped.JOINTS[joint]
-    title = f"{gait.capitalize()}, {policy_title(kind)}, {name.replace('_', ' ')}"
+    title = f"{gait.capitalize()}, {kind}, {name.replace('_', ' ')}"
     figures: dict[str, Figure] = {}
     match student:
         case BoostedTreesPolicy():

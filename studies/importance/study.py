@@ -20,7 +20,7 @@ from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import to_latex
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.dataset import Dataset, load_rounds
-from glassgait.studies.distillation.students import StudentKind, policy_title, samples_folder
+from glassgait.studies.distillation.students import StudentKind, samples_folder
 from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.measures import (
     METHOD_TITLES,
@@ -44,7 +44,7 @@ def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int)
 def visited_samples(
     gait: Gait, expert: NeuralPolicy, student: Policy, n_samples: int, seed: int
 ) -> Dataset:
-    """Draws samples from new episodes of a student without the expert, in the training scenario."""
+    """Draws samples from new episodes of a student without the expert, in the nominal scenario."""
     data = collect(
         gait,
         alone(student, expert),
@@ -101,7 +101,7 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
         mean, stem = values.mean(axis=0), f"{kind}_{method}"
 
         # A table and a map, the groups' importances, and the first three beside the paper's.
-        title = f"{gait.capitalize()}, {policy_title(kind)}: {METHOD_TITLES[method]}"
+        title = f"{gait.capitalize()}, {kind}: {METHOD_TITLES[method]}"
         tables[stem] = pd.DataFrame(mean, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
         figures[stem] = importance_map(mean, symbols_of(names), title)
         groups.append(_by_group(values, names, kind, method))

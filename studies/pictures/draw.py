@@ -18,7 +18,7 @@ from PIL import Image
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
-from glassgait.diagrams.scenario import TRAINING, Scenario
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario
 from glassgait.diagrams.visualization import Camera
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
@@ -89,7 +89,7 @@ def fall_tables() -> dict[str, pd.DataFrame]:
     """Reads the falls of each gait, as the map of falls takes them."""
     falls = pd.read_csv(FALLS)
     falls = falls.assign(world=falls["scenario"], robots=26, fall_rate=falls["falls"] / 26)
-    falls.loc[falls["scenario"].str.endswith("(training)"), "scenario"] = TRAINING
+    falls.loc[falls["scenario"].str.startswith("nominal"), "scenario"] = NOMINAL_SCENARIO
     return {str(gait): table for gait, table in falls.groupby("gait", sort=False)}
 
 

@@ -35,7 +35,6 @@ from glassgait.studies.common.figures import page_template
 from glassgait.studies.common.policies import ALL, Policies
 from glassgait.studies.common.run import default_folder, refuse_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.export.command import controller_name
 from glassgait.studies.reproduction.page import TEMPLATES
 from glassgait.studies.training.config import TrainingConfig
@@ -100,7 +99,7 @@ def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
         observation = np.random.default_rng(0).normal(size=(1, n_observed))
         action = partial(controller.policy, observation)
         times = [_seconds(action) for _ in range(300)]
-        row: dict[str, Any] = {"policy": policy_title(kind)}
+        row: dict[str, Any] = {"policy": kind}
         row["action in Python (µs)"] = round(1e6 * float(np.median(times)), 1)
         if has_compiler():
             row |= _step_times(found.gait, controller, kind, steps)

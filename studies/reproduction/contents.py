@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.studies.distillation.students import STUDENTS, paper_students, policy_title
+from glassgait.studies.distillation.students import STUDENTS, paper_students
 from glassgait.studies.reproduction.page import Section
 
 JOINT_FIGURES = {
@@ -83,7 +83,7 @@ def _figures(results: Sequence[GaitResults], stem: str, what: str) -> list[tuple
 
 def _sequences(results: Sequence[GaitResults], number: str, kind: str) -> Section:
     return Section(
-        f"Gait sequences, {policy_title(kind)}",
+        f"Gait sequences, {kind}",
         number,
         "Feet in contact (dark) over the reward machine's states, without the expert.",
         figures=_figures(results, f"{kind}_sequence", "gait sequence"),
@@ -130,7 +130,7 @@ def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
     rows = []
     for kind in _students(results):
         mine = {own.gait: own.r2.set_index("student").loc[kind] for own in results}
-        title = policy_title(kind)
+        title = kind
         for split, column in (("shuffled", "r2_shuffled_split"), ("by episode", "r2")):
             ours = {gait: round(row[column], 4) for gait, row in mine.items()}
             rows.append({"student": title, "split": split} | ours)

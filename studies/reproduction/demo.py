@@ -27,15 +27,15 @@ from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.boosting import EbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
-from glassgait.studies.distillation.students import STUDENTS, load_students, policy_title
+from glassgait.studies.distillation.students import STUDENTS, load_students
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
+from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, SymbolicSettings
 from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
 from glassgait.studies.evaluation.tables import standalone_table
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
 
-SHOWN, FORMULAS = "sparse_formula", "statewise_symbolic"
+SHOWN, FORMULAS = "formulas", "symbolic_per_state"
 """The shipped formulas that come first, and those that are distilled here."""
 
 QUICK = DistillationConfig(
@@ -51,7 +51,7 @@ QUICK = DistillationConfig(
             "histogram_gbm": HistogramGbmSettings(n_trees=100),
             "ebm": EbmSettings(outer_bags=1, interactions=30),
             "symbolic": SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
-            FORMULAS: StatewiseSymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
+            FORMULAS: SymbolicPerStateSettings(shapes=((90, 90),), start_weights=(1,)),
         }
     ),
 )
@@ -141,7 +141,7 @@ class _Page:
     def show(self, name: str, policy: Policy) -> None:
         """Adds a policy's replay and gait diagram, and of formulas the explanation of an action."""
         # The replay opens without a server; it is there before anything is distilled.
-        title, file = f"{policy_title(name)}, as shipped", f"{name}_replay.html"
+        title, file = f"{name}, as shipped", f"{name}_replay.html"
         scenario = Scenario(command=FixedCommand(speed=0.5))
         rollout = play(
             self.gait,
@@ -174,7 +174,7 @@ class _Page:
         """Rolls every student out without the expert, and adds one table of fit and scores."""
         say("rolling out every student alone")
         table = standalone_table(self._roll_out(students, n_robots, (1, 0)))
-        fits = {policy_title(row["student"]): row["r2"] for _, row in r2.iterrows()}
+        fits = {row["student"]: row["r2"] for _, row in r2.iterrows()}
         table.insert(1, "R² held out", table["policy"].map(fits).round(3))
         write_table(table, self.folder / "standalone")
         print_table("Students without the expert", table)

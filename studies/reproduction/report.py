@@ -32,7 +32,7 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students import load_students, paper_students, policy_title
+from glassgait.studies.distillation.students import load_students, paper_students
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.distillation.symbolic import Engine, pysr_starts
 from glassgait.studies.evaluation.alternation import PERIODS, alternation_report, alternation_scores
@@ -261,7 +261,7 @@ def study_gait(report: Report, job: Job) -> GaitResults:
     for kind, student in students.items():
         diagram = MakeLocomotion(gait, scenario, policy=alone(student, expert))
         rollout = record(make_simulator(diagram), SEQUENCE_STEPS)
-        drawn = f"{title}, {policy_title(kind)}"
+        drawn = f"{title}, {kind}"
         save_figure(gait_figure(rollout, gait, f"{drawn} alone"), folder / f"{kind}_sequence")
         if kind == "ebm":
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 from annotated_types import Ge, Le
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.scenario import TRAINING, load_scenario
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO, load_scenario
 from glassgait.models.errors import InputError
 from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console
@@ -34,7 +34,7 @@ class OpenStudio(OnePolicy):
 
     title: ClassVar[str] = "studio"
 
-    scenario: str = TRAINING
+    scenario: str = NOMINAL_SCENARIO
     seed: Seed = 0
     port: Annotated[int, Ge(0), Le(65535)] = 8080
     output: Path | None = None

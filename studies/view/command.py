@@ -9,7 +9,7 @@ from annotated_types import Ge
 
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.rollout import Rollout
-from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scenario_name
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario, load_scenario, scenario_name
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
@@ -84,7 +84,7 @@ class View(PolicySource):
     ratio: str | None = None
     stills: bool = False
     live: bool = False
-    scenario: str = TRAINING
+    scenario: str = NOMINAL_SCENARIO
     command: OwnCommand = field(default_factory=OwnCommand)
     n_steps: Steps | None = None
     seed: Seed = 0
@@ -108,7 +108,7 @@ class View(PolicySource):
         # Names say the policy, the ratio and the scenario.
         folder = self.output or default_folder(self.title, controller.robot.name) / gait.name
         parts = [Path(self.policy).stem, ratio.replace("/", "-"), scenario_name(self.scenario)]
-        stem = folder / "_".join(part for part in parts if part != TRAINING)
+        stem = folder / "_".join(part for part in parts if part != NOMINAL_SCENARIO)
         refuse_run(folder)
 
         # Play in real time, or as fast as it goes.

@@ -15,9 +15,9 @@ from glassgait.models.task.command import Command
 N_ROBOTS, N_STEPS = 4, 60
 
 
-@pytest.mark.parametrize("name", ["training", "slope_15", "rear_stuck_open"])
+@pytest.mark.parametrize("name", ["nominal", "slope_15", "rear_stuck_open"])
 def test_c_acts_as_the_batch_on_what_every_robot_senses(name, trot, compiled_page):
-    page, scenario = load_student("trot", "sparse_formula"), load_scenario(name)
+    page, scenario = load_student("trot", "formulas"), load_scenario(name)
     simulator = BatchSimulator(
         TaskConfig.of_scenario(trot, scenario, page),
         make_physics(load_robot(), scenario.station_of(page)),

@@ -247,7 +247,7 @@ def test_they_agree_with_a_learned_estimator(trot, learned_expert):
 
 
 def test_they_agree_with_formulas(trot):
-    assert assert_agreement(trot, load_student("trot", "sparse_formula")) > 3
+    assert assert_agreement(trot, load_student("trot", "formulas")) > 3
 
 
 @pytest.mark.parametrize("limited", [True, False])

@@ -78,7 +78,7 @@ def test_targets_are_limited_as_the_policy_learned_unless_the_scenario_says_so(
     trot, limit_targets, limited
 ):
     # It kicks: every joint is at an end of its range.
-    page = load_student("trot", "sparse_formula")
+    page = load_student("trot", "formulas")
     size = len(page.observation_names)
     wild = LinearPolicy("trot", page.observation_names, np.zeros((12, size)), np.full(12, 12.0))
     wild.joint_law = replace(page.joint_law, limits=None)
@@ -135,7 +135,7 @@ def test_the_true_body_state_is_observed_where_the_scenario_says_so(trot):
 
 
 def test_a_student_alone_acts_as_beside_its_expert(trot):
-    page = load_student("trot", "sparse_formula")
+    page = load_student("trot", "formulas")
     single, both = (
         record(make_simulator(MakeLocomotion(trot, CALM, policy=policy)), 20)
         for policy in (page, alone(page, load_expert("trot")))

@@ -36,7 +36,7 @@ def written(tmp_path):
 
 
 def test_shipped_scenarios_load_in_groups():
-    assert scenario_names()[0] == "training"
+    assert scenario_names()[0] == "nominal"
     shipped = load_scenarios(list(SCENARIO_GROUPS))
     assert len(shipped) > 50
     assert shipped["slope_10_mujoco"].station.engine == "mujoco"
@@ -121,7 +121,7 @@ def test_a_bad_file_is_refused_by_its_name_and_key(written, text, key):
 
 def test_unknown_names_are_refused_with_the_known_ones(tmp_path):
     for name, message in (
-        ("ice", "training"),
+        ("ice", "nominal"),
         (tmp_path / "icy.yaml", r"icy\.yaml"),
         (tmp_path / f"{'a' * 81}.yaml", "rename"),
     ):
@@ -131,11 +131,11 @@ def test_unknown_names_are_refused_with_the_known_ones(tmp_path):
 
 def test_scenarios_are_distinguished_by_their_names_and_titles(written):
     icy, other = written("station: {friction: 0.3}"), written("title: x", "other/icy.yaml")
-    assert list(load_scenarios(["training", "all", str(icy)])) == [*scenario_names(), "icy"]
+    assert list(load_scenarios(["nominal", "all", str(icy)])) == [*scenario_names(), "icy"]
     with pytest.raises(InputError, match=r"other/icy\.yaml"):
         load_scenarios([str(icy), str(other)])
     same = written("{title: x, latency: 0.01}", "same.yaml")
     with pytest.raises(InputError, match="title"):
         load_scenarios([str(other), str(same)])
-    with pytest.raises(InputError, match="training"):
+    with pytest.raises(InputError, match="nominal"):
         load_scenario(written("station: {friction: 0.3}", "training.yaml"))

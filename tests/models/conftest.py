@@ -13,9 +13,9 @@ from glassgait.models.formulas.expression import BINARY, UNARY, Expression, cons
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPerStatePolicy, LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.policies.symbolic import SymbolicPerStatePolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
@@ -88,9 +88,9 @@ def linear() -> LinearPolicy:
 
 
 @pytest.fixture
-def statewise() -> StatewiseLinearPolicy:
+def per_state() -> LinearPerStatePolicy:
     weights = np.random.default_rng(3).normal(size=(2, quadruped.N_JOINTS, N))
-    return StatewiseLinearPolicy("trot", NAMES, weights, np.ones((2, quadruped.N_JOINTS)))
+    return LinearPerStatePolicy("trot", NAMES, weights, np.ones((2, quadruped.N_JOINTS)))
 
 
 @pytest.fixture
@@ -103,11 +103,11 @@ def symbolic() -> SymbolicPolicy:
 
 
 @pytest.fixture
-def statewise_symbolic() -> StatewiseSymbolicPolicy:
+def symbolic_per_state() -> SymbolicPerStatePolicy:
     names = variable_names(N)
     texts = [[f"{s} + x{j} * x{j + s}" for j in range(12)] for s in (1, 2)]
     formulas = [[parse_expression(text, names) for text in own] for own in texts]
-    return StatewiseSymbolicPolicy("trot", NAMES, formulas)
+    return SymbolicPerStatePolicy("trot", NAMES, formulas)
 
 
 @pytest.fixture

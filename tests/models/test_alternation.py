@@ -73,7 +73,7 @@ def test_joints_follow_the_law_of_the_expert_or_of_a_student_that_acts_without_i
 
 
 def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_policy):
-    expert, page = load_expert("trot"), load_student("trot", "sparse_formula")
+    expert, page = load_expert("trot"), load_student("trot", "formulas")
     for policy in (expert, page, alone(expert), alone(page)):
         assert estimator_in_loop(policy) is policy.estimator is not None
         assert estimator_in_loop(policy, true_body_state=True) is None

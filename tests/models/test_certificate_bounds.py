@@ -43,8 +43,8 @@ def greatest(text: str) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("gait", "kind"),
     [
-        pytest.param("trot", "sparse_formula", marks=pytest.mark.slow),
-        ("bound", "sparse_formula"),
+        pytest.param("trot", "formulas", marks=pytest.mark.slow),
+        ("bound", "formulas"),
     ],
 )
 @pytest.mark.parametrize("box", [lambda gait: operating_box(gait, A1), whole_box])
@@ -65,7 +65,7 @@ def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
 
 
 def test_a_witness_is_in_the_box_and_reaches_the_stated_value():
-    gait, policy = load_gait("trot"), load_student("trot", "sparse_formula")
+    gait, policy = load_gait("trot"), load_student("trot", "formulas")
     assert isinstance(policy, FormulaPolicy)
     box, units = operating_box(gait, A1).in_state(1), RobotUnits.of(A1, policy.observation_names)
     # Of these joints the search ends before it gives up.

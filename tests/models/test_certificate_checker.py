@@ -26,9 +26,9 @@ from glassgait.models.robots.library import load_robot, robot_folder, robot_name
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
-POLICY = STUDENT_DIRECTORY / "bound" / "sparse_formula.formulas"
+POLICY = STUDENT_DIRECTORY / "bound" / "formulas.formulas"
 A1 = load_robot()
-PATH = next(path for path in shipped_certificates() if path.name == "bound_sparse_formula.json")
+PATH = next(path for path in shipped_certificates() if path.name == "bound_formulas.json")
 CONTENT = json.loads(PATH.read_text())
 
 
@@ -80,11 +80,11 @@ def test_refuses_a_certificate_that_was_changed(tmp_path, old, new):
 
 
 def test_refuses_another_policy(tmp_path):
-    path = tmp_path / "sparse_formula.formulas"
+    path = tmp_path / "formulas.formulas"
     path.write_text(POLICY.read_text().replace("= 0.1", "= 0.2", 1))
     with pytest.raises(RefusedError, match="certified"):
         check(PATH, path)
-    other = {"policy": {**CONTENT["policy"], "file": "statewise_symbolic.formulas"}}
+    other = {"policy": {**CONTENT["policy"], "file": "symbolic_per_state.formulas"}}
     with pytest.raises(RefusedError, match="certified"):
         check(written(CONTENT | other, tmp_path))
 
@@ -102,7 +102,7 @@ def test_refuses_what_is_no_certificate(tmp_path, text, message):
 
 def test_never_runs_what_a_policy_file_holds(tmp_path):
     text = POLICY.read_text().replace("\nFL_hip = ", "\nFL_hip = exit(0) + ", 1)
-    path = tmp_path / "sparse_formula.formulas"
+    path = tmp_path / "formulas.formulas"
     path.write_text(text)
     content = deepcopy(CONTENT)
     content["policy"]["sha256"] = digest(path)

@@ -33,7 +33,7 @@ GAIT = load_gait("trot")
 LAYOUT = ObservationLayout(GAIT.n_states, imu=True)
 SYMBOLS = [entry.symbol for entry in LAYOUT.entries]
 UNITS = RobotUnits.of(A1, LAYOUT.names)
-TEXT = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
+TEXT = (STUDENT_DIRECTORY / "trot" / "formulas.formulas").read_text()
 
 WIDE = Claim(
     "wide", "limits", joints=("FL_calf",), states=("q0",), least=-50.0, most=50.0, box="physical"
@@ -66,7 +66,7 @@ TOLERANCE = 2e-9
 @cache
 def forged_from() -> str:
     """A certificate of some claims about the trot's page, of every kind."""
-    path = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
+    path = STUDENT_DIRECTORY / "trot" / "formulas.formulas"
     prover = Prover(load_policy(path), GAIT)
     verdicts = [prover.decide(claim) for claim in CLAIMS]
     return json.dumps(certificate(prover, [one for one in verdicts if one], path))
@@ -173,7 +173,7 @@ WORDS = (
     *("proved", "refuted", "undecided", "q0", "q1", "FL_hip", "FR_hip", "RL_calf", "operating"),
     *("physical", "target", "slope", "effect", "limits", "never", "mirror"),
     *("change", "rises", "falls", "dq.own", "cmd.v", "s0", "h.FL", "t", "trot", ""),
-    *("/etc/passwd", "../trot", "statewise_symbolic", "symbolic", "sparse_formula.formulas"),
+    *("/etc/passwd", "../trot", "symbolic_per_state", "symbolic", "formulas.formulas"),
 )
 KEYS = (*Claim.__dataclass_fields__, "x")
 
@@ -273,7 +273,7 @@ def forge_text(text: str, generator: np.random.Generator) -> str:
 def assert_no_forgery_counts(folder: Path, seed: int, count: int) -> int:
     """Returns how many of some forged certificates and policies are accepted."""
     generator, accepted = np.random.default_rng(seed), 0
-    sound, policy = json.loads(forged_from()), folder / "sparse_formula.formulas"
+    sound, policy = json.loads(forged_from()), folder / "formulas.formulas"
     for number in range(count):
         content, text = deepcopy(sound), TEXT
         if number % 2:
@@ -302,7 +302,7 @@ def test_what_forgeries_are_made_from_holds(tmp_path):
     content = json.loads(forged_from())
     outcomes = {claim["outcome"] for claim in content["claims"]}
     assert {"proved", "refuted"} <= outcomes
-    path = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
+    path = STUDENT_DIRECTORY / "trot" / "formulas.formulas"
     assert f"({len(CLAIMS)} named by its author only)" in checked(content, path, tmp_path)
     Truth(content, path).assert_holds(content)
 
@@ -319,7 +319,7 @@ def test_no_forgery_proves_what_observations_refute(tmp_path, seed, count):
 @pytest.mark.parametrize("term", ATTACKS)
 @pytest.mark.parametrize("joint", ["FL_hip", pytest.param("RR_calf", marks=pytest.mark.slow)])
 def test_refuses_formulas_that_double_precision_makes_other_ones(tmp_path, term, joint):
-    policy = tmp_path / "sparse_formula.formulas"
+    policy = tmp_path / "formulas.formulas"
     policy.write_text(attacked(term, joint))
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)
@@ -398,7 +398,7 @@ def test_refuses_what_was_once_taken_on_trust(tmp_path, change):
     content = json.loads(forged_from())
     change(content)
     with pytest.raises(RefusedError):
-        checked(content, STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas", tmp_path)
+        checked(content, STUDENT_DIRECTORY / "trot" / "formulas.formulas", tmp_path)
 
 
 def test_refuses_a_key_that_is_given_twice(tmp_path):
@@ -421,7 +421,7 @@ def test_refuses_what_is_no_regular_file(tmp_path, file):
 
 
 def test_refuses_powers_of_powers(tmp_path):
-    policy = tmp_path / "sparse_formula.formulas"
+    policy = tmp_path / "formulas.formulas"
     policy.write_text(attacked("(" * 30 + "3" + ")**3" * 30))
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)
@@ -432,7 +432,7 @@ def test_refuses_powers_of_powers(tmp_path):
 def test_a_mirror_is_proved_where_its_image_has_values_alone(tmp_path):
     """The operating box need not be its own mirror image."""
     text = attacked("0/(v.y + 0.71)")
-    policy = tmp_path / "sparse_formula.formulas"
+    policy = tmp_path / "formulas.formulas"
     policy.write_text(text)
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)

@@ -35,7 +35,7 @@ from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.models.policies.linear import StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPerStatePolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -89,7 +89,7 @@ def agree(tmp_path) -> Callable[..., Agreement]:
 
 
 KINDS = (
-    "linear statewise_linear neural mirrored symbolic statewise_symbolic symbolic_with_readings "
+    "linear linear_per_state neural mirrored symbolic symbolic_per_state symbolic_with_readings "
     "trees rounded_trees additive additive_without_pairs"
 )
 
@@ -103,23 +103,23 @@ def test_c_does_what_python_does(
     small_expert,
     agree,
     make_policy,
-    statewise,
+    per_state,
     symbolic,
-    statewise_symbolic,
+    symbolic_per_state,
     random_trees,
     narrow_readings,
     random_additive,
 ):
     policies = {
         "linear": lambda: make_policy(trot),
-        "statewise_linear": lambda: StatewiseLinearPolicy(
-            "trot", NAMES, 0.05 * statewise.weights, statewise.intercepts
+        "linear_per_state": lambda: LinearPerStatePolicy(
+            "trot", NAMES, 0.05 * per_state.weights, per_state.intercepts
         ),
         "neural": lambda: small_expert(trot, hidden=(8, 5, 4)),
         "mirrored": lambda: small_expert(trot, mirrored=True),
         "symbolic_with_readings": lambda: symbolic.with_readings(narrow_readings),
         "symbolic": lambda: symbolic,
-        "statewise_symbolic": lambda: statewise_symbolic,
+        "symbolic_per_state": lambda: symbolic_per_state,
         "trees": lambda: random_trees(generator, rounded=False),
         "rounded_trees": lambda: random_trees(generator, rounded=True),
         "additive": lambda: random_additive(generator, n_pairs=40),
@@ -150,7 +150,7 @@ def test_c_with_an_imu_does_what_python_does(mirrored, odometry, trot, small_exp
 )
 def test_c_reads_within_ranges(trot, ranges, agree):
     readings = Readings(tuple(ranges.items()))
-    policy = load_student("trot", "sparse_formula").with_readings(readings)
+    policy = load_student("trot", "formulas").with_readings(readings)
     found = agree(trot, policy, load_expert("trot"), n_steps=60)
     assert found.machine == 0
     assert found.target < 1e-12
@@ -268,7 +268,7 @@ def test_formulas_that_are_left_out_act_in_the_mirror(text, n_written, agree, sm
 
 @needs_compiler
 def test_stuck_contact_sensors_are_not_believed(trot, compiled_page):
-    controller = alone(load_student("trot", "sparse_formula"))
+    controller = alone(load_student("trot", "formulas"))
     (moments, *_) = random_sequences(A1, trot, 200, 3)
     stuck = [
         moment._replace(
@@ -298,7 +298,7 @@ def test_single_precision_is_near(trot, agree, small_expert, make_policy):
 
 def test_formulas_stand_there_as_in_their_file(written_page):
     source = " ".join(written_page.source.split())
-    text = load_student("trot", "sparse_formula").to_text()
+    text = load_student("trot", "formulas").to_text()
     for joint in quadruped.JOINTS:
         (formula,) = re.findall(rf"^{joint} = (.*(?:\n    .*)*)", text, flags=re.MULTILINE)
         assert f"target[{joint.upper()}] = {' '.join(formula.split())};" in source
@@ -369,8 +369,8 @@ def test_another_library_is_refused(compiled_page, written_page, tmp_path):
 @pytest.fixture
 def contract_path(written_page, trot, tmp_path):
     """The contract of the trot's short formulas, beside their files."""
-    controller = alone(load_student("trot", "sparse_formula"))
-    contract = contract_of(trot, controller, write_source(written_page, tmp_path), "sparse_formula")
+    controller = alone(load_student("trot", "formulas"))
+    contract = contract_of(trot, controller, write_source(written_page, tmp_path), "formulas")
     path = tmp_path / CONTRACT
     path.write_text(contract_text(contract))
     return path

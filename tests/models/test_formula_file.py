@@ -27,7 +27,7 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.symbolic import (
     FormulaPolicy,
-    StatewiseSymbolicPolicy,
+    SymbolicPerStatePolicy,
     SymbolicPolicy,
 )
 from glassgait.models.robots import quadruped
@@ -41,7 +41,7 @@ NAMES = ObservationLayout(2).names
 KNOWN = known_definitions(A1, NAMES)
 PLACE = re.compile(r"line (\d+), column (\d+): .")
 HEAD = "format: 2\ngait: trot\nstates: 2\n"
-PAGE = load_student("trot", "sparse_formula")
+PAGE = load_student("trot", "formulas")
 TEXT = PAGE.to_text()
 EDITED = TEXT.replace("clearance: 0.03", "clearance: 0.05")
 
@@ -70,7 +70,7 @@ def policies(draw, random_formulas):
     # The odd definition has no mirror image.
     choices = [(), KNOWN, KNOWN[:2] if mirror else (*KNOWN[:2], odd)]
     vocabulary = Vocabulary(NAMES, draw(st.sampled_from(choices)))
-    kind = draw(st.sampled_from([SymbolicPolicy, StatewiseSymbolicPolicy]))
+    kind = draw(st.sampled_from([SymbolicPolicy, SymbolicPerStatePolicy]))
     some = st.lists(random_formulas(len(vocabulary.symbols), 5), min_size=1, max_size=4)
     pool = [canonical(formula) for formula in draw(some)]
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
@@ -196,7 +196,7 @@ def test_a_formula_file_without_a_machine_names_no_gait(tmp_path):
 
 
 def test_the_gait_of_a_formula_file_is_of_its_robot():
-    path = STUDENT_DIRECTORY / "go2" / "trot" / "sparse_formula.formulas"
+    path = STUDENT_DIRECTORY / "go2" / "trot" / "formulas.formulas"
     assert find_gait(path, "go2") == find_gait(path) == TROT
     with pytest.raises(InputError, match="is of robot 'go2'"):
         find_gait(path, "a1")

@@ -53,7 +53,7 @@ RR_calf = 2*(h.RL - 1)**3
 
 SHARED = re.sub(r"mirror.*\n", "", SMALL).replace("state 0", "every state")
 
-PAGE = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
+PAGE = (STUDENT_DIRECTORY / "trot" / "formulas.formulas").read_text()
 WHOLE = PAGE[: PAGE.index("\n\n") + 1] + SMALL[SMALL.index("\ndefinitions") :]
 WHOLE = WHOLE.replace("lifted.FR = tanh(100*h.FR - 2)\n", "")
 """A whole controller, one definition of which is the image of another."""
@@ -199,7 +199,7 @@ def test_invisible_signs_are_refused_by_both_readers(sign, tmp_path):
             read_formulas(text)
         with pytest.raises(RefusedError):
             FormulaFile(text)
-        path = tmp_path / "sparse_formula.formulas"
+        path = tmp_path / "formulas.formulas"
         path.write_bytes(text.encode())
         with pytest.raises(InputError):
             load_policy(path)

@@ -8,8 +8,8 @@ import pytest
 from glassgait.models.formulas.latex import to_latex
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 
-PAGES = sorted(STUDENT_DIRECTORY.rglob("sparse_formula.formulas"))
-PER_STATE = STUDENT_DIRECTORY / "half_bound" / "statewise_symbolic.formulas"
+PAGES = sorted(STUDENT_DIRECTORY.rglob("formulas.formulas"))
+PER_STATE = STUDENT_DIRECTORY / "half_bound" / "symbolic_per_state.formulas"
 
 
 def latex_of(path):

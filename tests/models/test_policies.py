@@ -24,10 +24,10 @@ from glassgait.models.policies.library import (
     load_expert,
     load_policy,
 )
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPerStatePolicy, LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy, elu
 from glassgait.models.policies.policy import narrowest
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.policies.symbolic import SymbolicPerStatePolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import JointLaw
@@ -38,10 +38,10 @@ A1 = load_robot()
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
 KINDS = (
-    *("neural", "linear", "statewise", "symbolic", "statewise_symbolic"),
+    *("neural", "linear", "per_state", "symbolic", "symbolic_per_state"),
     *("trees", "rounded_trees", "additive"),
 )
-SUMS = ("linear", "statewise", "symbolic", "statewise_symbolic", "additive")
+SUMS = ("linear", "per_state", "symbolic", "symbolic_per_state", "additive")
 
 
 @pytest.fixture(scope="session")
@@ -250,14 +250,14 @@ def test_batches_agree_with_single_rows(kind, policy_of, samples):
     np.testing.assert_allclose(batch.reshape(12, 12), single, rtol=0, atol=1e-12)
 
 
-def test_statewise_policies_act_by_their_state(statewise, statewise_symbolic, samples):
+def test_statewise_policies_act_by_their_state(per_state, symbolic_per_state, samples):
     rows, joint = samples(2, seed=4)[0], np.arange(12)
-    rows[:, statewise._one_hot] = np.eye(2)
-    values = statewise_symbolic.quantities(rows)
-    targets = A1.joint_targets(statewise_symbolic(rows))
+    rows[:, per_state._one_hot] = np.eye(2)
+    values = symbolic_per_state.quantities(rows)
+    targets = A1.joint_targets(symbolic_per_state(rows))
     for state in range(2):
-        expected = statewise.weights[state] @ rows[state] + 1.0
-        np.testing.assert_allclose(statewise(rows)[state], expected)
+        expected = per_state.weights[state] @ rows[state] + 1.0
+        np.testing.assert_allclose(per_state(rows)[state], expected)
         product = values[state, joint] * values[state, joint + 1 + state]
         np.testing.assert_allclose(targets[state], 1 + state + product)
 
@@ -337,7 +337,7 @@ def test_trees_and_networks_do_not_split_into_contributions(neural, samples):
         neural.explain(samples(1)[0][0], 0)
 
 
-@pytest.mark.parametrize("kind", ["symbolic", "statewise_symbolic"])
+@pytest.mark.parametrize("kind", ["symbolic", "symbolic_per_state"])
 def test_derivatives_are_the_slopes_of_the_actions(kind, policy_of, samples):
     policy, step, rows = policy_of(kind), 1e-6, samples(4, seed=7)[0]
     derivatives = policy.derivatives(rows)
@@ -391,7 +391,7 @@ def test_arrays_that_no_policy_can_have_are_refused(neural, symbolic, small_tree
         (lambda: LinearPolicy("", NAMES, zeros((12, N)), zeros(12)), "the gait is ''"),
         (lambda: LinearPolicy("trot", NAMES[1:], zeros((12, N)), zeros(12)), "observations"),
         (
-            lambda: StatewiseLinearPolicy("trot", NAMES, zeros((3, 12, N)), zeros((3, 12))),
+            lambda: LinearPerStatePolicy("trot", NAMES, zeros((3, 12, N)), zeros((3, 12))),
             "2 state",
         ),
         (lambda: small_trees(features=np.full((12, 2, 3), 300)), "holds 300; .* from 0 to 48"),
@@ -405,7 +405,7 @@ def test_arrays_that_no_policy_can_have_are_refused(neural, symbolic, small_tree
         (lambda: NeuralPolicy("trot", NAMES, neural.actor, neural.actor), "estimator.0.weight"),
         (lambda: NeuralPolicy("trot", NAMES, Network((), ()), neural.estimator), "0 layers"),
         (lambda: SymbolicPolicy("trot", NAMES, [symbolic.formulas_by_state[0][:2]]), "must be"),
-        (lambda: StatewiseSymbolicPolicy("trot", NAMES, symbolic.formulas_by_state), r"\(2, 12\)"),
+        (lambda: SymbolicPerStatePolicy("trot", NAMES, symbolic.formulas_by_state), r"\(2, 12\)"),
     ):
         with pytest.raises(InputError, match=said):
             make()

@@ -179,7 +179,7 @@ def forged(generator: np.random.Generator, policy: Policy) -> tuple[str, str, by
     return *pick(generator, MUTATIONS)(generator, contents), to_bytes(*contents)
 
 
-@pytest.fixture(params=["neural", "linear", "statewise", "boosted_trees", "additive"])
+@pytest.fixture(params=["neural", "linear", "per_state", "boosted_trees", "additive"])
 def policy(request) -> Policy:
     """A sound policy of each kind that is saved as arrays."""
     generator = np.random.default_rng(1)

@@ -32,7 +32,7 @@ from glassgait.studies.distillation.formula_network import FormulaNetwork
 
 A1 = load_robot()
 TROT = load_gait("trot")
-PAGE = load_student("trot", "sparse_formula")
+PAGE = load_student("trot", "formulas")
 NAMES = ObservationLayout(2, imu=True).names
 UNITS = RobotUnits.of(A1, NAMES)
 SYMBOLS = [entry.symbol for entry in entries_of(NAMES)]
@@ -212,7 +212,7 @@ def _named(splits: list) -> list:
 
 def _checked(policy: FormulaPolicy) -> Check:
     """Returns a check whose policy is another than that of its certificate."""
-    own = Check(SHIPPED / "trot_sparse_formula.json", None, None)
+    own = Check(SHIPPED / "trot_formulas.json", None, None)
     own.file, own.targets = FormulaFile(policy.with_machine(TROT).to_text()), {}
     own.polynomials = Polynomials(own.file.names)
     return own

@@ -17,9 +17,9 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
-from glassgait.studies.distillation.sparse_formula import SparseFormulaSettings
+from glassgait.studies.distillation.short_formulas import FormulasSettings
 from glassgait.studies.distillation.study import distill, write_r2_table
-from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings, SymbolicSettings
+from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, SymbolicSettings
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.run import TrainingRun
 
@@ -122,10 +122,10 @@ def tiny_distillation() -> DistillationConfig:
             histogram_gbm=HistogramGbmSettings(n_trees=5),
             ebm=EbmSettings(outer_bags=2, interactions=1, round_interactions=0, max_rounds=4),
             symbolic=SymbolicSettings(shapes=((30, 30), (30, 60)), start_weights=(3,), **search),
-            statewise_symbolic=StatewiseSymbolicSettings(
+            symbolic_per_state=SymbolicPerStateSettings(
                 shapes=((30, 30),), start_weights=(3,), **search
             ),
-            sparse_formula=SparseFormulaSettings(terms=36, alone_episodes=4),
+            formulas=FormulasSettings(terms=36, alone_episodes=4),
         ),
         n_workers=1,
     )

@@ -25,16 +25,16 @@ def forge(certificate: dict) -> None:
 def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch, own_robot):
     monkeypatch.chdir(tmp_path)
     robot = own_robot
-    own = ["--robot", robot, "--policy", "sparse_formula"]
+    own = ["--robot", robot, "--policy", "formulas"]
     main(["train", "--robot", robot, "--updates", "3", *TINY])
     expert_file = tmp_path / "runs" / "train" / "mine" / "trot" / "trot.safetensors"
     expert = load_expert("trot", expert_file, load_robot(robot))
     assert expert.robot is load_robot(robot)
     few = ["--episodes", "5", "--episodes-per-round", "5", "--alone-rounds", "0"]
     few += ["--episode-steps", "100"]
-    main(["distill", "--robot", robot, "--students", "sparse_formula", *few])
+    main(["distill", "--robot", robot, "--students", "formulas", *few])
     folder = tmp_path / "runs" / "distill" / "mine" / "trot"
-    path = folder / "sparse_formula.formulas"
+    path = folder / "formulas.formulas"
     assert "robot: mine\n" in path.read_text()
     assert load_policy(path, expert.robot).robot is expert.robot
     main(["view", *own, "--n-steps", "10", "--output", "seen"])

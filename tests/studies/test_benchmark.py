@@ -34,7 +34,7 @@ def test_actions_are_timed_in_python_and_in_c():
 
 
 def test_only_the_named_parts_are_measured(tmp_path, monkeypatch):
-    table = pd.DataFrame({"policy": ["Neural expert"], "action in Python (µs)": [1.0]})
+    table = pd.DataFrame({"policy": ["expert"], "action in Python (µs)": [1.0]})
     monkeypatch.setattr(benchmark, "action_times", lambda found: table)
     folder = tmp_path / "run"
     main(["reproduce", "benchmark", "--parts", "actions", "--output", str(folder)])

@@ -14,7 +14,7 @@ from glassgait.studies.cli import main
 
 pytestmark = pytest.mark.slow
 
-TROT = ["--gait", "trot", "--policy", "sparse_formula"]
+TROT = ["--gait", "trot", "--policy", "formulas"]
 
 PAGES = {
     "explain page": ["explain", "page", *TROT, "--n-steps", "40"],

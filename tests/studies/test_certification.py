@@ -137,10 +137,10 @@ def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, r
 
 def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
     gait = load_gait("trot")
-    expert, page = load_expert(gait), load_student("trot", "sparse_formula")
+    expert, page = load_expert(gait), load_student("trot", "formulas")
     config = RolloutConfig(n_robots=2, n_steps=15, n_seeds=1)
-    controllers = {"expert": alone(expert), "sparse_formula": alone(page, expert)}
-    box, measured = measure_box(gait, controllers, {"training": load_scenario("training")}, config)
+    controllers = {"expert": alone(expert), "formulas": alone(page, expert)}
+    box, measured = measure_box(gait, controllers, {"nominal": load_scenario("nominal")}, config)
     low, high = box.lower, box.upper
     names = list(expert.observation_names)
     # All robots stand still at first, in the default stance.

@@ -7,14 +7,14 @@ from glassgait.studies.cli import COMMANDS, main
 
 ROBOTS = ["--n-robots", "2", "--n-steps", "20"]
 
-SEEDED = [*ROBOTS, "--n-seeds", "1", "--policy", "expert", "sparse_formula"]
+SEEDED = [*ROBOTS, "--n-seeds", "1", "--policy", "expert", "formulas"]
 
-FORMULAS = ["--policy", "sparse_formula"]
+FORMULAS = ["--policy", "formulas"]
 
 FAST = {
     "gait": (["trot"], []),
     "robot": (["a1"], []),
-    "evaluate scenarios": ([*SEEDED, "--scenario", "training"], ["metrics.json"]),
+    "evaluate scenarios": ([*SEEDED, "--scenario", "nominal"], ["metrics.json"]),
     "evaluate alternation": ([*SEEDED, "--ratios", "1", "0"], ["return.png"]),
     "explain formulas": (FORMULAS, []),
     "explain page": ([*FORMULAS, "--n-steps", "20", "--step", "10"], ["index.html"]),

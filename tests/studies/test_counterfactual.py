@@ -23,8 +23,8 @@ JOINT = quadruped.joint_index("FR_calf")
     "kind",
     [
         "expert",
-        "statewise_linear",
-        "sparse_formula",
+        "linear_per_state",
+        "formulas",
         pytest.param("gbm", marks=pytest.mark.slow),
     ],
 )

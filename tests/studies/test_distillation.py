@@ -92,7 +92,7 @@ def test_settings_that_cannot_be_are_refused(settings, message):
 def test_settings_that_do_not_fit_a_gait_are_refused_before_anything_is_made(
     gait, terms, tmp_path, refused
 ):
-    options = ["--gait", gait, "--students", "sparse_formula", "--sparse-formula.terms", str(terms)]
+    options = ["--gait", gait, "--students", "formulas", "--sparse-formula.terms", str(terms)]
     message = refused(["distill", *options, "--output", str(tmp_path / "run")])
     assert f"terms is {terms};" in message and gait in message
     assert not (tmp_path / "run").exists()
@@ -111,7 +111,7 @@ def test_a_student_may_learn_from_the_samples_of_another(expert, tmp_path):
     assert DistillationConfig(collector="itself").collector_of("gbm") == "gbm"
     assert samples_folder(tmp_path, "gbm") == tmp_path / "histogram_gbm"
     config = DistillationConfig(
-        students=("linear", "statewise_linear"),
+        students=("linear", "linear_per_state"),
         collector="linear",
         episodes=5,
         alone_rounds=0,
@@ -121,7 +121,7 @@ def test_a_student_may_learn_from_the_samples_of_another(expert, tmp_path):
     table = distill(config, GAIT, expert, tmp_path)
     assert {path.parent.name for path in tmp_path.rglob("round_*.safetensors")} == {"linear"}
     assert table["samples"].tolist() == [80, 80]
-    assert samples_folder(tmp_path, "statewise_linear") == tmp_path / "linear"
+    assert samples_folder(tmp_path, "linear_per_state") == tmp_path / "linear"
 
 
 def test_rounds_follow_the_paper(distilled):

@@ -13,7 +13,7 @@ from glassgait.studies.evaluation.figures import fall_map
 from glassgait.studies.evaluation.scenarios import Scenarios
 from glassgait.studies.evaluation.tables import fall_table, worst_first, worst_table
 
-WORLDS = {"training": "home", "icy": "ice", "late": "delay", "calm": "calm"}
+WORLDS = {"nominal": "home", "icy": "ice", "late": "delay", "calm": "calm"}
 
 
 def scores_of(falls, robots=10):
@@ -33,7 +33,7 @@ def scores_of(falls, robots=10):
 def table():
     # In the order of jobs, where the slow worlds come first and the expert is not first everywhere.
     falls = {("linear", "late"): 1, ("expert", "late"): 0, ("gbm", "late"): 0}
-    falls |= {("expert", "training"): 0, ("linear", "training"): 0, ("gbm", "training"): 0}
+    falls |= {("expert", "nominal"): 0, ("linear", "nominal"): 0, ("gbm", "nominal"): 0}
     falls |= {("expert", "icy"): 2, ("linear", "icy"): 8, ("gbm", "icy"): 3}
     falls |= {("expert", "calm"): 0, ("linear", "calm"): 0, ("gbm", "calm"): 0}
     return fall_table(scores_of(falls), WORLDS)
@@ -52,17 +52,17 @@ def test_intervals_of_falls_are_wilsons(falls, robots):
 
 def test_worlds_are_ordered_worst_first_and_policies_expert_first(table):
     # Worlds without a fall stay in the order that they were named in.
-    assert table["scenario"].unique().tolist() == ["icy", "late", "training", "calm"]
+    assert table["scenario"].unique().tolist() == ["icy", "late", "nominal", "calm"]
     assert table["policy"].tolist() == ["expert", "linear", "gbm"] * 4
     assert worst_first(table.sample(frac=1.0, random_state=3))[:2] == ["icy", "late"]
 
 
 def test_the_worst_world_is_that_where_most_of_all_robots_fall():
-    falls = {("expert", "training"): 0, ("linear", "training"): 5}
+    falls = {("expert", "nominal"): 0, ("linear", "nominal"): 5}
     falls |= {("expert", "icy"): 2, ("linear", "icy"): 4}
     table = fall_table(scores_of(falls), WORLDS)
-    assert worst_first(table) == ["icy", "training"]
-    assert worst_first(table, {"linear"}) == ["training", "icy"]
+    assert worst_first(table) == ["icy", "nominal"]
+    assert worst_first(table, {"linear"}) == ["nominal", "icy"]
 
 
 def test_students_are_set_against_the_expert_in_the_same_world(table):
@@ -79,14 +79,14 @@ def test_students_are_set_against_the_expert_in_the_same_world(table):
 
 def test_one_fallen_robot_is_no_worst_world_beside_many(table):
     worst = worst_table(table).set_index("policy")
-    assert worst.loc["Linear", "its worst scenario"] == "ice"
-    assert worst.loc["Linear", "falls there"] == "8 of 10"
-    assert worst.loc["Linear", "points more than the expert"] == "+60"
-    assert worst.loc["Linear", "scenarios without a fall"] == "2 of 4"
+    assert worst.loc["linear", "its worst scenario"] == "ice"
+    assert worst.loc["linear", "falls there"] == "8 of 10"
+    assert worst.loc["linear", "points more than the expert"] == "+60"
+    assert worst.loc["linear", "scenarios without a fall"] == "2 of 4"
     assert worst["return"].notna().all()
-    assert worst["falls in training scenario"].tolist() == ["0 of 10"] * 3
+    assert worst["falls in nominal scenario"].tolist() == ["0 of 10"] * 3
     never = worst_table(fall_table(scores_of({("expert", "icy"): 0}), WORLDS)).iloc[0]
-    assert never["its worst scenario"] == never["falls in training scenario"] == "–"
+    assert never["its worst scenario"] == never["falls in nominal scenario"] == "–"
 
 
 def test_the_map_has_a_cell_for_each_policy_and_scenario(table):
@@ -111,15 +111,15 @@ def numbers_of(axes, n_columns=3):
 
 def test_policies_meet_the_same_robots_by_the_commands_of_the_scenario(tmp_path):
     (tmp_path / "own.yaml").write_text("command: {speed_range: [0.1, 0.2]}\n")
-    worlds = ("training", "cenic_1e-5", str(tmp_path / "own.yaml"))
-    study = Scenarios(policy=("expert", "statewise_linear"), scenario=worlds, n_seeds=2)
+    worlds = ("nominal", "cenic_1e-5", str(tmp_path / "own.yaml"))
+    study = Scenarios(policy=("expert", "linear_per_state"), scenario=worlds, n_seeds=2)
     cases = study.cases()
     assert len(cases) == 3 * 2 * 2
     # The slow world comes first.
     assert [*cases[0].labels.values()] == ["trot", "expert", "cenic_1e-5", 1000]
     by_policy = [
         [(own.scenario, own.seed) for own in cases if own.labels["policy"] == policy]
-        for policy in ("expert", "statewise_linear")
+        for policy in ("expert", "linear_per_state")
     ]
     assert by_policy[0] == by_policy[1]
 
@@ -132,7 +132,7 @@ def run(expert, tmp_path):
     untrained_student(expert).save(source / "linear.safetensors")
     (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
     small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1"]
-    worlds = ["--scenario", "training", str(tmp_path / "lonely.yaml")]
+    worlds = ["--scenario", "nominal", str(tmp_path / "lonely.yaml")]
     own, folder = ["--source", str(source)], tmp_path / "run"
 
     def start(*more):
@@ -149,10 +149,10 @@ def test_command_writes_table_metrics_and_map(run, capsys):
     assert written == {"config.yaml", "metrics.json", "cases", "robots.csv", "robots.md"} | both
     table = pd.read_csv(folder / "scenarios.csv")
     assert table[["policy", "scenario", "robots"]].to_numpy().tolist() == [
-        ["Neural expert", "SAP 10 ms (training)", 2],
-        ["Linear", "SAP 10 ms (training)", 2],
-        ["Neural expert", "lonely", 1],
-        ["Linear", "lonely", 1],
+        ["expert", "nominal (SAP 10 ms)", 2],
+        ["linear", "nominal (SAP 10 ms)", 2],
+        ["expert", "lonely", 1],
+        ["linear", "lonely", 1],
     ]
     assert table["share of the expert's return"].tolist()[::2] == [1.0, 1.0]
     # NaN is no JSON.
@@ -164,12 +164,12 @@ def test_falls_by_the_task_and_physical_ones_are_told_apart(run, tmp_path):
     (tmp_path / "strict.yaml").write_text("limits: {trunk_height: 0.5}\n")
     (tmp_path / "heavy.yaml").write_text("station: {payload: 60.0}\n")
     named = [str(tmp_path / f"{name}.yaml") for name in ("strict", "heavy")]
-    folder = run("--policy", "linear", "--scenario", "training", *named, "--n-steps", "40")
+    folder = run("--policy", "linear", "--scenario", "nominal", *named, "--n-steps", "40")
     robots = pd.read_csv(folder / "robots.csv").groupby("scenario")
-    assert robots["fell"].sum().to_dict() == {"training": 0, "strict": 2, "heavy": 2}
-    assert robots["fell_physically"].sum().to_dict() == {"training": 0, "strict": 0, "heavy": 2}
+    assert robots["fell"].sum().to_dict() == {"nominal": 0, "strict": 2, "heavy": 2}
+    assert robots["fell_physically"].sum().to_dict() == {"nominal": 0, "strict": 0, "heavy": 2}
     table = pd.read_csv(folder / "scenarios.csv").set_index("scenario")["physical falls"]
-    assert table.to_dict() == {"SAP 10 ms (training)": 0, "strict": 0, "heavy": 2}
+    assert table.to_dict() == {"nominal (SAP 10 ms)": 0, "strict": 0, "heavy": 2}
 
 
 @pytest.mark.parametrize("arguments", [["--source", "empty"], ["--policy", "open_loop"]])
@@ -182,7 +182,7 @@ def test_policies_that_are_not_there_are_refused(arguments, refused, tmp_path, m
 
 
 def test_of_several_gaits_those_policies_are_measured_that_there_are(tmp_path):
-    named = ["--gait", "trot", "pace", "--policy", "expert", "symbolic", "--scenario", "training"]
+    named = ["--gait", "trot", "pace", "--policy", "expert", "symbolic", "--scenario", "nominal"]
     small = ["--n-robots", "2", "--n-steps", "10", "--output", str(tmp_path / "run")]
     main(["evaluate", "scenarios", *named, *small])
     whole = pd.read_csv(tmp_path / "run" / "scenarios.csv")

@@ -104,7 +104,7 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     assert summary.loc[("expert", "1"), "rhythm"] > 0.8
     assert summary.loc[("linear", "0"), "rhythm"] < 0.1
     table = standalone_table(scores)
-    assert table["policy"].tolist() == ["Neural expert", "Linear"]
+    assert table["policy"].tolist() == ["expert", "linear"]
     assert table["share of expert"].tolist()[0] == "1.000 ± 0.000"
     assert len(return_figure(scores, "trot").axes) == 3
 

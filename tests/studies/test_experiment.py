@@ -10,7 +10,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import checked
 from glassgait.studies.common.experiment import Experiment, Report
 
-SMALL = {"policy": ("expert", "sparse_formula"), "scenario": ("training", "push_1.0")}
+SMALL = {"policy": ("expert", "formulas"), "scenario": ("nominal", "push_1.0")}
 
 
 @checked
@@ -82,7 +82,7 @@ def test_each_of_several_gaits_has_its_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("settings", "key"),
     [
-        ({"gait": ("three_one",), "policy": ("sparse_formula",)}, "--policy 'sparse_formula'"),
+        ({"gait": ("three_one",), "policy": ("formulas",)}, "--policy 'formulas'"),
         ({"gait": ("gallop",)}, "unknown gait 'gallop'"),
         ({"scenario": ("mars",)}, "mars"),
         ({"seed": 500}, "500 to 509 choose among candidates"),

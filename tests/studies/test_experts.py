@@ -42,7 +42,7 @@ def test_experts_treat_left_and_right_alike(gait, generator):
 
 
 @pytest.mark.parametrize(
-    "scenario", ["training", pytest.param("latency_20ms", marks=pytest.mark.slow)]
+    "scenario", ["nominal", pytest.param("latency_20ms", marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize(
     "gait",

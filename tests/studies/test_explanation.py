@@ -11,7 +11,7 @@ from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
-from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPerStatePolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
@@ -36,7 +36,7 @@ def few():
     long = " + ".join(f"{i + 1}e-4 * x{i}" for i in range(31))
     texts = ("0.1 + 0.01 * x3 + 0.02 * x5", f"-0.1 + {long}")
     expressions = [[parse_expression(text, variables)] * 12 for text in texts]
-    policy = StatewiseSymbolicPolicy("trot", names, expressions)
+    policy = SymbolicPerStatePolicy("trot", names, expressions)
     observations = 0.5 * np.random.default_rng(5).normal(size=(2, len(names)))
     observations[:, machine_state_entries(names)] = np.eye(2)
     values = {"observations": observations, "actions": policy(observations)}
@@ -94,7 +94,7 @@ def test_page_needs_nothing_from_elsewhere(page):
     assert "MeshCat.Viewer" in embedded(page, "replay-page")
 
 
-@pytest.mark.parametrize("kind", ["statewise_linear", "symbolic", "sparse_formula"])
+@pytest.mark.parametrize("kind", ["linear_per_state", "symbolic", "formulas"])
 def test_factors_are_those_of_the_terms(kind, generator):
     policy = load_student("trot", kind)
     names = policy.observation_names
@@ -153,9 +153,9 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
 )
 def test_bad_input_is_refused(few_students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
-    where = ["--source", str(few_students), "--output", str(tmp_path / "sparse_formula")]
+    where = ["--source", str(few_students), "--output", str(tmp_path / "formulas")]
     assert message in refused(["explain", "page", *policy, *arguments, *where])
-    assert not (tmp_path / "sparse_formula").exists()
+    assert not (tmp_path / "formulas").exists()
 
 
 MIRRORED = "format: 2\ngait: trot\nstates: 2\nmirror: [1, 0]\n\nstate 0\n" + "".join(
@@ -168,7 +168,7 @@ MIRRORED = "format: 2\ngait: trot\nstates: 2\nmirror: [1, 0]\n\nstate 0\n" + "".
     [
         # These have no mirror.
         ("trot", "symbolic", "a1"),
-        pytest.param("bound", "statewise_symbolic", "go2", marks=pytest.mark.slow),
+        pytest.param("bound", "symbolic_per_state", "go2", marks=pytest.mark.slow),
     ],
 )
 def test_every_joint_has_its_lines_in_every_state(gait, kind, robot):
@@ -203,7 +203,7 @@ def test_the_shipped_file_is_printed_with_its_programs(tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     main(["explain", "formulas", "--gait", "trot"])
     printed = capsys.readouterr().out
-    text = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
+    text = (STUDENT_DIRECTORY / "trot" / "formulas.formulas").read_text()
     assert printed.startswith(text)
     for line in ("reach = torque/40", "near = stood and norm(predicted + sole) < 1"):
         assert line in printed
@@ -218,7 +218,7 @@ def test_the_lines_of_one_joint_or_latex_are_printed(tmp_path, monkeypatch, caps
     joints = [line.split(" ")[0] for line in lines if " = " in line and line[0] != " "]
     assert joints == ["RL_calf"]
     main(["explain", "formulas", "--gait", "trot", "--latex"])
-    latex = (STUDENT_DIRECTORY / "trot" / "sparse_formula.tex").read_text()
+    latex = (STUDENT_DIRECTORY / "trot" / "formulas.tex").read_text()
     assert capsys.readouterr().out == latex
 
 

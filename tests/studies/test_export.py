@@ -43,9 +43,9 @@ def loaded(gait, kind, folder):
     ("gait", "kind"),
     [
         ("trot", "expert"),
-        ("trot", "statewise_linear"),
+        ("trot", "linear_per_state"),
         ("trot", "gbm"),
-        ("bound", "sparse_formula"),
+        ("bound", "formulas"),
         ("bound", "ebm"),
     ],
 )
@@ -60,7 +60,7 @@ def test_shipped_policies_agree(gait, kind, tmp_path):
 
 @needs_compiler
 def test_recorded_robots_agree_over_many_strides(trot, compiled_page):
-    controller = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
+    controller = alone(load_student("trot", "formulas"), load_expert("trot"))
     sequences = recorded_sequences(trot, controller, 300, seed=0)
     found = compare_controllers(trot, controller, compiled_page, sequences)
     assert (found.steps, found.machine) == (300, 0)
@@ -90,7 +90,7 @@ def test_the_command_writes_a_checked_file(tmp_path, capsys):
 def test_without_a_compiler_the_file_is_written_unchecked(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(command, "has_compiler", lambda: False)
     main(["export", "--output", str(tmp_path / "run")])
-    assert (tmp_path / "run" / "trot_sparse_formula.c").exists()
+    assert (tmp_path / "run" / "trot_formulas.c").exists()
     assert "not compared with Python" in capsys.readouterr().out
 
 
@@ -103,7 +103,7 @@ def test_without_a_compiler_the_file_is_written_unchecked(tmp_path, monkeypatch,
         (["--gait", "gallop"], "gait 'gallop'"),
         (["--n-steps", "0"], "n_steps"),
         (
-            ["--policy", str(STUDENT_DIRECTORY / "bound" / "sparse_formula.formulas")],
+            ["--policy", str(STUDENT_DIRECTORY / "bound" / "formulas.formulas")],
             "made for gait 'bound', not 'trot'",
         ),
     ],
@@ -117,7 +117,7 @@ def test_bad_arguments_are_refused_and_nothing_is_written(
 
 
 def test_names_are_made_valid_in_c():
-    assert controller_name("trot", "sparse_formula") == "trot_sparse_formula"
+    assert controller_name("trot", "formulas") == "trot_formulas"
     assert controller_name("My gait-2", "übung") == "my_gait_2_bung"
     assert controller_name("2nd", "x" * 90).startswith("gait_2nd_xxx")
     assert len(controller_name("2nd", "x" * 90)) == 40

@@ -35,7 +35,7 @@ A1 = load_robot()
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
-SHIPPED = ("sparse_formula", "ebm", "gbm", "expert")
+SHIPPED = ("formulas", "ebm", "gbm", "expert")
 
 SANITIZED = ("-g", "-O1", "-std=c99", "-fno-sanitize-recover=all")
 SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow,float-divide-by-zero"
@@ -157,7 +157,7 @@ def test_no_input_leads_to_undefined_behaviour(kind, tmp_path):
 
 @pytest.mark.parametrize(
     "kind",
-    ["statewise_linear", *(pytest.param(kind, marks=pytest.mark.slow) for kind in SHIPPED)],
+    ["linear_per_state", *(pytest.param(kind, marks=pytest.mark.slow) for kind in SHIPPED)],
 )
 def test_it_allocates_nothing_and_has_no_mutable_state(kind, tmp_path):
     source = written("trot", kind)
@@ -186,11 +186,11 @@ def test_the_header_serves_c_plus_plus(written_page, tmp_path):
     compile_c(path, tmp_path / "own.o", ("-O2", "-std=c99", "-c"))
     program = tmp_path / "program.cpp"
     program.write_text(
-        '#include "trot_sparse_formula.h"\n#include "trot_sparse_formula.h"\n'
-        "int main() { trot_sparse_formula_controller c; trot_sparse_formula_sensors s = {};\n"
-        "trot_sparse_formula_targets t;\n"
-        "const trot_sparse_formula_command m = {0.5, 0.0, TROT_SPARSE_FORMULA_MIN_DWELL};\n"
-        "trot_sparse_formula_init(&c); return trot_sparse_formula_step(&c, &s, &m, &t); }\n"
+        '#include "trot_formulas.h"\n#include "trot_formulas.h"\n'
+        "int main() { trot_formulas_controller c; trot_formulas_sensors s = {};\n"
+        "trot_formulas_targets t;\n"
+        "const trot_formulas_command m = {0.5, 0.0, TROT_SPARSE_FORMULA_MIN_DWELL};\n"
+        "trot_formulas_init(&c); return trot_formulas_step(&c, &s, &m, &t); }\n"
     )
     command = ["c++", "-Wall", "-Wextra", "-Werror", "-pedantic", program, tmp_path / "own.o"]
     subprocess.run([*command, "-lm", "-o", tmp_path / "program"], check=True)

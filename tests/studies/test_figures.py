@@ -67,7 +67,7 @@ def titled_figures(curve):
     measures |= {"yaw_rate_error": 0.1, "way": 1.0, "cost_of_transport": 1.0, "fell": False}
     who = [("expert", "1"), ("linear", "1/2"), ("linear", "0")]
     scores = pd.DataFrame(who, columns=pd.Index(["policy", "ratio"])).assign(**measures)
-    world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}
+    world = {"policy": "expert", "scenario": "nominal", "world": HOSTILE, "robots": 2}
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.formulas.grammar import parse_expression, variable_names
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPerStatePolicy, LinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -97,7 +97,7 @@ def test_slopes_count_with_the_observations_spread(generator):
 def test_laws_of_states_count_by_the_time_in_them(generator):
     weights = np.zeros((2, 12, N))
     weights[0, :, 2] = 4.0
-    policy = StatewiseLinearPolicy("trot", NAMES, weights, np.zeros((2, 12)))
+    policy = LinearPerStatePolicy("trot", NAMES, weights, np.zeros((2, 12)))
     observations = generator.normal(size=(100, N))
     observations[:, machine_state_entries(NAMES)] = [1.0, 0.0]
     observations[:75, machine_state_entries(NAMES)] = [0.0, 1.0]
@@ -154,7 +154,7 @@ def test_missing_students_are_refused(few_students, refused):
     assert "--policy 'gbm'" in message
 
 
-SMALL = ["--policy", "statewise_linear", "--n-samples", "20", "--repeats", "1"]
+SMALL = ["--policy", "linear_per_state", "--n-samples", "20", "--repeats", "1"]
 
 
 @pytest.mark.slow
@@ -163,5 +163,5 @@ def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "EPISODE_STEPS", 20)
     monkeypatch.setattr(study, "N_VISITS", 2)
     main(["importance", *SMALL])
-    table = pd.read_csv("runs/importance/trot_statewise_linear/importances.csv")
-    assert set(table["policy"]) == {"statewise_linear"}
+    table = pd.read_csv("runs/importance/trot_linear_per_state/importances.csv")
+    assert set(table["policy"]) == {"linear_per_state"}

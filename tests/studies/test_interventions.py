@@ -149,8 +149,8 @@ def test_robots_that_fell_or_were_never_there_say_nothing(policy, plain):
 def test_the_command_writes_a_table_and_the_edited_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     small = ["--n-claims", "2", "--n-robots", "2", "--n-steps", "40"]
-    main(["explain", "interventions", "--gait", "trot", "--policy", "sparse_formula", *small])
-    folder = tmp_path / "runs" / "explain" / "interventions" / "trot" / "sparse_formula"
+    main(["explain", "interventions", "--gait", "trot", "--policy", "formulas", *small])
+    folder = tmp_path / "runs" / "explain" / "interventions" / "trot" / "formulas"
     table = pd.read_csv(folder / "interventions.csv")
     assert len(table) == 2
     assert set(table["holds"]) <= {"yes", "no"}

@@ -21,7 +21,7 @@ from glassgait.studies.distillation.students import STUDENTS
 from glassgait.studies.distillation.study import distill
 
 TROT = load_gait("trot")
-SUM = "statewise_symbolic"
+SUM = "symbolic_per_state"
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_a_gait_of_ones_own_that_was_edited_has_no_policies(own_gait, tmp_path):
 
 
 def test_formulas_that_hold_all_they_need_act_without_an_expert(own_gait, tmp_path):
-    text = load_student("trot", "sparse_formula").to_text().replace("gait: trot", "gait: prance")
+    text = load_student("trot", "formulas").to_text().replace("gait: trot", "gait: prance")
     (path := tmp_path / "whole.formulas").write_text(text)
     found = find_policies(find_gait(path))
     assert found.expert_there is None
@@ -115,7 +115,7 @@ def test_formulas_that_hold_all_they_need_act_without_an_expert(own_gait, tmp_pa
     assert found.expert_of(str(path)) is None
     assert found.output("view") == default_folder("view", "a1") / "prance"
     # Other formulas need an estimator, and other machines are other gaits.
-    linear = keep(load_student("trot", "statewise_linear"), tmp_path, "own", "prance")
+    linear = keep(load_student("trot", "linear_per_state"), tmp_path, "own", "prance")
     with pytest.raises(InputError, match="needs its expert's estimator"):
         found.controller(str(linear))
     with pytest.raises(InputError, match="differs in 'dwell'"):
@@ -157,5 +157,5 @@ def test_a_gait_of_another_robots_formulas_is_refused(command, tmp_path, monkeyp
     if command == ["studio"]:
         pytest.importorskip("nicegui")
     monkeypatch.chdir(tmp_path)
-    theirs = STUDENT_DIRECTORY / "go2" / "trot" / "sparse_formula.formulas"
+    theirs = STUDENT_DIRECTORY / "go2" / "trot" / "formulas.formulas"
     assert "go2" in refused([*command, "--gait", str(theirs), "--robot", "a1"])

@@ -13,7 +13,6 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.students import policy_title
 from glassgait.studies.evaluation.pushing import (
     Basin,
     Pushed,
@@ -101,10 +100,10 @@ def test_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
 
     monkeypatch.setattr("glassgait.studies.evaluation.pushing.push_everywhere", quickly)
     small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3", "--n-steps", "50"]
-    named = ["--policy", "expert", "sparse_formula", "--command.speed", "0.3"]
+    named = ["--policy", "expert", "formulas", "--command.speed", "0.3"]
     main(["evaluate", "pushes", *small, *named, "--output", str(tmp_path)])
     table = pd.read_csv(tmp_path / "summary.csv")
-    assert table["policy"].tolist() == ["Neural expert", policy_title("sparse_formula")]
+    assert table["policy"].tolist() == ["expert", "formulas"]
     whole = pd.read_csv(tmp_path / "pushes.csv")
     assert len(whole) == 2 * 4 * 2 and (whole["robots"] == 3).all()
     share = whole.groupby("policy", sort=False)["survived"].sum() / 24

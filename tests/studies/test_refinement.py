@@ -53,7 +53,7 @@ TINY = RefinementConfig(
 SMALL = ["--n-robots", "4", "--worlds.n-groups", "2", "--worlds.fine-steps"]
 SMALL += ["--ppo.steps-per-update", "8", "--ppo.epochs", "1", "--ppo.critic-layers", "16"]
 SMALL += ["--candidate-steps", "10", "--updates", "2"]
-PAGE = load_student("trot", "sparse_formula")
+PAGE = load_student("trot", "formulas")
 
 
 @cache
@@ -88,7 +88,7 @@ def shorten():
 @pytest.fixture(scope="session")
 def short_page(shorten):
     """The trot's page of formulas, shortened."""
-    return shorten(load_student("trot", "sparse_formula"))
+    return shorten(load_student("trot", "formulas"))
 
 
 @pytest.fixture
@@ -109,14 +109,14 @@ def seen_for_a_moment(monkeypatch):
 @pytest.mark.parametrize(
     ("gait", "kind"),
     [
-        ("trot", "sparse_formula"),
+        ("trot", "formulas"),
         ("trot", "symbolic"),
-        pytest.param("walk", "statewise_symbolic", marks=pytest.mark.slow),
+        pytest.param("walk", "symbolic_per_state", marks=pytest.mark.slow),
     ],
 )
 def test_the_network_acts_as_the_formulas(gait, kind, shorten):
     policy = load_student(gait, kind)
-    if kind == "statewise_symbolic":
+    if kind == "symbolic_per_state":
         policy = shorten(policy)
     observations, tensor = seen(gait, policy)
     network = FormulaNetwork(policy)

@@ -17,7 +17,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings, rounds
 from glassgait.studies.distillation.students import paper_students
-from glassgait.studies.distillation.symbolic import StatewiseSymbolicSettings
+from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings
 from glassgait.studies.reproduction import demo, report
 from glassgait.studies.reproduction.contents import GaitResults, contents, r2_by_gait
 from glassgait.studies.reproduction.report import WITHOUT_PYSR, Report
@@ -150,7 +150,7 @@ def results(tmp_path):
     scores = {"r2": [0.9, 0.8, 0.7], "r2_shuffled_split": [0.95, 0.85, 0.75]}
     r2 = pd.DataFrame({"student": paper_students(), **scores})
     tops = pd.DataFrame({"gait": ["pace"], "student": ["gbm"], "method": ["impurity"], "1st": "x"})
-    return [GaitResults("pace", tmp_path / "pace", r2, pd.DataFrame({"policy": ["GBM"]}), tops)]
+    return [GaitResults("pace", tmp_path / "pace", r2, pd.DataFrame({"policy": ["gbm"]}), tops)]
 
 
 def test_every_table_and_figure_of_the_paper_is_there(results):
@@ -161,10 +161,10 @@ def test_every_table_and_figure_of_the_paper_is_there(results):
 
 def test_r2_stands_beside_the_papers(results):
     table = r2_by_gait(results).set_index(["student", "split"])["pace"]
-    assert table["GBM", "shuffled"] == 0.95
-    assert table["GBM", "by episode"] == 0.9
-    assert table["GBM", "paper"] == 0.9752
-    assert table["Symbolic", "paper"] == 0.7331
+    assert table["gbm", "shuffled"] == 0.95
+    assert table["gbm", "by episode"] == 0.9
+    assert table["gbm", "paper"] == 0.9752
+    assert table["symbolic", "paper"] == 0.7331
 
 
 @pytest.mark.slow
@@ -193,13 +193,13 @@ def test_the_paper_is_reproduced_in_small_and_resumed(small, tmp_path, refused):
 @pytest.mark.slow
 @pytest.mark.parametrize("full", [[], ["--full"]])
 def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path, monkeypatch):
-    formulas = StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
+    formulas = SymbolicPerStateSettings(shapes=((20, 20),), start_weights=(1,))
     tiny = DistillationConfig(
-        students=("linear", "statewise_symbolic"),
+        students=("linear", "symbolic_per_state"),
         episodes=5,
         alone_rounds=0,
         episode_steps=60,
-        settings=StudentsSettings(statewise_symbolic=formulas),
+        settings=StudentsSettings(symbolic_per_state=formulas),
         n_workers=1,
     )
     for name, value in {"QUICK": tiny, "FULL": tiny, "REPLAY_STEPS": 50}.items():
@@ -213,9 +213,9 @@ def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path,
     own_distill = demo.distill
     monkeypatch.setattr(demo, "distill", distill)
     main(["demo", "--output", str(tmp_path / "run"), "--n-robots", "2", *full])
-    assert 'src="sparse_formula_replay.html"' in before[0]
+    assert 'src="formulas_replay.html"' in before[0]
     assert "not complete" in before[0]
     page = (tmp_path / "run" / "report.html").read_text()
     assert "not complete" not in page
-    assert "Linear" in page
+    assert "linear" in page
     assert ("return.png" in [path.name for path in (tmp_path / "run").iterdir()]) == bool(full)

@@ -22,7 +22,7 @@ COMMANDS = {
         *["--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
     ],
     "refine": [
-        *[*LEARN, "--worlds.n-groups", "2", "--worlds.fine-steps", "--policy", "sparse_formula"],
+        *[*LEARN, "--worlds.n-groups", "2", "--worlds.fine-steps", "--policy", "formulas"],
         *["--candidate-updates", "2", "--candidate-steps", "20", "--ppo.critic-updates", "2"],
     ],
 }

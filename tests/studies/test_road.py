@@ -25,14 +25,14 @@ ROAD = {
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
     "distill": [
         *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-workers", "1"],
-        *["--source", "runs/train/hop", "--students", "statewise_linear", "statewise_symbolic"],
+        *["--source", "runs/train/hop", "--students", "linear_per_state", "symbolic_per_state"],
     ],
-    "evaluate scenarios": [*SMALL, "--scenario", "training"],
-    "view": ["--policy", "statewise_linear", "--n-steps", "20"],
-    "explain page": ["--policy", "statewise_linear", "--n-steps", "20", "--step", "1"],
+    "evaluate scenarios": [*SMALL, "--scenario", "nominal"],
+    "view": ["--policy", "linear_per_state", "--n-steps", "20"],
+    "explain page": ["--policy", "linear_per_state", "--n-steps", "20", "--step", "1"],
     "importance": [
         *["--n-samples", "20", "--repeats", "1"],
-        *["--policy", "statewise_linear"],
+        *["--policy", "linear_per_state"],
     ],
 }
 
@@ -46,7 +46,7 @@ def test_a_gait_of_a_user_goes_the_whole_road(tmp_path, monkeypatch):
         gait = [] if command == "gait" else ["--gait", "gaits/hop.yaml"]
         main([*command.split(), *gait, *arguments])
     runs = tmp_path / "runs"
-    student = load_policy(runs / "distill" / "hop" / "statewise_linear.safetensors")
+    student = load_policy(runs / "distill" / "hop" / "linear_per_state.safetensors")
     assert student.gait == "hop"
     assert yaml.safe_load((runs / "train" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
     for command in ROAD:

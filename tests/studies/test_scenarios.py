@@ -43,10 +43,10 @@ def icy(tmp_path):
 
 def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     run = tmp_path / "run"
-    command = [*EXPERT_ALONE, *SMALL, "--scenario", str(icy), "training", "--output", str(run)]
+    command = [*EXPERT_ALONE, *SMALL, "--scenario", str(icy), "nominal", "--output", str(run)]
     main(command)
     titles = pd.read_csv(run / "scenarios.csv")["scenario"]
-    assert sorted(titles) == ["SAP 10 ms (training)", "sheer ice"]
+    assert sorted(titles) == ["nominal (SAP 10 ms)", "sheer ice"]
     main([*command, "--resume"])
     icy.write_text("title: sheer ice\nstation: {friction: 0.2}\n")
     assert "made with inputs.scenario" in refused([*command, "--resume"])
@@ -94,7 +94,7 @@ def test_speeds_of_the_settings_stand_in_place_of_the_scenarios_command(expert):
 
 
 def test_students_are_asked_for_what_experts_are_over_the_whole_range(expert):
-    student = load_student("trot", "statewise_linear")
+    student = load_student("trot", "linear_per_state")
     config = RolloutConfig(n_robots=40, n_steps=1)
     by_expert, by_student = (
         roll_out(TROT, policy, Scenario(), config).command

@@ -35,16 +35,16 @@ from glassgait.studies.distillation.formulas import (
     written_places,
 )
 from glassgait.studies.distillation.gated_sum import fit_gated_sums
-from glassgait.studies.distillation.sparse_formula import (
-    SparseFormulaSettings,
+from glassgait.studies.distillation.short_formulas import (
+    FormulasSettings,
     allot,
-    fit_sparse_formula,
+    fit_short_formulas,
 )
 from glassgait.studies.distillation.symbolic import (
-    StatewiseSymbolicSettings,
+    SymbolicPerStateSettings,
     SymbolicSettings,
     fit_formulas,
-    fit_statewise_symbolic,
+    fit_symbolic_per_state,
     pysr_arguments,
 )
 
@@ -132,8 +132,8 @@ def test_statewise_formulas_are_fitted_to_their_states(generator):
         return np.where(state == 0, 1.0, -1.0)[:, None] * x[:, 2:14] + np.roll(x[:, 2:14], 1, 1)
 
     samples = samples_of(law, generator)
-    settings = StatewiseSymbolicSettings(population=20, generations=2, shapes=((10, 20),))
-    policy = fit_statewise_symbolic(samples, settings, **ONCE)
+    settings = SymbolicPerStateSettings(population=20, generations=2, shapes=((10, 20),))
+    policy = fit_symbolic_per_state(samples, settings, **ONCE)
     data = Dataset(samples.observations, samples.actions, np.ones(400, dtype=np.int64))
     assert r2_scores(policy, data).min() > 0.99
     assert len(policy.to_file().written()) == 24
@@ -154,11 +154,11 @@ def test_half_of_the_formulas_are_written_and_mirrored_samples_count_twice(gait,
 
 
 def fit_short(samples):
-    return fit_sparse_formula(samples, SparseFormulaSettings(terms=20), **ONCE)
+    return fit_short_formulas(samples, FormulasSettings(terms=20), **ONCE)
 
 
 def fit_long(samples):
-    return fit_statewise_symbolic(samples, StatewiseSymbolicSettings(shapes=((20, 20),)), **ONCE)
+    return fit_symbolic_per_state(samples, SymbolicPerStateSettings(shapes=((20, 20),)), **ONCE)
 
 
 @pytest.mark.parametrize("gait", MIRRORS)
@@ -185,7 +185,7 @@ def test_a_term_goes_where_it_helps_most():
 def test_a_sparse_law_is_found_in_few_terms(generator):
     # In few samples, products of the speed with a calf's last target look like the speed alone.
     samples = samples_of(sparse_law, generator, count=2000, scale=0.3)
-    policy = fit_sparse_formula(samples, SparseFormulaSettings(terms=24 + 6), **ONCE)
+    policy = fit_short_formulas(samples, FormulasSettings(terms=24 + 6), **ONCE)
     assert policy.n_terms() == 30
     lengths = [[len(formula.terms()) for formula in own] for own in policy.formulas_by_state]
     assert [own[2] for own in lengths] == [4, 4]

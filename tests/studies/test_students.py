@@ -32,7 +32,7 @@ SHIPPED = [
 
 
 def test_the_trot_ships_with_formulas():
-    assert {"symbolic", "statewise_symbolic"} <= set(shipped_students("trot")) <= set(STUDENTS)
+    assert {"symbolic", "symbolic_per_state"} <= set(shipped_students("trot")) <= set(STUDENTS)
 
 
 @pytest.mark.parametrize(("gait", "kind"), SHIPPED)
@@ -117,5 +117,5 @@ def test_where_no_student_is_named_the_named_folders_is_taken(tmp_path, monkeypa
     load_student("trot", "gbm").save(tmp_path / "gbm.safetensors")
     with pytest.raises(InputError, match="a sum of terms"):
         default_student(find_policies(load_gait("trot"), tmp_path))
-    load_student("trot", "statewise_linear").save(tmp_path / "statewise_linear.safetensors")
-    assert default_student(find_policies(load_gait("trot"), tmp_path)) == "statewise_linear"
+    load_student("trot", "linear_per_state").save(tmp_path / "linear_per_state.safetensors")
+    assert default_student(find_policies(load_gait("trot"), tmp_path)) == "linear_per_state"

@@ -27,19 +27,19 @@ def found():
 
 @pytest.fixture
 def session(found):
-    return EditSession(found.formulas("sparse_formula"), found.expert)
+    return EditSession(found.formulas("formulas"), found.expert)
 
 
 @pytest.fixture(scope="module")
 def built(found):
     command = FixedCommand(0.0, 0.0, 8)
-    return LiveRobot(found.gait, Scenario(command=command), found.controller("sparse_formula"))
+    return LiveRobot(found.gait, Scenario(command=command), found.controller("formulas"))
 
 
 @pytest.fixture
 def robot(built, found):
     """The robot, not in its thread, standing and unedited."""
-    built.act_by(found.formulas("sparse_formula"))
+    built.act_by(found.formulas("formulas"))
     built.restart()
     built.pause(False)
     built.falls = [0, 0]

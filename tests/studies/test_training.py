@@ -238,7 +238,7 @@ def test_an_actor_begins_as_another_expert_while_its_critic_learns(
 @pytest.mark.parametrize(
     ("path", "settings", "message"),
     [
-        ("students/trot/statewise_linear.safetensors", {}, "network of an expert"),
+        ("students/trot/linear_per_state.safetensors", {}, "network of an expert"),
         ("experts/walk.safetensors", {}, "as many states"),
         ("experts/trot.safetensors", {}, "--ppo.actor-layers 256 128 64"),
         ("experts/trot.safetensors", {"senses": "odometry"}, "the same senses"),

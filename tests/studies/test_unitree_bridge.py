@@ -71,7 +71,7 @@ def is_damped(commands):
 def contract_path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("export")
     export = ["export", "--gait", "trot", "--robot", "go2", "--n-steps", "20"]
-    main([*export, "--policy", "sparse_formula", "--output", str(folder)])
+    main([*export, "--policy", "formulas", "--output", str(folder)])
     return folder / CONTRACT
 
 

@@ -127,7 +127,7 @@ static Joints nearest_joints(Joints own, {{ real }} hip_low, {{ real }} hip_high
     {{ real }} target[12];
 {% endif %}
 
-{% if statewise %}
+{% if per_state %}
     switch (state) {
 {% for constant, formulas in states %}
     case {{ constant }}:{{ ' default:' if loop.last and not mirror }}
@@ -164,7 +164,7 @@ static Joints nearest_joints(Joints own, {{ real }} hip_low, {{ real }} hip_high
 /* Has a joint without a formula do as its image does in the mirror. */
 {{ outer_signature }}
 {
-{% if statewise %}
+{% if per_state %}
     static const int mirrored[] = { {{- mirror.states | join(', ') -}} };
     static const unsigned has_formula[] = { {{- mirror.written | join(', ') -}} }; /* a bit a joint */
     const unsigned own = has_formula[state];
@@ -174,11 +174,11 @@ static Joints nearest_joints(Joints own, {{ real }} hip_low, {{ real }} hip_high
     {{ real }} target[12] = {0}, image[12] = {0}, seen[N_OBSERVATIONS];
 
     if (own != 0)
-        formulas({{ 'state, ' if statewise }}observation, target);
+        formulas({{ 'state, ' if per_state }}observation, target);
     if (own != 0xfff) {
         for (int i = 0; i < N_OBSERVATIONS; i++)
             seen[i] = OBSERVATION_SIGN[i] * observation[OBSERVATION_IMAGE[i]];
-        formulas({{ 'mirrored[state], ' if statewise }}seen, image);
+        formulas({{ 'mirrored[state], ' if per_state }}seen, image);
     }
     for (int joint = 0; joint < 12; joint++)
         if (!(own >> joint & 1))

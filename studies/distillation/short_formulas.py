@@ -43,7 +43,7 @@ LOOKED_AHEAD = 4
 
 
 @checked
-class SparseFormulaSettings(StudentSettings):
+class FormulasSettings(StudentSettings):
     """Settings of a short formula file.
 
     Attributes:
@@ -53,7 +53,7 @@ class SparseFormulaSettings(StudentSettings):
         alone_episodes: Episodes of a round in which the student acts without the expert.
     """
 
-    title: ClassVar[str] = "distillation: sparse_formula"
+    title: ClassVar[str] = "distillation: formulas"
 
     terms: Annotated[Count, Ge(12)] = 100
     mirrored: bool = True
@@ -67,7 +67,7 @@ class SparseFormulaSettings(StudentSettings):
         most = n_formulas * (1 + LONGEST)
         if not n_formulas <= self.terms <= most:
             raise InputError(
-                f"sparse_formula: terms is {self.terms}; the {gait.name} has {n_formulas} formulas "
+                f"formulas: terms is {self.terms}; the {gait.name} has {n_formulas} formulas "
                 f"of 1 to {1 + LONGEST} terms, so ask for {n_formulas} to {most}"
             )
 
@@ -81,8 +81,8 @@ class _Growth:
     errors: Array
 
 
-def fit_sparse_formula(
-    samples: TrainingSet, settings: SparseFormulaSettings, *, seed: int, n_jobs: int
+def fit_short_formulas(
+    samples: TrainingSet, settings: FormulasSettings, *, seed: int, n_jobs: int
 ) -> FormulaPolicy:
     """Fits the formulas of every joint and state of the machine with so many terms in all."""
     mirror = samples.mirror if settings.mirrored else None
