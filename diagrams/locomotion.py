@@ -21,18 +21,15 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.models.task.terrain import Terrain
-from glassgait.systems.control import (
+from glassgait.systems.action import (
     ActionHold,
     AlternationSchedule,
-    ContactTrustSystem,
     JointTargets,
-    OdometrySystem,
     PolicySystem,
-    Proprioception,
-    RewardMachineSystem,
-    StateEstimator,
     TargetLimitsSystem,
 )
+from glassgait.systems.estimation import OdometrySystem, StateEstimator
+from glassgait.systems.observation import ContactTrustSystem, Proprioception, RewardMachineSystem
 from glassgait.systems.reward import FallMonitor, RewardSystem
 from glassgait.systems.sensors import (
     BodyStateSensor,

@@ -11,14 +11,13 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.systems.control import (
+from glassgait.systems.action import (
     ActionHold,
     AlternationSchedule,
-    ContactTrustSystem,
     JointTargets,
     PolicySystem,
-    RewardMachineSystem,
 )
+from glassgait.systems.observation import ContactTrustSystem, RewardMachineSystem
 
 A1 = load_robot()
 DIVERGED = np.where(np.arange(12) == 2, np.inf, 0.0)

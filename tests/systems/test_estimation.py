@@ -6,7 +6,7 @@ from glassgait.models import GRAVITY
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.systems.control import OdometrySystem, StateEstimator
+from glassgait.systems.estimation import OdometrySystem, StateEstimator
 
 A1 = load_robot()
 STANDING = np.concatenate([A1.default_stance, np.zeros(12)])

@@ -22,21 +22,22 @@ from glassgait.models.robots.robot import TargetLimits
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.randomization import Randomization
-from glassgait.systems.base import FunctionSystem, MealySystem
-from glassgait.systems.commands import GivenCommand, MeshcatCommand, RandomCommand
-from glassgait.systems.control import (
+from glassgait.systems.action import (
     ActionHold,
     AlternationSchedule,
-    ContactTrustSystem,
     JointTargets,
-    OdometrySystem,
     PolicySystem,
-    Proprioception,
-    RewardMachineSystem,
-    StateEstimator,
     TargetLimitsSystem,
 )
+from glassgait.systems.base import FunctionSystem, MealySystem
+from glassgait.systems.commands import GivenCommand, MeshcatCommand, RandomCommand
+from glassgait.systems.estimation import OdometrySystem, StateEstimator
 from glassgait.systems.gait_display import GaitDisplay
+from glassgait.systems.observation import (
+    ContactTrustSystem,
+    Proprioception,
+    RewardMachineSystem,
+)
 from glassgait.systems.reward import FallMonitor, RewardSystem
 from glassgait.systems.sensors import (
     BodyStateSensor,

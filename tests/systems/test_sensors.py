@@ -25,7 +25,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.terrain import Terrain
-from glassgait.systems.control import JointTargets
+from glassgait.systems.action import JointTargets
 from glassgait.systems.sensors import (
     ContactSensor,
     FootSensor,

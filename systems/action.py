@@ -1,0 +1,233 @@
+"""Systems from the observation to the joints: policies, alternation, limits, hold and targets."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, InputPortIndex, LeafSystem, State
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
+from glassgait.models.estimation.sensors import N_IMU, ImuReading
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot, TargetLimits
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.systems.base import FunctionSystem, Outputs
+
+if TYPE_CHECKING:
+    from glassgait.models.policies.policy import Policy
+
+N = quadruped.N_JOINTS
+
+
+class PolicySystem(FunctionSystem):
+    """Maps the observation to an action.
+
+    .. pydrake_system::
+
+        name: PolicySystem
+        input_ports: [observation]
+        output_ports: [action]
+
+    Inputs: observation (n), in the order of the policy's `observation_names`.
+    Outputs: action (12), FL FR RL RR, hip thigh calf.
+    The policy is an immutable member that contexts and clones share. An action of a finite
+    observation that is not finite raises an InputError; the plant would fail on it with an error
+    that does not name the cause.
+    """
+
+    def __init__(self, policy: "Policy") -> None:
+        super().__init__(
+            inputs={"observation": len(policy.observation_names)}, outputs={"action": N}
+        )
+        self._policy = policy
+
+    def evaluate(self, observation: Array) -> Outputs:
+        action = self._policy(observation)
+        diverged = np.flatnonzero(~np.isfinite(action))
+        # An observation that is not finite is a fault of the simulation, not of the policy.
+        if len(diverged) and np.isfinite(observation).all():
+            raise InputError(
+                f"the {self._policy.kind} policy's action of {quadruped.JOINTS[diverged[0]]} is "
+                "not finite; give a policy that is"
+            )
+        return {"action": action}
+
+
+class AlternationSchedule(LeafSystem):
+    """Lets the expert act every n-th control step (paper, Algorithm 1).
+
+    Its output selects an input of Drake's `PortSwitch`, which evaluates only the policy that acts.
+
+    .. pydrake_system::
+
+        name: AlternationSchedule
+        output_ports: [port_selector]
+
+    Outputs: port_selector (abstract, InputPortIndex), the expert's port or the student's; a
+    function of time.
+    """
+
+    def __init__(
+        self, period: int, expert_port: InputPortIndex, student_port: InputPortIndex
+    ) -> None:
+        """Takes the expert's period (control steps); with 0 only the student acts."""
+        super().__init__()
+        self._period, self._expert, self._student = period, expert_port, student_port
+        self.DeclareAbstractOutputPort(
+            name="port_selector",
+            alloc=lambda: AbstractValue.Make(InputPortIndex(0)),
+            calc=self._calc_port_selector,
+            prerequisites_of_calc={self.time_ticket()},
+        )
+
+    def _calc_port_selector(self, context: Context, output: AbstractValue) -> None:
+        step = round(context.get_time() / CONTROL_PERIOD)
+        by_expert = self._period > 0 and step % self._period == 0
+        output.set_value(self._expert if by_expert else self._student)
+
+
+class TargetLimitsSystem(FunctionSystem):
+    """Applies the limits that come last between a policy and the joints; see `TargetLimits`.
+
+    .. pydrake_system::
+
+        name: TargetLimitsSystem
+        input_ports: [action, previous_action, joints, imu]
+        output_ports: [limited_action]
+
+    Inputs: action (12), as the policy asks for it. previous_action (12), within the limits. joints
+    (24; rad, rad/s), measured positions, then velocities. imu (9), the IMU's reading.
+    Outputs: limited_action (12).
+    """
+
+    def __init__(self, robot: Robot, limits: TargetLimits) -> None:
+        # Actions begin at the default stance, which the limits have to allow.
+        limits.check(robot)
+        super().__init__(
+            inputs={"action": N, "previous_action": N, "joints": 2 * N, "imu": N_IMU},
+            outputs={"limited_action": N},
+        )
+        self._robot, self._limits = robot, limits
+
+    def evaluate(self, action: Array, previous_action: Array, joints: Array, imu: Array) -> Outputs:
+        limited = self._limits.applied(
+            self._robot,
+            action,
+            before=previous_action,
+            position=joints[:N],
+            gravity=ImuReading.of(imu).gravity,
+        )
+        return {"limited_action": limited}
+
+
+class ActionHold(LeafSystem):
+    """Holds the action between two control steps, and passes it on to the joints some time later.
+
+    It latches in an unrestricted update, before the plant's discrete update of the same instant:
+    an action without latency acts at once. Drake's `ZeroOrderHold` latches in a discrete update, a
+    plant step late.
+
+    .. pydrake_system::
+
+        name: ActionHold
+        input_ports: [action]
+        output_ports: [held_action, previous_action, delayed_action]
+
+    Inputs: action (12).
+    Outputs: held_action (12), the latest; previous_action (12), the one before it; delayed_action
+    (12), the one that was the latest `latency` seconds ago. All are zero at first.
+    State: the latest two actions, latched every 20 ms; with a latency the delayed one and those
+    that wait to follow it, latched `latency` after a control instant.
+    """
+
+    def __init__(self, latency: float = 0.0, time_step: float = 0.0) -> None:
+        """Takes the latency (s), up to two control periods, in whole steps of a discrete plant (s).
+
+        A continuous plant has time step 0.
+        """
+        super().__init__()
+
+        # The latest two actions.
+        self._action_port = self.DeclareVectorInputPort("action", N)
+        self._actions = self.DeclareDiscreteState(2 * N)
+        for name, part in (("held_action", slice(0, N)), ("previous_action", slice(N, 2 * N))):
+            self._declare_part(name, part)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+        )
+
+        # The action that the joints follow.
+        if latency == 0.0:
+            self._declare_part("delayed_action", slice(0, N))
+            return
+        # Within a period an action may be passed on; else it waits until the next one has come.
+        waiting = math.ceil(latency / CONTROL_PERIOD - 1e-9) - 1
+        self._delayed = self.DeclareDiscreteState(N)
+        self._waiting = self.DeclareDiscreteState(waiting * N)
+        self.DeclareStateOutputPort("delayed_action", self._delayed)
+        if time_step:
+            # Updates at the plant's instants: those of another period and offset would differ from
+            # them by rounding errors, and come before or after the plant's at random.
+            self._step, self._phase = time_step, round(latency / time_step)
+            self._n_steps = round(CONTROL_PERIOD / time_step)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                period_sec=time_step, offset_sec=0.0, update=self._pass_on_in_phase
+            )
+        else:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                period_sec=CONTROL_PERIOD,
+                offset_sec=latency % CONTROL_PERIOD,
+                update=self._pass_on,
+            )
+
+    def _declare_part(self, name: str, part: slice) -> None:
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(context.get_discrete_state(self._actions).value()[part])
+
+        self.DeclareVectorOutputPort(
+            name=name, size=N, calc=calc, prerequisites_of_calc={self.xd_ticket()}
+        )
+
+    def _latch(self, context: Context, state: State) -> None:
+        held = context.get_discrete_state(self._actions).value()[:N]
+        latest = np.concatenate([self._action_port.Eval(context), held])
+        state.get_mutable_discrete_state(self._actions).SetFromVector(latest)
+
+    def _pass_on_in_phase(self, context: Context, state: State) -> None:
+        step = round(context.get_time() / self._step)
+        if (step - self._phase) % self._n_steps == 0:
+            self._pass_on(context, state)
+
+    def _pass_on(self, context: Context, state: State) -> None:
+        held = context.get_discrete_state(self._actions).value()[:N]
+        waiting = context.get_discrete_state(self._waiting).value()
+        passed, waiting = np.split(np.concatenate([waiting, held]), [N])
+        state.get_mutable_discrete_state(self._delayed).SetFromVector(passed)
+        state.get_mutable_discrete_state(self._waiting).SetFromVector(waiting)
+
+
+class JointTargets(FunctionSystem):
+    """Maps an action to the plant's desired state.
+
+    .. pydrake_system::
+
+        name: JointTargets
+        input_ports: [action]
+        output_ports: [desired_state]
+
+    Inputs: action (12), in the order of `quadruped.JOINTS`.
+    Outputs: desired_state (24; rad, rad/s), target positions, then zero velocities, in the order of
+    the plant's actuators.
+    """
+
+    def __init__(self, robot: Robot, actuated_joints: list[str], *, limited: bool = False) -> None:
+        """Takes the joints' names in the order of the plant's actuators."""
+        super().__init__(inputs={"action": N}, outputs={"desired_state": 2 * N})
+        self._robot, self._limited = robot, limited
+        self._order = [quadruped.JOINTS.index(name) for name in actuated_joints]
+
+    def evaluate(self, action: Array) -> Outputs:
+        targets = self._robot.joint_targets(action, limited=self._limited)[self._order]
+        return {"desired_state": np.concatenate([targets, np.zeros(N)])}
