@@ -43,13 +43,13 @@ def test_shipped_scenarios_load_in_groups():
     assert shipped["push_2.0"].push_speed == 2.0
 
 
-def test_the_training_file_shows_every_setting_at_its_default():
-    shown = yaml.safe_load((SCENARIO_DIRECTORY / "training.yaml").read_text())
+def test_the_nominal_file_shows_every_setting_at_its_default():
+    shown = yaml.safe_load((SCENARIO_DIRECTORY / "nominal.yaml").read_text())
     assert shown == to_plain(Scenario())
     assert Scenario().randomization() == NOMINAL
 
 
-def test_a_file_says_only_what_differs_from_training(written):
+def test_a_file_says_only_what_differs_from_nominal(written):
     path = written("station: {friction: 0.3}\n")
     assert load_scenario(path) == Scenario("icy", StationConfig(friction=0.3))
     assert load_scenario(str(path)) == load_scenario(path)
@@ -138,4 +138,4 @@ def test_scenarios_are_distinguished_by_their_names_and_titles(written):
     with pytest.raises(InputError, match="title"):
         load_scenarios([str(other), str(same)])
     with pytest.raises(InputError, match="nominal"):
-        load_scenario(written("station: {friction: 0.3}", "training.yaml"))
+        load_scenario(written("station: {friction: 0.3}", "nominal.yaml"))

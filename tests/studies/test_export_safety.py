@@ -189,7 +189,7 @@ def test_the_header_serves_c_plus_plus(written_page, tmp_path):
         '#include "trot_formulas.h"\n#include "trot_formulas.h"\n'
         "int main() { trot_formulas_controller c; trot_formulas_sensors s = {};\n"
         "trot_formulas_targets t;\n"
-        "const trot_formulas_command m = {0.5, 0.0, TROT_SPARSE_FORMULA_MIN_DWELL};\n"
+        "const trot_formulas_command m = {0.5, 0.0, TROT_FORMULAS_MIN_DWELL};\n"
         "trot_formulas_init(&c); return trot_formulas_step(&c, &s, &m, &t); }\n"
     )
     command = ["c++", "-Wall", "-Wextra", "-Werror", "-pedantic", program, tmp_path / "own.o"]

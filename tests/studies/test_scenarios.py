@@ -55,12 +55,12 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
 @pytest.mark.parametrize(
     ("arguments", "reported"),
     [
-        ("evaluate scenarios --scenario ice", "unknown scenario 'ice'; the scenarios are training"),
+        ("evaluate scenarios --scenario ice", "unknown scenario 'ice'; the scenarios are nominal"),
         ("evaluate scenarios --scenario gone.yaml", "gone.yaml: cannot be read, no such file"),
         ("evaluate scenarios --scenario bad.yaml", "bad.yaml: unknown key 'frictoin'; remove"),
         ("evaluate scenarios --scenario watched.yaml", "'watched': command is of sliders"),
         ("evaluate scenarios --scenario fast.yaml", "command: speed is 9.0; give -1 to 1"),
-        ("evaluate alternation --scenario training sap_2ms", "of one scenario; name one"),
+        ("evaluate alternation --scenario nominal sap_2ms", "of one scenario; name one"),
         ("view --scenario bad.yaml", "bad.yaml: unknown key"),
         ("distill --scenario bad.yaml", "bad.yaml: unknown key"),
         ("distill --scenario cenic_1e-5", "time_step is 0.0; it must divide the control"),
