@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
     from glassgait.diagrams.scenario import Scenario
     from glassgait.models.policies.controller import Controller
+    from glassgait.models.policies.policy import Policy
     from glassgait.models.task.gait import Gait
     from glassgait.studies.common.policies import Policies
 
@@ -341,6 +342,14 @@ class Experiment(PolicySource):
         if not any(found.values()):
             raise InputError(f"--policy {' '.join(self.policy)}: no gait has such a policy")
         return found
+
+    @property
+    def acting(self) -> dict[str, dict[str, Policy]]:
+        """The policies of `controllers`."""
+        return {
+            gait: {name: controller.policy for name, controller in found.items()}
+            for gait, found in self.controllers.items()
+        }
 
     def refuse_several_scenarios(self) -> None:
         """Raises an InputError if there are several scenarios, for studies of one."""

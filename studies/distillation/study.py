@@ -21,6 +21,7 @@ from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.reading_cost import READING_COST_TITLES, reading_cost
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.alternation import ratio_title
@@ -68,6 +69,7 @@ def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
             "R² (paper's shuffled split)": r2["r2_shuffled_split"].round(4),
             "paper": [STUDENTS[kind].paper_r2.get(gait, np.nan) for kind in r2["student"]],
             "worst joint": r2.filter(regex="^r2_.._").min(axis=1).round(4),
+            **{title: r2[title] for title in READING_COST_TITLES},
         }
     )
     write_table(table, folder / "r2")
@@ -239,6 +241,7 @@ class _Distillation:
             "r2": float(scores.mean()),
             "r2_shuffled_split": float(r2_scores(shuffled, tested).mean()),
             **{f"r2_{joint}": float(r2) for joint, r2 in by_joint},
+            **dict(zip(READING_COST_TITLES, reading_cost(student), strict=True)),
         }
 
     def _choose(self, kind: str, samples: TrainingSet) -> tuple[StudentSettings, Policy]:

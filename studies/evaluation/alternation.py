@@ -76,7 +76,8 @@ class Alternation(Experiment):
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports return and falls by ratio, and of the students without the expert."""
-        return alternation_report(table, self.gaits[0].name)
+        name = self.gaits[0].name
+        return alternation_report(table, name, self.acting[name])
 
 
 def alternation_scores(
@@ -111,13 +112,13 @@ def alternation_scores(
     return run_cases(cases, partial(_score, config), folder)
 
 
-def alternation_report(scores: pd.DataFrame, title: str) -> Report:
+def alternation_report(scores: pd.DataFrame, title: str, policies: Mapping[str, Policy]) -> Report:
     """Reports scores, a row a robot, by their columns `policy` and `ratio`."""
     from glassgait.studies.common.scores import not_finite_lines
     from glassgait.studies.evaluation.figures import return_figure
     from glassgait.studies.evaluation.tables import alternation_table, standalone_table
 
-    ratios, alone = alternation_table(scores), standalone_table(scores)
+    ratios, alone = alternation_table(scores), standalone_table(scores, policies)
     return Report(
         tables={"robots": scores, "ratios": ratios, "standalone": alone},
         metrics=ratios.to_dict(orient="records"),

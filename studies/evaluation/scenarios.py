@@ -55,11 +55,16 @@ class Scenarios(Experiment):
         from glassgait.studies.common.scores import not_finite_lines
         from glassgait.studies.common.tables import json_records
         from glassgait.studies.evaluation.figures import fall_map
-        from glassgait.studies.evaluation.tables import fall_table, readable_table, worst_table
+        from glassgait.studies.evaluation.tables import (
+            fall_table,
+            readable_table,
+            with_reading_cost,
+            worst_table,
+        )
 
         titles = {name: scenario.title for name, scenario in self.scenarios.items()}
         falls = {
-            str(gait): fall_table(scores, titles)
+            str(gait): with_reading_cost(fall_table(scores, titles), self.acting[str(gait)])
             for gait, scores in table.groupby("gait", sort=False)
         }
         readable = {gait: readable_table(own) for gait, own in falls.items()}

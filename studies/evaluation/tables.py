@@ -6,6 +6,8 @@ import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.reading_cost import READING_COST_TITLES, reading_cost
 from glassgait.studies.common.scores import summarize, wilson_interval
 from glassgait.studies.evaluation.pushing import Basin
 
@@ -29,8 +31,9 @@ TITLES = {
     "way": "share of the commanded way",
     "rhythm": "rhythm",
     "cost_of_transport": "cost of transport",
+    **{title: title for title in READING_COST_TITLES},
 }
-"""Titles of the columns of `fall_table`."""
+"""Titles of the columns of `fall_table` and `with_reading_cost`."""
 
 
 def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
@@ -90,6 +93,7 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
                 "scenarios without a fall": f"{sum(everywhere['falls'] == 0)} of {len(everywhere)}",
                 "return": f"{np.average(everywhere['return'], weights=everywhere['robots']):,.0f}",
             }
+            | {title: everywhere[title].iloc[0] for title in READING_COST_TITLES if title in table}
         )
     return pd.DataFrame(rows)
 
@@ -104,6 +108,13 @@ def worst_first(table: pd.DataFrame, policies: Collection[str] = ()) -> list[str
     sums = counted.groupby("scenario")[["falls", "robots"]].sum().reindex(scenarios)
     shares = sums["falls"] / sums["robots"]
     return shares.sort_values(ascending=False, kind="stable").index.tolist()
+
+
+def with_reading_cost(table: pd.DataFrame, policies: Mapping[str, Policy]) -> pd.DataFrame:
+    """Adds the columns of `reading_cost`, by the column `policy`."""
+    costs = {name: reading_cost(policies[name]) for name in table["policy"].unique()}
+    columns = zip(*(costs[name] for name in table["policy"]), strict=True)
+    return table.assign(**dict(zip(READING_COST_TITLES, columns, strict=True)))
 
 
 def policies_of(table: pd.DataFrame) -> list[str]:
@@ -128,11 +139,11 @@ def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
     return summarize(scores, ["policy", "ratio"], against="expert")
 
 
-def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
+def standalone_table(scores: pd.DataFrame, policies: Mapping[str, Policy]) -> pd.DataFrame:
     """Sets the students without the expert beside the expert (paper, Table II)."""
     means = alternation_table(scores)
     alone = means[(means["policy"] == "expert") | (means["ratio"] == "0")]
-    return pd.DataFrame(
+    table = pd.DataFrame(
         {
             "policy": alone["policy"].tolist(),
             "return": with_interval(alone, "return", 0),
@@ -144,6 +155,7 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
             TITLES["yaw_rate_error"]: alone["yaw_rate_error"].round(3),
         }
     )
+    return with_reading_cost(table, policies)
 
 
 def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:

@@ -14,6 +14,7 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.latex import programs_of, to_latex
+from glassgait.models.policies.reading_cost import reading_cost
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, checked
@@ -157,9 +158,10 @@ class ExplainFormulas(OnePolicy):
             console.print(f"\n# {title}", style="dim")
             for line in program:
                 console.print(f"#   {line}", style="dim", soft_wrap=True)
-        written = len(file.written())
+        written, cost = len(file.written()), reading_cost(student)
         console.print(
-            f"\n# {name}: {student.n_terms()} terms in {written} formulas, on {len(lines)} lines",
+            f"\n# {name}: {student.n_terms()} terms in {written} formulas, on {len(lines)} lines; "
+            f"{cost.operations} operations per action, {cost.numbers} numbers to read",
             style="dim",
         )
 

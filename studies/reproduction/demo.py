@@ -173,7 +173,8 @@ class _Page:
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
         """Rolls every student out without the expert, and adds one table of fit and scores."""
         say("rolling out every student alone")
-        table = standalone_table(self._roll_out(students, n_robots, (1, 0)))
+        scores = self._roll_out(students, n_robots, (1, 0))
+        table = standalone_table(scores, {EXPERT: self.expert, **students})
         fits = {row["student"]: row["r2"] for _, row in r2.iterrows()}
         table.insert(1, "R² held out", table["policy"].map(fits).round(3))
         write_table(table, self.folder / "standalone")
@@ -188,7 +189,8 @@ class _Page:
         """Lets the expert act at some of the steps, and adds the figure of returns."""
         say("rolling out every student in turns with the expert")
         scores = self._roll_out(students, n_robots, (1, 4, 0))
-        alternation_report(scores, self.gait.name.capitalize()).write(self.folder)
+        policies = {EXPERT: self.expert, **students}
+        alternation_report(scores, self.gait.name.capitalize(), policies).write(self.folder)
         note = "At ratio 1/4 the expert acts at every fourth step, at 0 never."
         caption = "Return, share of the expert's return and falls against the alternation ratio"
         figures = [(caption, self.folder / "return.png")]

@@ -238,8 +238,9 @@ def study_gait(report: Report, job: Job) -> GaitResults:
     say(f"{title}: rolling out every student at every alternation ratio")
     kept = folder / "rollouts"
     scores = alternation_scores(gait, expert, students, rollouts, kept, report.periods)
-    alternation_report(scores, title).write(folder)
-    standalone = standalone_table(scores)
+    policies = {"expert": expert, **students}
+    alternation_report(scores, title, policies).write(folder)
+    standalone = standalone_table(scores, policies)
 
     # Section IV-B: importances and explanations of the ensembles (Table I, Figures 6 to 11).
     seed = rollouts.seed

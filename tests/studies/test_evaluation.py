@@ -103,9 +103,10 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     assert summary.loc[("expert", "1"), "falls"] == 0
     assert summary.loc[("expert", "1"), "rhythm"] > 0.8
     assert summary.loc[("linear", "0"), "rhythm"] < 0.1
-    table = standalone_table(scores)
+    table = standalone_table(scores, {"expert": expert, **students})
     assert table["policy"].tolist() == ["expert", "linear"]
     assert table["share of expert"].tolist()[0] == "1.000 ± 0.000"
+    assert table["operations per action"].tolist() == [18679, 2 * len(expert.observation_names)]
     assert len(return_figure(scores, "trot").axes) == 3
 
 
