@@ -11,7 +11,7 @@ from pydrake.common import Parallelism
 from glassgait.diagrams.engine import Engine, Held, IntArray
 from glassgait.diagrams.station import PATCH, PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
+from glassgait.models.errors import InputError, brief
 from glassgait.models.estimation.sensors import BoolArray
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
@@ -103,7 +103,8 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     station.terrain.check(robot)
 
     # The description, and how it is integrated.
-    spec = mujoco.MjSpec.from_string(_plain_description(robot))
+    spec = mujoco.MjSpec.from_string(_without_looks(robot.urdf))
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -128,7 +129,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
         model = spec.compile()
     except ValueError as error:
         raise InputError(
-            f"{robot.urdf_path}: MuJoCo refuses it ({error}); mend the file"
+            f"{robot.urdf_path}: MuJoCo refuses it ({brief(str(error))}); mend the file"
         ) from error
     model.geom_solref[:, 0] = station.contact_time
     _set_friction(model, station.terrain, station.friction)
@@ -167,13 +168,13 @@ def _set_friction(model: mujoco.MjModel, terrain: Terrain, friction: float) -> N
                 model.geom_friction[geometry, 0] = friction
 
 
-def _plain_description(robot: Robot) -> str:
-    """Returns the robot's description without visuals; MuJoCo cannot read some of them."""
-    tree = ElementTree.parse(robot.urdf_path).getroot()
-    for link in tree.iter("link"):
+def _without_looks(urdf: str) -> str:
+    """Returns a description without visuals; MuJoCo cannot read some of them."""
+    robot = ElementTree.fromstring(urdf)
+    for link in robot.iter("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
-    return ElementTree.tostring(tree, encoding="unicode")
+    return ElementTree.tostring(robot, encoding="unicode")
 
 
 def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:

@@ -36,7 +36,7 @@ from pydrake.multibody.tree import (
 from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from glassgait.models.errors import InputError
+from glassgait.models.errors import InputError, brief
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import OWN_LAW, Damping, JointLaw, Robot, Stiffness
 from glassgait.models.settings import Settings, checked
@@ -193,7 +193,7 @@ def AddStation(  # noqa: N802
     scene_graph.set_config(graph_config)
 
     # Bodies and motors.
-    (instance,) = Parser(plant).AddModels(str(robot.urdf_path))
+    instance = add_robot(Parser(plant), robot)
     _add_payload(plant, instance, config)
     _add_ground(plant, config.terrain, reach)
     _set_motors(plant, robot, config)
@@ -207,6 +207,17 @@ def AddStation(  # noqa: N802
     _set_compliance(plant, scene_graph, config)
     set_friction(plant, scene_graph, config.friction, terrain=config.terrain)
     return plant, scene_graph, instance
+
+
+def add_robot(parser: Parser, robot: Robot) -> ModelInstanceIndex:
+    """Adds a robot to a parser's plant."""
+    try:
+        (instance,) = parser.AddModelsFromString(robot.urdf, "urdf")
+    except RuntimeError as error:
+        raise InputError(
+            f"{robot.urdf_path}: Drake refuses it ({brief(str(error))}); mend the file"
+        ) from error
+    return instance
 
 
 def AddWorldState(  # noqa: N802

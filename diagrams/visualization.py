@@ -33,7 +33,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from glassgait.diagrams.rollout import Rollout, set_plant_state
-from glassgait.diagrams.station import AddStation, StationConfig, laid
+from glassgait.diagrams.station import AddStation, StationConfig, add_robot, laid
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
@@ -182,8 +182,7 @@ class LiveDisplay:
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         self._instances = [
-            Parser(self._plant, name).AddModels(str(robot.urdf_path))[0]
-            for name in ("robot", "ghost")
+            add_robot(Parser(self._plant, name), robot) for name in ("robot", "ghost")
         ]
         self._plant.Finalize()
         _paint(self._plant, scene_graph, self._instances[1])

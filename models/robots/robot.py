@@ -1,7 +1,7 @@
 """A robot as data, laid out as in `quadruped`, and the law by which its joints follow targets."""
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -13,13 +13,16 @@ from pydantic import StringConstraints
 from glassgait.models.arrays import Array, clip
 from glassgait.models.errors import InputError
 from glassgait.models.robots.quadruped import JOINTS, LEGS
-from glassgait.models.settings import DISTINCT, Positive, Range, Settings, checked
+from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
 
 DEFAULT_ROBOT = "a1"  # name of the robot that is meant where none is named
 ROBOT_DIRECTORY = Path(__file__).parent  # where the folders of robots are that ship, by their names
 
 RobotName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
-Length = Annotated[float, Gt(0.0), Le(10.0)]
+Length = Annotated[float, Ge(1e-3), Le(10.0)]
+Angle = Annotated[float, Ge(-10.0), Le(10.0)]
+Effort = Annotated[float, Ge(0.01), Le(10_000.0)]
+Velocity = Annotated[float, Ge(0.01), Le(1000.0)]
 Box = tuple[Length, Length, Length]
 
 
@@ -37,11 +40,13 @@ class Robot(Settings):
     full_name: Annotated[str, MinLen(1), MaxLen(80)]  # Name for people.
     description: Annotated[str, MinLen(1), MaxLen(200)]  # File of its URDF, beside its own.
     # Joint angles of the default stance by leg: hip, thigh, calf (rad).
-    stance: dict[str, tuple[float, float, float]]
-    stiffness: Positive  # Gain of the joints' position control (N·m/rad).
-    damping: Positive  # Gain of their velocity control (N·m·s/rad).
-    action_scale: Positive  # What an action of 1 adds to a joint's target (rad).
-    mass: Annotated[float, Gt(0.0), Le(1000.0)]  # kg
+    stance: dict[str, tuple[Angle, Angle, Angle]]
+    # Gains of the joints' position and velocity control (N·m/rad, N·m·s/rad).
+    stiffness: Annotated[float, Ge(0.01), Le(1000.0)]
+    damping: Annotated[float, Ge(0.001), Le(100.0)]
+    # What an action of 1 adds to a joint's target (rad).
+    action_scale: Annotated[float, Ge(0.001), Le(10.0)]
+    mass: Annotated[float, Ge(0.1), Le(1000.0)]  # kg
     # Distance of a hip joint from the trunk's centre, along x and along y (m).
     hip_offset: tuple[Length, Length]
     thigh_offset: Length  # Distance of a thigh joint outward from its hip joint (m).
@@ -51,9 +56,11 @@ class Robot(Settings):
     trunk_box: Box  # Sizes of the trunk's collision box (m).
     thigh_box: Box  # Sizes of a thigh's; the first is along the limb (m).
     calf_box: Box  # Sizes of a calf's (m).
-    position_limits: tuple[Range, ...]  # Least and greatest angle of each joint (rad).
-    effort_limits: tuple[Positive, ...]  # Greatest torque of each joint (N·m).
-    velocity_limits: tuple[Positive, ...]  # Greatest velocity of each joint (rad/s).
+    # Least and greatest angle of each joint (rad).
+    position_limits: tuple[Annotated[tuple[Angle, Angle], IN_ORDER], ...]
+    effort_limits: tuple[Effort, ...]  # Greatest torque of each joint (N·m).
+    velocity_limits: tuple[Velocity, ...]  # Greatest velocity of each joint (rad/s).
+    urdf: str = field(repr=False)  # What Drake and MuJoCo read.
     # Legs in the order in which the vendor's controller numbers their motors.
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
     path: str = ""  # File it was loaded from.

@@ -8,7 +8,8 @@ import numpy as np
 import tyro
 
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.errors import InputError
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError, brief
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics, quadruped
@@ -60,6 +61,9 @@ MOST_SWAY = 5e-3
 MOST_LEAN = 10.0
 """Greatest lean of the trunk (°)."""
 
+SAME = 1e-6
+"""Greatest relative difference of masses and inertias between the simulators."""
+
 
 @checked
 class CheckRobot(Settings):
@@ -76,12 +80,61 @@ class CheckRobot(Settings):
         from glassgait.studies.common.tables import print_table
 
         robot = load_robot(self.robot)
+        check_inertias(robot, *inertias(robot))
+        console.print(
+            f"{robot.full_name}: {robot.mass:.3f} kg; Drake and MuJoCo agree on the mass, the "
+            f"centre and the inertia of all {1 + quadruped.N_JOINTS} links"
+        )
         rows = [stand(robot, station) for station in STATIONS]
         print_table(f"{robot.full_name}: dropped in its stance", pd.DataFrame(rows))
         for row in rows:
             if problem := problem_of(row):
                 where = f"{robot.path}: the robot does not stand in {row['physics']}"
                 raise InputError(f"{where}: {problem}")
+
+
+def inertias(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Returns masses (kg), centres (m) and inertias about them (kg·m²) of the links (13 numbers
+    each), as Drake and as MuJoCo compile them."""
+    from pydrake.systems.framework import DiagramBuilder
+
+    from glassgait.diagrams.mujoco_physics import make_model
+    from glassgait.diagrams.station import AddStation
+
+    drake, mujoco = STATIONS
+    plant, _, instance = AddStation(DiagramBuilder(), robot, drake)
+    model = make_model(robot, mujoco)
+    by_drake, by_mujoco = {}, {}
+    for link in ("trunk", *quadruped.JOINTS):
+        found = plant.GetBodyByName(link, instance).default_spatial_inertia()
+        centre = found.get_com()
+        moments = found.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
+        by_drake[link] = np.concatenate([[found.get_mass()], centre, moments.ravel()])
+        body = model.body(link)
+        axes = kinematics.rotation_matrix(body.iquat)
+        moments = axes @ np.diag(body.inertia) @ axes.T
+        by_mujoco[link] = np.concatenate([body.mass, body.ipos, moments.ravel()])
+    return by_drake, by_mujoco
+
+
+def check_inertias(robot: Robot, drake: dict[str, Array], mujoco: dict[str, Array]) -> None:
+    """Refuses a robot that differs from its file or between the simulators, naming the link."""
+    for link in drake:
+        # Each quantity in parts of its greatest entry.
+        for part, unit in ((slice(0, 1), "kg"), (slice(1, 4), "m"), (slice(4, 13), "kg·m²")):
+            first, second = drake[link][part], mujoco[link][part]
+            if not np.abs(first - second).max() <= SAME * np.abs(first).max():
+                raise InputError(
+                    f"{robot.urdf_path}: link {link} has {brief(str(first))} {unit} in Drake and "
+                    f"{brief(str(second))} {unit} in MuJoCo; mend its inertial"
+                )
+    for engine, links in (("Drake", drake), ("MuJoCo", mujoco)):
+        total = sum(numbers[0] for numbers in links.values())
+        if not abs(total - robot.mass) <= SAME * robot.mass:
+            raise InputError(
+                f"{robot.urdf_path}: the robot has {robot.mass:g} kg, and {total:g} kg in {engine};"
+                " mend the inertials of its links"
+            )
 
 
 def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:

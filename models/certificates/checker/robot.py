@@ -66,7 +66,7 @@ class Robot:
         """Reads a robot's file, and the joints' limits from the URDF that it names."""
         # Check the keys and their values.
         said = read_yaml(path)
-        sound = isinstance(said, dict) and NEEDED <= {*said} <= NEEDED | {"motor_order"}
+        sound = isinstance(said, dict) and NEEDED <= {*said} <= NEEDED | {"motor_order", "joints"}
         refuse_unless(sound, f"{path} is no robot's file: it has other keys")
         refuse_unless(is_robot_name(said["name"]), f"{path}: its 'name' is none")
         for key in ("stiffness", "action_scale"):
@@ -78,7 +78,12 @@ class Robot:
 
         # The rest is the URDF's.
         angles = [float(angle) for leg in LEGS for angle in stance[leg]]
-        limits, effort = read_limits(path.parent / str(said["description"]))
+        joints = said.get("joints", {leg: [f"{leg}_{part}" for part in PARTS] for leg in LEGS})
+        named = isinstance(joints, dict) and {*joints} == {*LEGS}
+        named = named and all(isinstance(names, list) for names in joints.values())
+        names = [name for leg in LEGS for name in joints[leg]] if named else []
+        refuse_unless(len(names) == len(JOINTS), f"{path}: its 'joints' are not three of each leg")
+        limits, effort = read_limits(path.parent / str(said["description"]), names)
         numbers = float(said["stiffness"]), float(said["action_scale"])
         return cls(said["name"], dict(zip(JOINTS, angles, strict=True)), limits, effort, *numbers)
 
@@ -112,15 +117,18 @@ def is_robot_name(value: Any) -> bool:
     return isinstance(value, str) and bool(re.fullmatch(r"[a-z][a-z0-9_]{0,39}", value))
 
 
-def read_limits(path: Path) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
-    """Reads the joints' ranges (rad) and greatest torques (N·m) from a URDF."""
+def read_limits(
+    path: Path, names: list[str]
+) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Reads the joints' ranges (rad) and greatest torques (N·m) from a URDF, by its names."""
     try:
         root = ElementTree.fromstring(read_bytes(path))
     except ElementTree.ParseError as error:
         raise RefusedError(f"{path} is no URDF ({str(error)[:80]})") from error
     limits, effort = dict[str, tuple[float, float]](), dict[str, float]()
+    ours = dict(zip(map(str, names), JOINTS, strict=True))
     for joint in root.iterfind("joint"):
-        name = joint.get("name", "")
+        name = ours.get(joint.get("name", ""), "")
         for limit in joint.iterfind("limit"):
             ends = (float(limit.get(key, "nan")) for key in ("lower", "upper", "effort"))
             low, high, effort[name] = ends
