@@ -35,9 +35,8 @@ from glassgait.studies.common.console import console, note, progress_bar, report
 from glassgait.studies.common.jobs import (
     Gaits,
     Seeds,
-    WorkersConfig,
+    Workers,
     gaits_named,
-    parallel_backend,
     run_parallel,
 )
 from glassgait.studies.common.run import default_folder, open_run
@@ -130,8 +129,6 @@ def run_cases(
     cases: Sequence[Case],
     measure: Callable[[Case], pd.DataFrame],
     folder: Path,
-    *,
-    n_workers: int = -1,
 ) -> pd.DataFrame:
     """Measures cases in parallel, except those whose tables the folder holds already.
 
@@ -145,7 +142,7 @@ def run_cases(
     pending = [(case, path) for case, path in zip(cases, paths, strict=True) if not path.exists()]
     work = (delayed(_measure)(measure, case, path) for case, path in pending)
     with progress_bar(len(cases), len(cases) - len(pending)) as (progress, bar):
-        for name in run_parallel(work, n_workers if len(pending) > 1 else 1, in_order=False):
+        for name in run_parallel(work, in_order=False):
             progress.update(bar, advance=1, text=name)
 
     # Read all tables back, so that resumed runs and whole ones give the same bytes.
@@ -229,7 +226,7 @@ class Experiment(PolicySource):
     n_robots: Count = 26
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Seeds = 1
-    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = field(default_factory=Workers)
     resume: bool = False
     output: Path | None = None
 
@@ -289,9 +286,8 @@ class Experiment(PolicySource):
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
 
         # Processes are sent a copy without the policies that this one has found.
-        measure, n_workers = replace(self).measure, self.workers.n_workers
-        with open_run(folder, **run), parallel_backend(self.workers.backend):
-            table = run_cases(cases, measure, folder / "cases", n_workers=n_workers)
+        with open_run(folder, **run), self.workers.pool():
+            table = run_cases(cases, replace(self).measure, folder / "cases")
             report = self.report(table)
             report.write(folder)
         report.show()

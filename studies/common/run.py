@@ -33,7 +33,7 @@ PACKAGES = (
 )
 """The software that results depend on."""
 
-PLACES = ("output", "resume", "sweep", "workers")
+PLACES = ("output", "resume", "workers")
 """Settings that change where and how a run is made, but not its results."""
 
 

@@ -166,14 +166,12 @@ class EbmSettings(EnsembleSettings):
         )
 
 
-def fit_ensemble(
-    samples: TrainingSet, settings: EnsembleSettings, *, seed: int, n_jobs: int
-) -> Policy:
+def fit_ensemble(samples: TrainingSet, settings: EnsembleSettings, *, seed: int) -> Policy:
     """Fits a library's models of all joints, some at once, and compiles them to a policy."""
     names, observations = samples.observation_names, samples.observations
     calls = (
         delayed(settings.regressor(len(names), seed + joint).fit)(observations, target)
         for joint, target in enumerate(samples.actions.T)
     )
-    models = list(run_parallel(calls, n_jobs))
+    models = list(run_parallel(calls))
     return settings.policy.compile(samples.gait, names, models, samples.robot)

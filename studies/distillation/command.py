@@ -14,11 +14,11 @@ from glassgait.studies.common.console import console
 from glassgait.studies.common.jobs import (
     Gaits,
     Job,
-    SweepConfig,
+    Seeds,
+    Workers,
     gaits_named,
     jobs_of,
-    parallel_backend,
-    run_sweep,
+    run_jobs,
 )
 from glassgait.studies.common.policies import EXPERT, find_expert
 from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
@@ -35,8 +35,8 @@ class Distill(Settings):
 
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
-        sweep: How many seeds, and where their jobs run; of one gait and seed, where its students
-            are made.
+        n_seeds: Number of seeds of each gait: seed, seed + 1, …
+        workers: Where jobs run; of one gait and seed, where its students are made.
         robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         source: Folder of a run of train, whose expert is taken; by default the one that ships, or
             what was trained here.
@@ -51,7 +51,8 @@ class Distill(Settings):
     config: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=DistillationConfig
     )
-    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
+    n_seeds: Seeds = 1
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = field(default_factory=Workers)
     robot: str | None = None
     source: Path | None = None
     output: Path | None = None
@@ -67,19 +68,14 @@ class Distill(Settings):
             self.config.for_gait(gait)
         experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
         root = default_folder(self.title, experts[0].robot.name)
-        jobs = jobs_of(self.gait, self.config.seed, self.sweep, root=root, output=self.output)
-
-        # Several run as jobs; one has all the workers to itself.
-        if len(jobs) > 1:
-            job = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
-            run_sweep(jobs, job, self.sweep)
-            return
-        (job,) = jobs
-        config = replace(self.config, n_workers=self.sweep.n_workers)
-        with parallel_backend(self.sweep.backend):
-            table = _distill_job(config, self.source, self.robot, job, resume=self.resume)
-        print_table("R² on held-out data", table)
-        console.print(f"students written to {job.folder}")
+        seeds = range(self.config.seed, self.config.seed + self.n_seeds)
+        jobs = jobs_of(self.gait, seeds, root, self.output)
+        run = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
+        with self.workers.pool():
+            tables = run_jobs(jobs, run)
+        if len(jobs) == 1:
+            print_table("R² on held-out data", tables[0])
+            console.print(f"students written to {jobs[0].folder}")
 
 
 def _distill_job(

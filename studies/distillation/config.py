@@ -19,7 +19,6 @@ from glassgait.models.robots.robot import JointLaw
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.jobs import Jobs
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.dataset import HELD_OUT_EVERY
 from glassgait.studies.distillation.short_formulas import FormulasSettings
@@ -97,7 +96,6 @@ class DistillationConfig(Settings):
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings
     )
-    n_workers: Annotated[Jobs, tyro.conf.Suppress] = 2
 
     def __post_init__(self) -> None:
         if self.episodes_per_round % (self.episodes_per_fit or 1):

@@ -20,9 +20,7 @@ def untrained_student(expert: Policy) -> Policy:
     return LinearPolicy(expert.gait, names, weights, intercepts, robot=expert.robot)
 
 
-def fit_linear(
-    samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
-) -> LinearPolicy:
+def fit_linear(samples: TrainingSet, settings: StudentSettings, *, seed: int) -> LinearPolicy:
     """Fits one law for each joint by ridge regression."""
     model = Ridge(RIDGE).fit(samples.observations, samples.actions)
     names = samples.observation_names
@@ -30,7 +28,7 @@ def fit_linear(
 
 
 def fit_linear_per_state(
-    samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
+    samples: TrainingSet, settings: StudentSettings, *, seed: int
 ) -> LinearPerStatePolicy:
     """Fits one law for each joint and state of the machine by ridge regression."""
     models = [

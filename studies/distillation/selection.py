@@ -45,7 +45,6 @@ def rank_alone(
     gait: Gait,
     expert: NeuralPolicy,
     n_steps: int = EPISODE_STEPS,
-    n_jobs: int = 1,
 ) -> pd.DataFrame:
     """Rolls every candidate out without the expert, and ranks them by mean return, best first.
 
@@ -60,7 +59,7 @@ def rank_alone(
     )
     scores = [
         score_rollouts(log, expert.robot.mass + world.station.payload).assign(candidate=label)
-        for (label, _, world), log in zip(runs, run_parallel(work, n_jobs), strict=True)
+        for (label, _, world), log in zip(runs, run_parallel(work), strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
     return means.sort_values("return", ascending=False, ignore_index=True, kind="stable")

@@ -82,7 +82,7 @@ class _Growth:
 
 
 def fit_short_formulas(
-    samples: TrainingSet, settings: FormulasSettings, *, seed: int, n_jobs: int
+    samples: TrainingSet, settings: FormulasSettings, *, seed: int
 ) -> FormulaPolicy:
     """Fits the formulas of every joint and state of the machine with so many terms in all."""
     mirror = samples.mirror if settings.mirrored else None

@@ -54,7 +54,7 @@ FITS: dict[str, Callable[..., Policy]] = {
     "symbolic_per_state": fit_symbolic_per_state,
     "formulas": fit_short_formulas,
 }
-"""Fits a student: `fit(samples, settings, seed=seed, n_jobs=n_jobs)`."""
+"""Fits a student: `fit(samples, settings, seed=seed)`."""
 
 SHUFFLED_TEST_SHARE = 0.2
 """Share of the steps that the paper's split holds out."""
@@ -109,7 +109,7 @@ def distill(
         settings=config,
         inputs=inputs,
         resume=resume,
-        free=("students", "n_workers"),  # Students are independent of one another.
+        free=("students",),  # Students are independent of one another.
     ):
         work = _Distillation(config, gait, expert, worlds, folder)
         # Students that share samples are made one after the other, different ones side by side.
@@ -122,7 +122,7 @@ def distill(
             rows = work.students(config.students)
         else:
             calls = (delayed(work.students)(kinds) for kinds in groups.values())
-            made = run_parallel(calls, config.n_workers, in_order=False)
+            made = run_parallel(calls, in_order=False)
             rows = {kind: row for group in made for kind, row in group.items()}
         # Students observe by its estimator, wherever the folder is moved.
         expert.save(policy_path(folder, EXPERT))
@@ -257,8 +257,7 @@ class _Distillation:
 
         # The robots choose.
         say(f"{kind}: letting {len(candidates)} candidates walk, to choose one")
-        n_steps, n_workers = self.config.episode_steps, self.config.n_workers
-        ranked = rank_alone(students, self.gait, self.expert, n_steps, n_workers)
+        ranked = rank_alone(students, self.gait, self.expert, self.config.episode_steps)
         write_table(ranked, self.folder / f"{kind}_candidates")
         complexities = {title: complexity for title, (_, complexity) in candidates.items()}
         chosen = simplest_of_the_best(ranked, complexities)
@@ -271,4 +270,4 @@ class _Distillation:
         config = self.config
         assert config.overdue_weight is not None  # `for_gait` has set it.
         counted = samples.with_overdue(config.overdue_weight)
-        return FITS[kind](counted, settings, seed=config.seed, n_jobs=config.n_workers)
+        return FITS[kind](counted, settings, seed=config.seed)

@@ -122,9 +122,7 @@ OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
 PYSR_FUNCTIONS = ("sin", "tanh", "square", "cube")
 
 
-def fit_symbolic(
-    samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
-) -> FormulaPolicy:
+def fit_symbolic(samples: TrainingSet, settings: SymbolicSettings, *, seed: int) -> FormulaPolicy:
     """Fits a formula for each joint."""
     variables = FormulaVariables(samples.robot, samples.observation_names)
     weighted = _weighted(samples, settings)
@@ -132,12 +130,12 @@ def fit_symbolic(
     targets = samples.robot.joint_targets(weighted.actions)
     part = FormulaSamples(places, weighted.observations, targets)
     opened = shared_gates(variables.vocabulary)
-    found = fit_formulas(part, variables, opened, settings, seed, n_jobs)
+    found = fit_formulas(part, variables, opened, settings, seed)
     return formula_policy(samples, variables.vocabulary, dict(zip(part.places, found, strict=True)))
 
 
 def fit_symbolic_per_state(
-    samples: TrainingSet, settings: SymbolicPerStateSettings, *, seed: int, n_jobs: int
+    samples: TrainingSet, settings: SymbolicPerStateSettings, *, seed: int
 ) -> FormulaPolicy:
     """Fits a formula for each joint and state of the machine, or for half of them and a mirror."""
     names, mirror = samples.observation_names, samples.mirror if settings.mirrored else None
@@ -147,7 +145,7 @@ def fit_symbolic_per_state(
     # One state after the other; joints of a state side by side.
     formulas: dict[Place, Expression] = {}
     for part in samples_by_state(_weighted(samples, settings), variables.vocabulary, mirror):
-        found = fit_formulas(part, variables, opened, settings, seed, n_jobs)
+        found = fit_formulas(part, variables, opened, settings, seed)
         for place, formula in zip(part.places, found, strict=True):
             formulas[place] = settled(formula, names, place[0])
     return formula_policy(samples, variables.vocabulary, formulas, mirror)
@@ -165,7 +163,6 @@ def fit_formulas(
     opened: Sequence[Expression],
     settings: SymbolicSettings,
     seed: int,
-    n_jobs: int = 1,
 ) -> list[Expression]:
     """Searches the formula of each place by the gates `opened`, with the digits that are shown."""
     values, targets = variables(part.observations), part.targets
@@ -176,7 +173,7 @@ def fit_formulas(
             delayed(_fit_pysr)(observed, target, each, settings)
             for target, each in zip(targets.T, seeds, strict=True)
         )
-        return readable(list(run_parallel(searches, n_jobs)), values, targets)
+        return readable(list(run_parallel(searches)), values, targets)
 
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
@@ -189,7 +186,7 @@ def fit_formulas(
         delayed(_evolve)(observed, residual, length - found.length - 1, each, settings)
         for found, residual, each in zip(sums, residuals.T, seeds, strict=True)
     )
-    corrections = run_parallel(searches, n_jobs)
+    corrections = run_parallel(searches)
     found = [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
     return readable(found, values, targets)
 

@@ -21,6 +21,7 @@ from glassgait.models.settings import Count, Settings, checked
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import gait_figure, save_figure
+from glassgait.studies.common.jobs import Workers
 from glassgait.studies.common.policies import EXPERT, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, play
 from glassgait.studies.common.run import default_folder, open_run
@@ -105,7 +106,8 @@ class Demo(Settings):
         found = find_policies(gait, robot=self.robot)
         folder = self.output or default_folder(self.title, found.expert.robot.name)
         inputs = {"gait": gait.digest(), "expert": found.expert.digest()}
-        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
+        run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
+        with open_run(folder, **run), Workers().pool():
             page = _Page(gait, found.expert, folder)
             # Another robot may have no formulas yet.
             shown = SHOWN if SHOWN in found.students else EXPERT

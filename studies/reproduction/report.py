@@ -26,7 +26,7 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, c
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import gait_figure, save_figure
-from glassgait.studies.common.jobs import Gaits, Job, WorkersConfig, gaits_named, run_sweep
+from glassgait.studies.common.jobs import Gaits, Job, Workers, gaits_named, run_jobs
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run import default_folder, open_run
@@ -102,7 +102,7 @@ class Report(Settings):
     engine: Engine | None = None
     robot: str | None = None
     quick: bool = False
-    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = field(default_factory=Workers)
     resume: bool = False
     output: Path | None = None
 
@@ -121,13 +121,10 @@ class Report(Settings):
         folder = self.output or default_folder(self.study + "_quick" * self.quick, self._robot.name)
         claim = {"study": self.study, "settings": report, "inputs": self._inputs(names)}
         # A continued run may name other gaits.
-        with open_run(folder, **claim, resume=self.resume, free=("gait",)):
-            # A single gait is studied in this process, which shows its progress.
-            jobs = [Job(name, 0, folder / load_gait(name).name, name) for name in names]
-            if len(jobs) == 1 and self.workers.backend == "loky":
-                results = [study_gait(report, jobs[0])]
-            else:
-                results = run_sweep(jobs, partial(study_gait, report), self.workers)
+        jobs = [Job(name, 0, folder / load_gait(name).name) for name in names]
+        run = open_run(folder, **claim, resume=self.resume, free=("gait",))
+        with run, self.workers.pool():
+            results = run_jobs(jobs, partial(study_gait, report))
             path = report.write(results, folder)
         print_table("R²", r2_by_gait(results))
         minutes = (time.monotonic() - started) / 60
@@ -172,7 +169,7 @@ class Report(Settings):
             return find_policies(gait, robot=self.robot, quiet=True).expert
         trained = folder / "training"
         say(f"{gait.name}: training the expert")
-        train_job(self.training, Job(name, self.training.seed, trained, name), resume=True)
+        train_job(self.training, Job(name, self.training.seed, trained), resume=True)
         return load_expert(gait, trained / f"{gait.name}.safetensors", self._robot)
 
     def deviations(self, folder: Path) -> list[str]:

@@ -13,7 +13,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.jobs import Gaits, Job, SweepConfig, jobs_of, run_sweep
+from glassgait.studies.common.jobs import Gaits, Job, Seeds, Workers, jobs_of, run_jobs
 from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.record import read_config
@@ -25,7 +25,8 @@ class Train(Settings):
 
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
-        sweep: How many seeds, and where they train.
+        n_seeds: Number of seeds of each gait: seed, seed + 1, …
+        workers: Where jobs run; a single one trains in this process.
         like: Record of an expert (<gait>.yaml) whose settings are taken instead.
         output: Folder of the run; runs/train/<gait> by default. Of several gaits each has its
             folder <gait> in it, of several seeds seed_<seed> in that.
@@ -38,7 +39,8 @@ class Train(Settings):
     config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = field(
         default_factory=TrainingConfig
     )
-    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
+    n_seeds: Seeds = 1
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = field(default_factory=Workers)
     like: Path | None = None
     output: Path | None = None
     resume: bool = False
@@ -48,13 +50,13 @@ class Train(Settings):
         config = self._config()
         names = self.gait if self.like is None else (config.gait,)
         root = default_folder(self.title, load_robot(config.robot).name)
-        jobs = jobs_of(names, config.seed, self.sweep, root=root, output=self.output)
-        if len(jobs) > 1 or self.sweep.backend != "loky":
-            run_sweep(jobs, partial(train_job, config, resume=self.resume), self.sweep)
-            return
-        (job,) = jobs
-        train_job(config, job, resume=self.resume)
-        console.print(f"expert written to {job.folder / load_gait(job.gait).name}.safetensors")
+        seeds = range(config.seed, config.seed + self.n_seeds)
+        jobs = jobs_of(names, seeds, root, self.output)
+        with self.workers.pool():
+            run_jobs(jobs, partial(train_job, config, resume=self.resume))
+        if len(jobs) == 1:
+            path = jobs[0].folder / f"{load_gait(jobs[0].gait).name}.safetensors"
+            console.print(f"expert written to {path}")
 
     def _config(self) -> TrainingConfig:
         if self.like is None:

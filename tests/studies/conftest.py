@@ -127,7 +127,6 @@ def tiny_distillation() -> DistillationConfig:
             ),
             formulas=FormulasSettings(terms=36, alone_episodes=4),
         ),
-        n_workers=1,
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from joblib import parallel_config
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy, policy_path
@@ -116,7 +117,6 @@ def test_a_student_may_learn_from_the_samples_of_another(expert, tmp_path):
         episodes=5,
         alone_rounds=0,
         episode_steps=20,
-        n_workers=1,
     )
     table = distill(config, GAIT, expert, tmp_path)
     assert {path.parent.name for path in tmp_path.rglob("round_*.safetensors")} == {"linear"}
@@ -164,7 +164,7 @@ def test_samples_of_starts_and_of_robots_that_wait_count_more(distilled, expert)
     repeated = samples.subset(np.repeat(np.arange(len(waits)), np.where(samples.starts, 5, 1)))
     settings = (SymbolicSettings(shapes=((20, 20),), start_weights=(weight,)) for weight in (5, 1))
     found = [
-        fit_symbolic(given, one, seed=0, n_jobs=1).to_text()
+        fit_symbolic(given, one, seed=0).to_text()
         for given, one in zip((samples, repeated), settings, strict=True)
     ]
     assert found[0] == found[1]
@@ -177,10 +177,10 @@ def test_samples_of_starts_and_of_robots_that_wait_count_more(distilled, expert)
 def test_students_that_are_made_side_by_side_are_the_same(
     distilled, tiny_distillation, expert, tmp_path
 ):
-    config = replace(tiny_distillation, n_workers=2)
-    write_r2_table(distill(config, GAIT, expert, tmp_path), "trot", tmp_path)
+    with parallel_config("loky", n_jobs=2):
+        write_r2_table(distill(tiny_distillation, GAIT, expert, tmp_path), "trot", tmp_path)
     assert (tmp_path / "metrics.json").read_text() == (distilled / "metrics.json").read_text()
-    for kind in config.students:
+    for kind in tiny_distillation.students:
         made = policy_path(tmp_path, kind)
         assert made.read_bytes() == policy_path(distilled, kind).read_bytes()
 

@@ -9,38 +9,32 @@ from joblib import Parallel, delayed, parallel_config
 from threadpoolctl import threadpool_info
 
 from glassgait.models.errors import InputError
-from glassgait.studies.common.jobs import (
-    SweepConfig,
-    gaits_named,
-    jobs_of,
-    parallel_backend,
-    run_parallel,
-    run_sweep,
-)
-
-
-def where(_=None):
-    """Returns this process, that of a loop within, and the most threads of a library."""
-    inner = Parallel(2)(delayed(os.getpid)() for _ in range(2))
-    return os.getpid(), inner, max((own["num_threads"] for own in threadpool_info()), default=1)
+from glassgait.studies.common.jobs import Workers, gaits_named, jobs_of, run_jobs, run_parallel
 
 
 def test_results_come_in_the_order_of_the_calls():
-    assert list(run_parallel((delayed(mul)(i, 2) for i in range(5)), 1)) == [0, 2, 4, 6, 8]
+    assert list(run_parallel(delayed(mul)(i, 2) for i in range(5))) == [0, 2, 4, 6, 8]
 
 
 @pytest.mark.slow
 def test_calls_run_in_other_processes_on_one_thread_each():
-    with parallel_config("loky"):
-        found = list(run_parallel((delayed(where)(i) for i in range(4)), 2, in_order=False))
+    def where(_=None):
+        inner = Parallel(2)(delayed(os.getpid)() for _ in range(2))
+        threads = max((own["num_threads"] for own in threadpool_info()), default=1)
+        return os.getpid(), inner, threads
+
+    with parallel_config("loky"), Workers(n_workers=2).pool():
+        found = list(run_parallel((delayed(where)(i) for i in range(4)), in_order=False))
+        (alone,) = run_parallel([delayed(where)()])
     for own, inner, threads in found:
         assert own != os.getpid() and inner == [own, own] and threads == 1
+    assert alone[0] == os.getpid()
 
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_reported():
-    with parallel_config("loky"), pytest.raises(InputError, match="ended from outside"):
-        list(run_parallel([delayed(os._exit)(1)] * 2, 2))
+    with parallel_config("loky", n_jobs=2), pytest.raises(InputError, match="ended from outside"):
+        list(run_parallel([delayed(os._exit)(1)] * 2))
 
 
 @pytest.mark.slow
@@ -52,9 +46,9 @@ def test_jobs_run_on_a_local_cluster(backend, tmp_path):
         (tmp_path / f"{job.gait} {job.seed}").touch()
         return os.getpid()
 
-    config = SweepConfig(backend=backend, n_workers=2, n_seeds=2)
-    jobs = jobs_of(("trot", "walk"), 0, config, root=Path("runs"), output=None)
-    processes = run_sweep(jobs, write, config)
+    jobs = jobs_of(("trot", "walk"), range(2), Path("runs"), None)
+    with Workers(backend=backend, n_workers=2).pool():
+        processes = run_jobs(jobs, write)
     assert os.getpid() not in processes
     written = sorted(path.name for path in tmp_path.iterdir())
     assert written == ["trot 0", "trot 1", "walk 0", "walk 1"]
@@ -65,13 +59,13 @@ def test_a_cluster_that_does_not_answer_is_refused():
     with (
         config.set({"scheduler-address": "nowhere://1"}),
         pytest.raises(InputError, match="--backend dask: no cluster answers"),
-        parallel_backend("dask"),
+        Workers(backend="dask").pool(),
     ):
         pass
 
 
 def folders(names, n_seeds=1, output=None):
-    jobs = jobs_of(names, 3, SweepConfig(n_seeds=n_seeds), root=Path("runs/train"), output=output)
+    jobs = jobs_of(names, range(3, 3 + n_seeds), Path("runs/train"), output)
     return [str(job.folder) for job in jobs]
 
 
@@ -83,15 +77,14 @@ def test_each_gait_and_seed_has_its_folder():
     assert len(gaits_named(["all"])) == 6
 
 
-def test_a_job_that_is_refused_stops_no_other(tmp_path, capsys):
+def test_a_job_that_is_refused_stops_no_other(capsys):
     def run(job):
         if job.gait == "walk":
             raise InputError("the walk: is refused")
         return job.seed
 
-    config = SweepConfig(n_workers=1, n_seeds=2)
-    jobs = jobs_of(("walk", "trot"), 0, config, root=tmp_path, output=None)
-    with pytest.raises(InputError, match=r"2 of 4 jobs were refused.*walk, seed 0: the walk"):
-        run_sweep(jobs, run, config)
-    assert "trot, seed 1: done (4 of 4)" in " ".join(capsys.readouterr().out.split())
-    assert run_sweep(jobs[2:], run, config) == [0, 1]
+    jobs = jobs_of(("walk", "trot"), range(2), Path("runs"), None)
+    with pytest.raises(InputError, match=r"2 of 4 jobs were refused.*walk/seed_0: the walk"):
+        run_jobs(jobs, run)
+    assert "trot/seed_1: done (4 of 4)" in " ".join(capsys.readouterr().out.split())
+    assert run_jobs(jobs[2:], run) == [0, 1]

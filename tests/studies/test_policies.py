@@ -61,7 +61,6 @@ def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other
         alone_rounds=0,
         episode_steps=20,
         worlds=DomainRandomization(n_groups=1, mujoco_share=0.0),
-        n_workers=1,
     )
     distill(config, TROT, other_expert, tmp_path / "run")
     (tmp_path / "run").rename(tmp_path / "moved")

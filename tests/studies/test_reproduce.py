@@ -200,7 +200,6 @@ def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path,
         alone_rounds=0,
         episode_steps=60,
         settings=StudentsSettings(symbolic_per_state=formulas),
-        n_workers=1,
     )
     for name, value in {"QUICK": tiny, "FULL": tiny, "REPLAY_STEPS": 50}.items():
         monkeypatch.setattr(demo, name, value)
