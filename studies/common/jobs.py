@@ -18,6 +18,9 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Settings, checked
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.studies.common.console import console, say
 
+Steps = Annotated[Count, Le(180_000)]
+"""Control steps of one robot: an hour at most, which the memory holds."""
+
 Gaits = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of gaits, or paths of gait files."""
 

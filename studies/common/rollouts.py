@@ -3,11 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from annotated_types import Le
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
@@ -29,9 +28,6 @@ from glassgait.studies.common.experiment import REPORTED_SEEDS
 from glassgait.studies.common.jobs import Seeds
 from glassgait.studies.common.observers import Log, RolloutLog, forward_and_yaw, joint_power
 from glassgait.studies.common.scores import score_rollouts
-
-Steps = Annotated[Count, Le(180_000)]
-"""Control steps of one robot: an hour at most, which the memory holds."""
 
 
 @checked

@@ -108,7 +108,9 @@ def read_run(folder: Path, study: str) -> dict[str, Any]:
 
 
 def refuse_run(folder: Path) -> None:
-    """Raises an InputError if a folder holds a run, beside whose results nothing is written."""
+    """Raises an InputError if nothing can be written there: beside a run, or below a file."""
+    if any(place.exists() and not place.is_dir() for place in (folder, *folder.parents)):
+        raise InputError(f"{folder}: a file stands there; name a folder with --output")
     path = folder / CONFIG_NAME
     found = read_yaml(path) if path.exists() else None
     if isinstance(found, dict) and "study" in found:

@@ -4,13 +4,10 @@ from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-import numpy as np
 from annotated_types import Ge
 from rich.text import Text
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.latex import programs_of, to_latex
@@ -19,11 +16,8 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts import Steps, play
+from glassgait.studies.common.jobs import Steps
 from glassgait.studies.distillation.students import OnePolicy, sums_of_terms
-from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.importance.figures import contribution_figure, student_figures
 
 STEP = 100
 """Step that is shown first, where the rollout lasts so long and a person names none."""
@@ -59,15 +53,24 @@ class ExplainPage(OnePolicy):
         """Rolls out, explains, and writes the page."""
         found, policy = self.find()
         gait = found.gait
-        if policy == "expert":
-            raise InputError(
-                "--policy expert: the expert's actions are no sums of terms; name a student, of "
-                f"the kinds {', '.join(sums_of_terms())}"
-            )
         joint, controller = joint_index(self.joint), found.controller(policy)
         student, name = controller.policy, Path(policy).stem
-        # Refuse a student whose actions are no sums of terms before the rollout.
-        student.explain(np.zeros(len(student.observation_names)), joint)
+        # Refuse a student whose actions are no sums of terms before anything heavy is imported.
+        try:
+            student.factored_terms(joint)
+        except InputError as error:
+            kinds = ", ".join(sums_of_terms())
+            raise InputError(
+                f"--policy {policy}: its actions are no sums of terms; name a student of the "
+                f"kinds {kinds}"
+            ) from error
+
+        from glassgait.diagrams.scenario import Scenario
+        from glassgait.diagrams.visualization import open_meshcat
+        from glassgait.studies.common.figures import save_figure
+        from glassgait.studies.common.rollouts import play
+        from glassgait.studies.explanation.page import explain_rollout, render_page
+        from glassgait.studies.importance.figures import contribution_figure, student_figures
 
         # Let the student walk without the expert, and keep the replay.
         folder = self.output or found.output(self.title) / name

@@ -58,7 +58,7 @@ class OpenStudio(OnePolicy):
         if scenario.accuracy is not None or scenario.station.engine != "drake":
             raise InputError(
                 f"--scenario {self.scenario}: the studio walks on discrete plants of Drake; name "
-                "a scenario without accuracy and engine, such as training"
+                "a scenario without accuracy and engine, such as nominal"
             )
         # The page steers; this command holds until it does.
         dwell = sum(found.gait.dwell) // 2

@@ -1,6 +1,7 @@
 """The studio's page: NiceGUI's elements around Meshcat's picture."""
 
 import asyncio
+import logging
 import secrets
 import socket
 import sys
@@ -12,7 +13,8 @@ import numpy as np
 import uvicorn
 from fastapi import FastAPI
 from nicegui import app as nicegui_app
-from nicegui import ui
+from nicegui import core, ui
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.errors import InputError
@@ -47,8 +49,14 @@ def serve(
     robot: LiveRobot, session: EditSession, gait: Gait, save_as: Path, listening: socket.socket
 ) -> None:
     """Serves the page until Ctrl-C; edits are saved to the folder and stem `save_as`."""
-    # NiceGUI's page on an application of its own, which has no other routes.
+    # NiceGUI's page on an application of its own, which has no other routes. It answers only by
+    # this machine's name, and sockets only of its own page: other sites cannot reach it.
     app = FastAPI(openapi_url=None)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])
+    core.sio.eio.cors_allowed_origins = None
+    # Junk that others send prints nothing: it fails inside of the servers, whose logs are off.
+    core.sio.async_handlers = False
+    core.sio.eio.logger.setLevel(logging.CRITICAL)
 
     @ui.page("/", response_timeout=RECONNECT)
     async def root() -> None:
@@ -66,7 +74,7 @@ def serve(
         reconnect_timeout=RECONNECT,
     )
     # Python's threads switch more often, so that messages do not wait for the robot.
-    config = uvicorn.Config(app, log_level="error", access_log=False, lifespan="on")
+    config = uvicorn.Config(app, log_level="critical", access_log=False, lifespan="on")
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:

@@ -22,8 +22,9 @@ from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.studies.common.console import console
 from glassgait.studies.common.experiment import PolicySource
 from glassgait.studies.common.figures import gait_figure, save_figure
+from glassgait.studies.common.jobs import Steps
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies
-from glassgait.studies.common.rollouts import Steps, play
+from glassgait.studies.common.rollouts import play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
@@ -74,7 +75,7 @@ class View(PolicySource):
         n_steps: Control steps of the rollout, 500 by default; a fall ends it before. Not with
             --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
-        output: Folder of the replay; runs/view/<gait> by default.
+        output: Folder of the replay, or its file, ending in .html; runs/view/<gait> by default.
     """
 
     title: ClassVar[str] = "view"
@@ -109,6 +110,8 @@ class View(PolicySource):
         folder = self.output or default_folder(self.title, controller.robot.name) / gait.name
         parts = [Path(self.policy).stem, ratio.replace("/", "-"), scenario_name(self.scenario)]
         stem = folder / "_".join(part for part in parts if part != NOMINAL_SCENARIO)
+        if folder.suffix == ".html":
+            folder, stem = folder.parent, folder.with_suffix("")
         refuse_run(folder)
 
         # Play in real time, or as fast as it goes.

@@ -1,5 +1,6 @@
 """Pages in a browser: they can be read and used, and the studio answers."""
 
+import http.client
 import re
 import subprocess
 import sys
@@ -96,12 +97,15 @@ def studio(tmp_path_factory):
     folder = tmp_path_factory.mktemp("studio") / "run"
     program = "from glassgait.studies.cli import main; main()"
     command = [sys.executable, "-c", program, "studio", "--port", "0", "--output", str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    errors = folder.with_name("errors")
+    with errors.open("w") as printed:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=printed, text=True)
     assert process.stdout is not None
     found = (re.search(r"open (http://127\.0\.0\.1:\d+)", line) for line in process.stdout)
     yield next(address[1] for address in found if address), folder
     process.terminate()
     process.wait(timeout=60)
+    assert "Traceback" not in errors.read_text()
 
 
 def until(condition, patience=180.0):
@@ -114,6 +118,33 @@ def until(condition, patience=180.0):
             print(error)
         time.sleep(0.2)
     raise AssertionError("did not happen in time")
+
+
+SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport="
+UPGRADE = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+UPGRADE |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
+
+
+def test_the_studio_answers_only_its_own_page(studio):
+    place = studio[0].removeprefix("http://")
+
+    def ask(path, body=None, **headers):
+        connection = http.client.HTTPConnection(place, timeout=60)
+        connection.request("POST" if body else "GET", path, body, headers)
+        answer = connection.getresponse()
+        return answer.status, b"" if answer.status == 101 else answer.read()
+
+    polling, evil = f"{SOCKET}polling", "evil.example"
+    for path, headers in (("/", {}), (polling, {}), (f"{SOCKET}websocket", UPGRADE)):
+        for host in (place, place.replace("127.0.0.1", "localhost")):
+            own = {**headers, "Host": host, "Origin": f"http://{host}"}
+            assert ask(path, **own)[0] in (200, 101)
+            assert ask(path, **own | {"Host": evil, "Origin": f"http://{evil}"})[0] == 400
+            assert path == "/" or ask(path, **own | {"Origin": f"http://{evil}"})[0] in (400, 403)
+    # Junk is dropped; the fixture looks for tracebacks at the end.
+    session = re.findall(r'"sid":"([^"]+)"', ask(polling)[1].decode())[0]
+    for junk in ("40", '42["event",{}]', '42["handshake",5]', "4zzz", "zzz"):
+        assert ask(f"{polling}&sid={session}", junk)[0] == 200
 
 
 def press(browser, name):

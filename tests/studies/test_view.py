@@ -142,8 +142,9 @@ def test_bad_settings_are_refused_before_anything_is_written(refused, tmp_path, 
 
 def test_a_replay_has_its_settings_beside_it(tmp_path):
     asked = ["--n-steps", "10", "--seed", "7", "--command.speed", "0.3"]
-    main(["view", *asked, "--output", str(tmp_path)])
-    kept = yaml.safe_load((tmp_path / "expert_alone.yaml").read_text())
+    main(["view", *asked, "--output", str(tmp_path / "hop.html")])
+    assert (tmp_path / "hop.html").is_file()
+    kept = yaml.safe_load((tmp_path / "hop.yaml").read_text())
     values = (kept["gait"], kept["policy"], kept["n_steps"], kept["seed"])
     assert values == ("trot", "expert", 10, 7)
     assert kept["command"]["speed"] == 0.3
@@ -158,7 +159,8 @@ def test_a_ratio_has_one_name_however_it_is_written(tmp_path):
     assert "symbolic_1-4.html" in before
 
 
-def test_the_folder_of_a_run_is_refused(tmp_path, refused):
+def test_the_folder_of_a_run_and_a_file_are_refused(tmp_path, refused):
     (tmp_path / "config.yaml").write_text("study: train\nsettings: {}\n")
     assert "holds a run" in refused(["view", "--output", str(tmp_path)])
+    assert "a file stands" in refused(["studio", "--output", str(tmp_path / "config.yaml")])
     assert [path.name for path in tmp_path.iterdir()] == ["config.yaml"]
