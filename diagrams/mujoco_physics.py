@@ -103,7 +103,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     station.terrain.check(robot)
 
     # The description, and how it is integrated.
-    spec = mujoco.MjSpec.from_string(_without_looks(robot.urdf))
+    spec = _read(robot)
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -128,9 +128,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     try:
         model = spec.compile()
     except ValueError as error:
-        raise InputError(
-            f"{robot.urdf_path}: MuJoCo refuses it ({brief(str(error))}); mend the file"
-        ) from error
+        raise _refusal(robot, error) from error
     model.geom_solref[:, 0] = station.contact_time
     _set_friction(model, station.terrain, station.friction)
     return model
@@ -168,13 +166,21 @@ def _set_friction(model: mujoco.MjModel, terrain: Terrain, friction: float) -> N
                 model.geom_friction[geometry, 0] = friction
 
 
-def _without_looks(urdf: str) -> str:
-    """Returns a description without visuals; MuJoCo cannot read some of them."""
-    robot = ElementTree.fromstring(urdf)
-    for link in robot.iter("link"):
+def _read(robot: Robot) -> mujoco.MjSpec:
+    """Reads a robot's description without its visuals; MuJoCo cannot read some of them."""
+    root = ElementTree.fromstring(robot.urdf)
+    for link in root.iter("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
-    return ElementTree.tostring(robot, encoding="unicode")
+    try:
+        return mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        raise _refusal(robot, error) from error
+
+
+def _refusal(robot: Robot, error: ValueError) -> InputError:
+    problem = brief(str(error))
+    return InputError(f"{robot.urdf_path}: MuJoCo refuses it ({problem}); mend the file")
 
 
 def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:

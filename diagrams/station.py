@@ -213,7 +213,7 @@ def add_robot(parser: Parser, robot: Robot) -> ModelInstanceIndex:
     """Adds a robot to a parser's plant."""
     try:
         (instance,) = parser.AddModelsFromString(robot.urdf, "urdf")
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
         raise InputError(
             f"{robot.urdf_path}: Drake refuses it ({brief(str(error))}); mend the file"
         ) from error

@@ -3,6 +3,7 @@
 import copyreg
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
@@ -73,13 +74,18 @@ def _load(path: Path, _edited: int) -> Robot:
     named = isinstance(joints, dict) and {*joints} == {*LEGS}
     if not (named and all(_are_names(names) for names in joints.values())):
         raise InputError(
-            f"{path}: key 'joints' must give three names, hip, thigh and calf, for each of "
+            f"{path}: key 'joints' is {shown(joints)}; name hip, thigh and calf for each of "
             f"{', '.join(LEGS)}"
         )
     measured = read_urdf(path.parent / found["description"], joints)
     if twice := sorted({*found} & {*measured, "path"}):
         raise InputError(f"{path}: key {twice[0]!r} is what the URDF says; remove it")
-    robot = Robot.from_plain({**found, **measured, "path": str(path)}, str(path))
+    try:
+        robot = Robot.from_plain({**found, **measured, "path": str(path)})
+    except InputError as error:
+        key = str(error).partition(" ")[0].partition("[")[0]
+        file = path.parent / found["description"] if key in measured else path
+        raise InputError(f"{file}: {error}") from error
     if robot.name in robot_names() and not robot.is_shipped:
         raise InputError(
             f"{path}: name is {robot.name!r}, a robot that ships; give it another name"
@@ -87,10 +93,12 @@ def _load(path: Path, _edited: int) -> Robot:
     return robot
 
 
-def _are_names(names: object) -> bool:
-    """Returns whether a value is three different texts, as a leg's joints are named by."""
-    listed = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    return listed and len({*names}) == len(names) == len(LEG_JOINTS)
+def _are_names(names: Any) -> bool:
+    return (
+        isinstance(names, list)
+        and len(names) == len(LEG_JOINTS)
+        and all(isinstance(name, str) for name in names)
+    )
 
 
 # A copy of a robot, and what another process gets, is the one that the file stands for.

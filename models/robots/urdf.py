@@ -262,6 +262,12 @@ class _Urdf:
                     f"{self._called(link)} collides by {brief(' '.join(kinds)) or 'nothing'}; give "
                     "a box, a sphere or a cylinder"
                 )
+        for own in link.iterfind("*/geometry/*"):
+            for key in own.attrib if own.tag != "mesh" else ():
+                if min(self._numbers(own, ".", key, 3 if key == "size" else 1)) <= 0.0:
+                    self._refuse(
+                        f"{key} of {self._called(own)} is {own.get(key)}; give more than 0"
+                    )
         for shape in link.findall("visual"):
             mesh = shape.find("geometry/mesh")
             file = None if mesh is None else self._mesh(mesh.get("filename", ""))
@@ -329,15 +335,17 @@ class _Urdf:
         return _Pose(rotation, np.array(place))
 
     def _numbers(self, element: Element, part: str, attribute: str, count: int) -> list[float]:
-        text = self._text(element, part, attribute)
+        found, text = element.find(part), self._text(element, part, attribute)
         try:
             numbers = [float(word) for word in text.split()]
         except ValueError:
             numbers = []
-        if len(numbers) != count or not all(abs(number) <= 1e6 for number in numbers):
+        sound = len(numbers) == count and text.isascii()
+        if not (sound and all(abs(number) <= 1e6 for number in numbers)):
+            where = self._called(element if found is None else found)
             self._refuse(
-                f"{part.removeprefix('geometry/')} {attribute} of {self._called(element)} is "
-                f"{brief(text)!r}; give {count} number{'s' * (count > 1)} of at most 1e6"
+                f"{attribute} of {where} is {brief(text)!r}; give {count} number"
+                f"{'s' * (count > 1)} of at most 1e6"
             )
         return numbers
 
@@ -360,7 +368,10 @@ class _Urdf:
     def _called(self, element: Element) -> str:
         if element.tag in ("link", "joint"):
             return f"{element.tag} {element.get('name')}"
-        return f"{element.tag} of {self._called(self._parents[element])}"
+        whole = self._parents.get(element)
+        if element.tag == "geometry" and whole is not None:
+            return self._called(whole)
+        return element.tag if whole is None else f"{element.tag} of {self._called(whole)}"
 
     def _refuse(self, problem: str) -> NoReturn:
         raise InputError(f"{self._path}: {problem}")

@@ -21,7 +21,7 @@ from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 import yaml
-from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field
 
@@ -174,11 +174,11 @@ class Gait(Settings):
     faults: Annotated[tuple[str, ...], MaxLen(MOST_STATES), DISTINCT]
     transitions: Annotated[tuple[Transition, ...], MaxLen(MOST_STATES * N_STANCES)]
     # Height that swing feet must reach before a transition fires (m).
-    clearance: Annotated[float, Gt(0.0), Le(1.0)]
+    clearance: Annotated[float, Ge(0.001), Le(1.0)]
     # Least and greatest commanded number of iterations in a state (control steps).
     dwell: Annotated[tuple[Dwell, Dwell], IN_ORDER]
-    max_speed: Annotated[float, Gt(0.0), Le(100.0)]  # Greatest commanded forward speed (m/s).
-    max_yaw_rate: Annotated[float, Gt(0.0), Le(100.0)]  # Greatest commanded yaw rate (rad/s).
+    max_speed: Annotated[float, Ge(0.01), Le(10.0)]  # Greatest commanded forward speed (m/s).
+    max_yaw_rate: Annotated[float, Ge(0.01), Le(10.0)]  # Greatest commanded yaw rate (rad/s).
 
     def __post_init__(self) -> None:
         # Every state that is named is among the states.
