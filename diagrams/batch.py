@@ -47,6 +47,7 @@ class _Moved(NamedTuple):
     touching: BoolArray
     action: Array
     failures: BoolArray
+    lost: BoolArray
 
 
 class BatchSimulator:
@@ -173,8 +174,7 @@ class BatchSimulator:
         # Reward the step, before the push.
         feet = sense_feet(task.robot, moved.plant, s.touching, moved.touching, self._ground)
         reward = self._rewarded(s, moved, command, feet)
-        lost = moved.failures[:, NOT_FINITE]
-        plain = np.where(lost, 0.0, reward.plain)
+        plain = np.where(moved.lost, 0.0, reward.plain)
 
         # Sense what the push has left. The machine follows the contacts.
         after = s._replace(
@@ -221,15 +221,15 @@ class BatchSimulator:
             limits=self.task.limits,
             ground=self._ground,
         )
-        # A lost robot keeps its last sound state, so that nothing below meets a NaN. So does one
-        # whose limits kept its targets, because not all that was asked is finite.
+        # A lost robot keeps its last sound state, so that nothing below meets a NaN.
+        lost = shown[:, NOT_FINITE].copy()
         shown[:, NOT_FINITE] |= ~is_finite
-        kept = shown[:, NOT_FINITE, None]
         return _Moved(
-            plant=np.where(kept, s.plant, stepped.states),
-            touching=np.where(kept, s.touching, stepped.touching),
-            action=np.where(kept, s.memory.action, action),
+            plant=np.where(lost[:, None], s.plant, stepped.states),
+            touching=np.where(lost[:, None], s.touching, stepped.touching),
+            action=action,
             failures=shown,
+            lost=lost,
         )
 
     def _followed(self, s: TaskState, action: Array) -> PhysicsStep:

@@ -132,15 +132,16 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self, actions: Array
     ) -> tuple[Array, Array, NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Holds actions (n, 12) for one control step."""
-        # The physics leaves a robot without a finite action as it is, and the task pays it nothing.
         begun = self._ended
         outcome = self._simulator.step(np.where(begun[:, None], np.nan, actions))
         terminated, truncated = outcome.terminated & ~begun, outcome.truncated & ~begun
         self._ended = terminated | truncated
         self._simulator.reset(np.flatnonzero(begun))
-        plain_reward = np.where(begun, 0.0, outcome.plain_reward)
+        reward, plain_reward = (
+            np.where(begun, 0.0, paid) for paid in (outcome.reward, outcome.plain_reward)
+        )
         info = self._info(outcome.failures & ~begun[:, None], plain_reward)
-        return self._simulator.observe(), outcome.reward, terminated, truncated, info
+        return self._simulator.observe(), reward, terminated, truncated, info
 
     def _info(self, failures: BoolArray, plain_reward: Array) -> dict[str, Any]:
         # Gymnasium's vectors have a mask beside each entry, of the robots that it is of.

@@ -1,24 +1,26 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
+from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
-from pydrake.systems.primitives import Multiplexer, PortSwitch, RandomSource
+from pydrake.systems.primitives import Multiplexer, PassThrough, PortSwitch, RandomSource
 
 from glassgait.diagrams.commands import AddCommand, AddSeed
-from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario, load_scenario
 from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints, laid
-from glassgait.models.errors import InputError
+from glassgait.models.arrays import Array
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.estimation.sensors import N_IMU, stuck_sensors
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.models.task.terrain import Terrain
 from glassgait.systems.action import (
@@ -28,7 +30,6 @@ from glassgait.systems.action import (
     PolicySystem,
     TargetLimitsSystem,
 )
-from glassgait.systems.estimation import OdometrySystem, StateEstimator
 from glassgait.systems.observation import ContactTrustSystem, Proprioception, RewardMachineSystem
 from glassgait.systems.reward import FallMonitor, RewardSystem
 from glassgait.systems.sensors import (
@@ -42,12 +43,11 @@ from glassgait.systems.sensors import (
 
 if TYPE_CHECKING:
     from glassgait.models.policies.controller import Controller, Estimator
-    from glassgait.models.policies.policy import Policy
 
 Ports = dict[str, OutputPort]  # output ports by what they give
 
 OUTPUTS = (
-    *("actions", "observations", "reward", "plain_reward", "reward_terms", "failures"),
+    *("action", "observation", "reward", "plain_reward", "reward_terms", "failures"),
     *("rm_state", "rm_iterations", "served_dwell", "foot_contact", "foot_height"),
     *("command", "commanded_dwell", "state", "imu"),
 )
@@ -57,10 +57,10 @@ S = TypeVar("S", bound=System)
 
 
 def MakeLocomotion(  # noqa: N802
-    gait: Gait,
-    scenario: Scenario | None = None,
+    gait: Gait | str | Path,
+    scenario: Scenario | str | Path = NOMINAL_SCENARIO,
     *,
-    policy: "Controller | Policy | None" = None,
+    policy: "Controller | Callable[[Array], Array] | None" = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Builds the station with its sensors, the controller and the task around it.
@@ -68,41 +68,54 @@ def MakeLocomotion(  # noqa: N802
     .. pydrake_system::
 
         name: Locomotion
-        input_ports: [command, commanded_dwell, actions]
-        output_ports: [actions, observations, reward, plain_reward, reward_terms, failures,
-          rm_state, rm_iterations, served_dwell, foot_contact, foot_height, command,
-          commanded_dwell, state, imu]
+        input_ports: [command, commanded_dwell, action]
+        output_ports: [action, observation, reward, plain_reward, reward_terms, failures, rm_state,
+          rm_iterations, served_dwell, foot_contact, foot_height, command, commanded_dwell, state,
+          imu]
 
     Inputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps), from a planner, limited
-    to the gait's ranges; each may stay unconnected, and then the scenario's command holds.
-    actions (12), only without a policy.
-    Outputs: actions (12), only with a policy. observations (47 + n_states, 6 more with an IMU).
-    reward and plain_reward (1) of the step that ends now, reward_terms (12). failures (7). rm_state
-    (n_states, one-hot), rm_iterations, served_dwell (1, control steps). foot_contact, foot_height
-    (4; none, m). state (37), the plant's. imu (9), only where it is needed.
+    to the gait's ranges; each may stay unconnected, and then the scenario's command holds. action
+    (12), only without a policy.
+    Outputs: action (12), within limits. observation (n), which a policy given as a function, or
+    connected from outside, has with an IMU (53 + n_states). reward and plain_reward (1) of the step
+    that ends now, reward_terms (12). failures (7). rm_state (n_states, one-hot), rm_iterations,
+    served_dwell (1, control steps). foot_contact, foot_height (4; none, m). state (37), the
+    plant's. imu (9), only where it is needed.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest; `SetRandomContext` draws its pose, the sensors'
     errors and commands. Pushes come from outside; see `glassgait.diagrams.rollout.push`.
 
-    The scenario is that of training by default. Without a policy the true body state is observed.
+    Args:
+        gait: A gait, its name, or the path of a gait file.
+        scenario: A scenario, its name, or the path of a scenario file.
+        policy: A policy, a `Controller` of two in alternation, or a function from the observation
+            (..., n) to an action (..., 12); see `FunctionPolicy`.
 
     Raises:
         InputError: if the policy or the command does not fit the gait or the scenario.
     """
-    scenario, builder = scenario or Scenario(), DiagramBuilder()
-    robot, law = scenario.robot_of(policy), scenario.joint_law(policy)
-    controller, estimator = None, None
-    if policy is not None:
-        controller, estimator = _taken(policy, true_body_state=scenario.true_body_state)
-    has_imu = controller is not None and controller.expert.layout.imu
-    layout = ObservationLayout(gait.n_states, imu=has_imu)
+    # Imported here: programs that only use parts of this module need no policies.
+    from glassgait.models.policies.controller import (  # noqa: PLC0415
+        controller_of,
+        estimator_in_loop,
+    )
+
+    gait = gait if isinstance(gait, Gait) else load_gait(gait)
+    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    builder = DiagramBuilder()
     add = partial(_add, builder)
+    controller = controller_of(
+        _asked_from_outside if policy is None else policy, gait, scenario.robot_of()
+    )
+    estimator = estimator_in_loop(controller, true_body_state=scenario.true_body_state)
+    robot, law = scenario.robot_of(controller), scenario.joint_law(controller)
+    layout = ObservationLayout(gait.n_states, imu=controller.expert.layout.imu)
 
     # What is added first draws first in a random context: a seed gives the same commands and the
     # same noise, whatever comes after.
     ports = AddCommand(builder, gait, scenario.command, meshcat)
-    needs_imu = has_imu or isinstance(estimator, Odometry) or law.limits is not None
+    needs_imu = layout.imu or isinstance(estimator, Odometry) or law.limits is not None
     errors = _add_sensor_errors(builder, scenario, imu=needs_imu)
 
     # The robot on its ground with its sensors.
@@ -117,11 +130,20 @@ def MakeLocomotion(  # noqa: N802
     ports |= _add_observation(
         builder, robot, scenario, gait, layout, estimator, ports, limited=law.limited
     )
-    if controller is None:
-        builder.ExportInput(hold.get_input_port(), "actions")
+    if policy is None:
+        outside = add("outside_action", PassThrough(quadruped.N_JOINTS))
+        builder.ExportInput(outside.get_input_port(), "action")
+        asked = outside.get_output_port()
     else:
-        ports["actions"] = _add_policies(builder, controller, gait, layout, law, ports)
-        builder.Connect(ports["actions"], hold.get_input_port())
+        asked = _add_policies(builder, controller, gait, layout, ports["observation"])
+    ports["action"] = asked
+    if law.limits is not None:
+        limits = TargetLimitsSystem(robot, law.limits)
+        sensed = {name: ports[name] for name in ("joints", "imu")}
+        add("target_limits", limits, action=asked, previous_action=ports["held_action"], **sensed)
+        ports["action"] = limits.get_output_port()
+    builder.Connect(asked, hold.GetInputPort("asked_action"))
+    builder.Connect(ports["action"], hold.GetInputPort("action"))
     targets = JointTargets(robot, actuated_joints(plant), limited=law.limited)
     add("joint_targets", targets, action=ports["delayed_action"])
     builder.Connect(targets.get_output_port(), plant.get_desired_state_input_port(instance))
@@ -138,25 +160,8 @@ def MakeLocomotion(  # noqa: N802
     return diagram
 
 
-def _taken(
-    policy: "Controller | Policy", *, true_body_state: bool
-) -> tuple["Controller", "Estimator | None"]:
-    """Returns the controller of a policy, and its estimator where there is one to use."""
-    # Imported here: a robot without a policy needs none of them.
-    from glassgait.models.policies.controller import (  # noqa: PLC0415
-        Controller,
-        alone,
-        estimator_in_loop,
-    )
-    from glassgait.models.policies.policy import Policy  # noqa: PLC0415
-
-    controller = alone(policy) if isinstance(policy, Policy) else policy
-    if not isinstance(controller, Controller):
-        raise InputError(
-            f"a diagram has no system for a controller of type {type(controller).__name__}; "
-            "choose a discrete scenario, which the batch simulator plays"
-        )
-    return controller, estimator_in_loop(controller, true_body_state=true_body_state)
+def _asked_from_outside(observation: Array) -> Array:
+    raise NotImplementedError  # a system outside of the diagram acts
 
 
 def _add(builder: DiagramBuilder, name: str, system: S, **inputs: OutputPort | None) -> S:
@@ -258,7 +263,10 @@ def _add_observation(
         **({"imu": ports["imu"]} if layout.imu else {}),
     )
 
-    # The body state, and the foot heights by which contacts and the machine go.
+    # The body state, and the foot heights by which contacts and the machine go. Imported here:
+    # where the true body state is observed, nothing is estimated.
+    from glassgait.systems.estimation import OdometrySystem, StateEstimator  # noqa: PLC0415
+
     expected = None
     match estimator:
         case None:
@@ -288,7 +296,7 @@ def _add_observation(
     builder.AddNamedSystem("observation", observation)
     builder.Connect(proprioception.get_output_port(), observation.get_input_port(0))
     builder.Connect(body.GetOutputPort("body_state"), observation.get_input_port(1))
-    return _outputs(machine) | {"observations": observation.get_output_port()}
+    return _outputs(machine) | {"observation": observation.get_output_port()}
 
 
 def _add_policies(
@@ -296,17 +304,16 @@ def _add_policies(
     controller: "Controller",
     gait: Gait,
     layout: ObservationLayout,
-    law: JointLaw,
-    ports: Ports,
+    observation: OutputPort,
 ) -> OutputPort:
-    """Adds policies, a switch between them, and the limits that come last; returns the action."""
+    """Adds policies and a switch between them; returns the action that they ask for."""
     # Drake's switch evaluates only the policy that acts.
     switch = builder.AddNamedSystem("alternation", PortSwitch(quadruped.N_JOINTS))
     indices: dict[str, InputPortIndex] = {}
     for name, policy in controller.policies.items():
         policy.check(gait=gait, observation_names=layout.names)
         acting = PolicySystem(policy)
-        _add(builder, name, acting, observation=ports["observations"])
+        _add(builder, name, acting, observation=observation)
         port = switch.DeclareInputPort(name)
         builder.Connect(acting.get_output_port(), port)
         indices[name] = port.get_index()
@@ -317,19 +324,7 @@ def _add_policies(
     )
     builder.AddNamedSystem("alternation_schedule", schedule)
     builder.Connect(schedule.get_output_port(), switch.get_port_selector_input_port())
-    if law.limits is None:
-        return switch.get_output_port()
-
-    # Limits hold, whoever acts.
-    return _add(
-        builder,
-        "target_limits",
-        TargetLimitsSystem(controller.robot, law.limits),
-        action=switch.get_output_port(),
-        previous_action=ports["held_action"],
-        joints=ports["joints"],
-        imu=ports["imu"],
-    ).get_output_port()
+    return switch.get_output_port()
 
 
 def _add_task(
@@ -345,7 +340,7 @@ def _add_task(
     reward = RewardSystem(robot, scenario.weights, law)
     _add(builder, "reward", reward, **moved, **{name: ports[name] for name in shared})
     monitor = FallMonitor(robot, scenario.limits, scenario.station.ground)
-    _add(builder, "fall_monitor", monitor, **moved)
+    _add(builder, "fall_monitor", monitor, **moved, is_sound=ports["is_sound"])
     return _outputs(reward) | _outputs(monitor)
 
 

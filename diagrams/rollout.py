@@ -1,9 +1,10 @@
 """Rollouts of the locomotion diagram, recorded at every control step."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common import RandomGenerator
@@ -20,8 +21,11 @@ from glassgait.models.task.termination import FAILURES
 from glassgait.systems.reward import FallMonitor
 from glassgait.systems.sensors import WorldState
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 RECORDED_PORTS = (
-    *("actions", "observations", "reward", "plain_reward", "reward_terms", "rm_state"),
+    *("action", "observation", "reward", "plain_reward", "reward_terms", "rm_state"),
     *("rm_iterations", "served_dwell", "foot_contact", "foot_height", "failures"),
     *("command", "commanded_dwell", "state"),
 )
@@ -34,15 +38,35 @@ FALL_MONITOR = "fall_monitor"
 _INSTANT_TOLERANCE = 1e-9  # rounding error of times that are sums of control periods (s)
 
 
-@dataclass(frozen=True)
-class Rollout:
-    """Outputs (n + 1, size) at control instants (n + 1; s), before each instant's updates."""
+@dataclass(frozen=True, eq=False)
+class Rollout(Mapping[str, Array]):
+    """Outputs (n + 1, size) by name, at control instants (n + 1; s), before their updates."""
 
     time: Array
-    values: dict[str, Array]
+    outputs: dict[str, Array]
 
-    def __getitem__(self, port: str) -> Array:
-        return self.values[port]
+    def __getitem__(self, name: str) -> Array:
+        if name not in self.outputs:
+            raise KeyError(f"{name!r} is not recorded; recorded are {', '.join(self.outputs)}")
+        return self.outputs[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.outputs)
+
+    def __len__(self) -> int:
+        return len(self.outputs)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Returns a table with a row for each control instant, a column for each number."""
+        # Imported here: few programs want a table.
+        import pandas as pd  # noqa: PLC0415
+
+        columns = {
+            name if values.shape[1] == 1 else f"{name}_{i}": column
+            for name, values in self.outputs.items()
+            for i, column in enumerate(values.T)
+        }
+        return pd.DataFrame({"time": self.time, **columns})
 
     @property
     def failed(self) -> bool:

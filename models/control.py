@@ -27,7 +27,7 @@ from glassgait.models.estimation.sensors import (
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.observation import N_ESTIMATED, proprioception
+from glassgait.models.task.observation import N_ESTIMATED, asked, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
 NO_READING: Array = np.full(N_IMU, np.nan)  # of a robot without an IMU
@@ -80,8 +80,8 @@ class ControlStep:
     ) -> tuple[Array, Memory]:
         """Returns joint targets (..., 12; rad), and what to remember until the next step."""
         memory, _ = self.sense(before, sensors, command)
-        asked = policy(self.observation(memory, sensors, command))
-        memory = memory._replace(action=self.limited(memory, sensors, asked))
+        action = asked(policy, self.observation(memory, sensors, command))
+        memory = memory._replace(action=self.limited(memory, sensors, action))
         return self.joint_targets(memory.action), memory
 
     def sense(
@@ -188,13 +188,17 @@ class ControlStep:
         body = memory.estimate if body is None else body
         return np.concatenate([self.proprioception(memory, sensors, command), body], axis=-1)
 
-    def limited(self, memory: Memory, sensors: Sensors, asked: Array) -> Array:
-        """Returns what limits leave of the actions (..., 12) that a policy asks for."""
+    def limited(self, memory: Memory, sensors: Sensors, action: Array) -> Array:
+        """Returns what limits leave of the actions (..., 12) that a policy asks for.
+
+        A robot keeps its last action where not all that is asked is finite.
+        """
         if self.law.limits is None:
-            return asked
+            finite = np.isfinite(action).all(axis=-1, keepdims=True)
+            return np.where(finite, action, memory.action)
         return self.law.limits.applied(
             self.robot,
-            asked,
+            action,
             before=memory.action,
             position=sensors.joint_position,
             gravity=ImuReading.of(sensors.imu).gravity,

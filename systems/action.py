@@ -8,11 +8,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPortIndex, LeafSystem, State
 
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import N_IMU, ImuReading
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot, TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.observation import asked
 from glassgait.systems.base import FunctionSystem, Outputs
 
 if TYPE_CHECKING:
@@ -31,10 +31,9 @@ class PolicySystem(FunctionSystem):
         output_ports: [action]
 
     Inputs: observation (n), in the order of the policy's `observation_names`.
-    Outputs: action (12), FL FR RL RR, hip thigh calf.
-    The policy is an immutable member that contexts and clones share. An action of a finite
-    observation that is not finite raises an InputError; the plant would fail on it with an error
-    that does not name the cause.
+    Outputs: action (12), FL FR RL RR, hip thigh calf; NaN where the policy has no sound answer, see
+    `asked`.
+    The policy is an immutable member that contexts and clones share.
     """
 
     def __init__(self, policy: "Policy") -> None:
@@ -44,15 +43,7 @@ class PolicySystem(FunctionSystem):
         self._policy = policy
 
     def evaluate(self, observation: Array) -> Outputs:
-        action = self._policy(observation)
-        diverged = np.flatnonzero(~np.isfinite(action))
-        # An observation that is not finite is a fault of the simulation, not of the policy.
-        if len(diverged) and np.isfinite(observation).all():
-            raise InputError(
-                f"the {self._policy.kind} policy's action of {quadruped.JOINTS[diverged[0]]} is "
-                "not finite; give a policy that is"
-            )
-        return {"action": action}
+        return {"action": asked(self._policy, observation)}
 
 
 class AlternationSchedule(LeafSystem):
@@ -132,14 +123,15 @@ class ActionHold(LeafSystem):
     .. pydrake_system::
 
         name: ActionHold
-        input_ports: [action]
-        output_ports: [held_action, previous_action, delayed_action]
+        input_ports: [asked_action, action]
+        output_ports: [held_action, previous_action, is_sound, delayed_action]
 
-    Inputs: action (12).
+    Inputs: asked_action (12), before limits. action (12), within them.
     Outputs: held_action (12), the latest; previous_action (12), the one before it; delayed_action
-    (12), the one that was the latest `latency` seconds ago. All are zero at first.
-    State: the latest two actions, latched every 20 ms; with a latency the delayed one and those
-    that wait to follow it, latched `latency` after a control instant.
+    (12), the one that was the latest `latency` seconds ago. All are zero at first. is_sound (1,
+    {0, 1}), whether all of the latest asked action is finite; an action that is not is not held.
+    State: the latest two actions and is_sound, latched every 20 ms; with a latency the delayed one
+    and those that wait to follow it, latched `latency` after a control instant.
     """
 
     def __init__(self, latency: float = 0.0, time_step: float = 0.0) -> None:
@@ -149,18 +141,20 @@ class ActionHold(LeafSystem):
         """
         super().__init__()
 
-        # The latest two actions.
+        # The latest two actions, and whether the last one is as asked.
+        self._asked_port = self.DeclareVectorInputPort("asked_action", N)
         self._action_port = self.DeclareVectorInputPort("action", N)
-        self._actions = self.DeclareDiscreteState(2 * N)
-        for name, part in (("held_action", slice(0, N)), ("previous_action", slice(N, 2 * N))):
-            self._declare_part(name, part)
+        self._actions = self.DeclareDiscreteState(np.append(np.zeros(2 * N), 1.0))
+        self._declare_part("held_action", slice(N))
+        self._declare_part("previous_action", slice(N, 2 * N))
+        self._declare_part("is_sound", slice(2 * N, None))
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
 
         # The action that the joints follow.
         if latency == 0.0:
-            self._declare_part("delayed_action", slice(0, N))
+            self._declare_part("delayed_action", slice(N))
             return
         # Within a period an action may be passed on; else it waits until the next one has come.
         waiting = math.ceil(latency / CONTROL_PERIOD - 1e-9) - 1
@@ -186,13 +180,18 @@ class ActionHold(LeafSystem):
         def calc(context: Context, output: BasicVector) -> None:
             output.SetFromVector(context.get_discrete_state(self._actions).value()[part])
 
+        size = len(range(2 * N + 1)[part])
         self.DeclareVectorOutputPort(
-            name=name, size=N, calc=calc, prerequisites_of_calc={self.xd_ticket()}
+            name=name, size=size, calc=calc, prerequisites_of_calc={self.xd_ticket()}
         )
 
     def _latch(self, context: Context, state: State) -> None:
         held = context.get_discrete_state(self._actions).value()[:N]
-        latest = np.concatenate([self._action_port.Eval(context), held])
+        action = self._action_port.Eval(context)
+        if not np.isfinite(action).all():
+            action = held
+        is_sound = np.isfinite(self._asked_port.Eval(context)).all()
+        latest = np.concatenate([action, held, [is_sound]])
         state.get_mutable_discrete_state(self._actions).SetFromVector(latest)
 
     def _pass_on_in_phase(self, context: Context, state: State) -> None:

@@ -91,11 +91,11 @@ class FallMonitor(FunctionSystem):
     .. pydrake_system::
 
         name: FallMonitor
-        input_ports: [state, action, previous_action]
+        input_ports: [state, action, previous_action, is_sound]
         output_ports: [failures]
 
     Inputs: state (37), the plant's. action (12), held during the last control step.
-    previous_action (12).
+    previous_action (12). is_sound (1, {0, 1}), whether all that was asked for it is finite.
     Outputs: failures (7, {0, 1}), in the order of `FAILURES`.
     """
 
@@ -103,14 +103,16 @@ class FallMonitor(FunctionSystem):
         self, robot: Robot, limits: TerminationLimits | None = None, ground: Ground = LEVEL_GROUND
     ) -> None:
         super().__init__(
-            inputs={"state": STATE, "action": N, "previous_action": N},
+            inputs={"state": STATE, "action": N, "previous_action": N, "is_sound": 1},
             outputs={"failures": len(FAILURES)},
         )
         # Public: rollouts read here which robot a diagram holds, and where it stands.
         self.robot, self.ground = robot, ground
         self._limits = limits or TerminationLimits()
 
-    def evaluate(self, state: Array, action: Array, previous_action: Array) -> Outputs:
+    def evaluate(
+        self, state: Array, action: Array, previous_action: Array, is_sound: Array
+    ) -> Outputs:
         shown = failures(
             self.robot,
             state,
@@ -119,4 +121,5 @@ class FallMonitor(FunctionSystem):
             limits=self._limits,
             ground=self.ground,
         )
+        shown[FAILURES.index("not_finite")] |= is_sound[0] < 0.5
         return {"failures": shown.astype(float)}

@@ -1,4 +1,4 @@
-"""Controllers: one policy that acts, or an expert and a student that act by turns."""
+"""Controllers: one policy that acts, or an expert and a student in alternation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
+from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.policies.function import FunctionPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import asked
 
 Estimator = Callable[[Array], Array] | Odometry
 """Odometry, or the map from proprioception (..., 40 + n_states) to the body state (..., 7)."""
@@ -28,21 +30,24 @@ class ControllerOutput(NamedTuple):
 
 @dataclass(frozen=True)
 class Controller:
-    """An expert, a student, or both by turns (paper, Algorithm 1), in a closed loop of n robots."""
+    """An expert, a student, or both in alternation (paper, Algorithm 1)."""
 
     expert: Policy
     student: Policy | None = None
     period: int = 1
-    """Control steps between the expert's actions: 1 if only it acts, 0 if only the student does."""
+    """The expert acts at every control step that is a multiple of it, the student at the others:
+    n is the alternation ratio 1/n, 1 the expert without the student, 0 the student without it."""
 
     def __post_init__(self) -> None:
-        # Users choose the policies: a misfit is bad input. Only code chooses the period.
+        if not isinstance(self.period, (int, np.integer)) or self.period < 0:
+            raise InputError(
+                f"the alternation period is {shown(self.period)}; give a whole number of control "
+                "steps: n for the ratio 1/n, 1 for the expert only, 0 for the student only"
+            )
+        if self.student is None and self.period != 1:
+            raise InputError(f"an alternation of period {self.period} needs a student; give one")
         if self.student is not None:
             _refuse_other_expert(self.expert, self.student, both_act=self.period > 1)
-        if self.period < 0:
-            raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
-        if self.student is None and self.period != 1:
-            raise ValueError(f"alternation: period {self.period} needs a student; give one")
 
     @property
     def policies(self) -> dict[str, Policy]:
@@ -82,7 +87,23 @@ class Controller:
         # At a step all robots have the same controller.
         by_expert = self.student is None or bool(expert_acts(step, self.period))
         policy = self.expert if self.student is None or by_expert else self.student
-        return ControllerOutput(policy(observation), np.full(len(observation), by_expert))
+        return ControllerOutput(asked(policy, observation), np.full(len(observation), by_expert))
+
+
+def controller_of(
+    policy: Controller | Callable[[Array], Array], gait: Gait, robot: Robot
+) -> Controller:
+    """Returns the controller of a policy, or of a function for this gait and robot."""
+    if isinstance(policy, Controller):
+        return policy
+    if isinstance(policy, Policy):
+        return Controller(policy)
+    if not callable(policy):
+        raise InputError(
+            f"the policy is {shown(policy)}; give one that load_expert or load_student returns, a "
+            "Controller, or a function from observations (..., n) to actions (..., 12)"
+        )
+    return Controller(FunctionPolicy(policy, gait, robot))
 
 
 def alone(policy: Policy, expert: Policy | None = None) -> Controller:

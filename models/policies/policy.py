@@ -355,7 +355,7 @@ class Policy(ABC):
             )
         if self.gait != name:
             raise InputError(
-                f"{made_for} gait {self.gait!r}, not {name!r}; name its gait with --gait"
+                f"{made_for} gait {self.gait!r}, not {name!r}; name its gait, or another policy"
             )
 
         # The machine and the layout.

@@ -21,10 +21,9 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import (
     Controller,
     ControllerOutput,
-    alone,
+    controller_of,
     estimator_in_loop,
 )
-from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 
@@ -151,7 +150,7 @@ class Ended(NamedTuple):
 
 def episode(
     gait: Gait,
-    controller: Controller | Policy,
+    controller: Controller | Callable[[Array], Array],
     scenario: Scenario | World,
     *,
     n_robots: int,
@@ -168,6 +167,7 @@ def episode(
     Equal seeds give equal starts, commands and noise, whatever the controller does.
 
     Args:
+        controller: A controller, a policy, or a function from observations (n, n_obs) to actions.
         start: A state to go on from; near the default stance by default.
         when_fallen: Whether a robot that fell is to `rest` with actions of 0, since a policy may
             diverge on the ground, `restart` its episode, or `go on` as if nothing had happened.
@@ -178,7 +178,8 @@ def episode(
         InputError: if commands come from sliders or the gait is not made for them, or if the
             controller needs an estimator and has none.
     """
-    controller = alone(controller) if isinstance(controller, Policy) else controller
+    robot = scenario.task.robot if isinstance(scenario, World) else scenario.robot_of()
+    controller = controller_of(controller, gait, robot)
     make = _simulator_maker(gait, controller, scenario, np.random.default_rng(seed))
     running = Episode(make(n_robots=n_robots), np.arange(n_robots), 0)
     if start is not None:

@@ -170,8 +170,8 @@ def _to_log(
     log = RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
-        power=joint_power(controller, scenario, rollout["state"][1:], rollout["actions"][:-1]),
-        action=rollout["actions"][:-1],
+        power=joint_power(controller, scenario, rollout["state"][1:], rollout["action"][:-1]),
+        action=rollout["action"][:-1],
         expert_acts=np.asarray(acts),
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],

@@ -59,7 +59,7 @@ def main() -> None:
     # Without a policy the loop has an input for actions.
     for name in ("rm_state", "rm_iterations"):
         builder.Connect(loop.GetOutputPort(name), policy.GetInputPort(name))
-    builder.Connect(policy.GetOutputPort("actions"), loop.GetInputPort("actions"))
+    builder.Connect(policy.GetOutputPort("actions"), loop.GetInputPort("action"))
     simulator = make_simulator(builder.Build())
     stop_at_falls(simulator)
     simulator.AdvanceTo(5.0)

@@ -94,9 +94,9 @@ class ExplainPage(OnePolicy):
         explained = explain_rollout(student, rollout)
         title = f"{gait.name.capitalize()}, {self.joint.replace('_', ' ')}, step {step}"
         local = folder / f"{name}_{self.joint}_step_{step}"
-        terms = student.explain(rollout["observations"][step], joint)
+        terms = student.explain(rollout["observation"][step], joint)
         save_figure(contribution_figure(explained[joint].active_of(terms, step), title), local)
-        figures = student_figures(gait.name, name, student, joint, rollout["observations"])
+        figures = student_figures(gait.name, name, student, joint, rollout["observation"])
         for stem, figure in figures.items():
             save_figure(figure, folder / stem)
 

@@ -74,7 +74,7 @@ class ExplainCounterfactual(OnePolicy):
             raise InputError(f"--step {self.step}: {fall}; name an earlier step")
 
         # Vary what the robot observes there.
-        observation = rollout["observations"][self.step]
+        observation = rollout["observation"][self.step]
         scan = Scan(controller.policy, joint_index(self.joint), observation, box)
         level = scan.target + 0.1 if self.level is None else self.level
         table = scan.passes(level)

@@ -63,7 +63,7 @@ class ExplainedJoint:
 
 def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, ...]:
     """Splits every target of a rollout into terms, joint by joint."""
-    observations = rollout["observations"]
+    observations = rollout["observation"]
     # Terms add up to what the policy asks for, before limits.
     targets = policy.robot.joint_targets(policy(observations))
     states = rollout["rm_state"].argmax(axis=1)
@@ -91,7 +91,7 @@ def render_page(
     The replay is Meshcat's page; figures (PNG) are of the joint.
     """
     # The page's script draws from this data.
-    titles, units, variables = variables_of(policy, rollout["observations"])
+    titles, units, variables = variables_of(policy, rollout["observation"])
     quantities, colors = _quantities(titles, explained), state_colors(gait)
     values = Tape(tuple(quantities), variables.shape[1])(variables)
     data = {
@@ -137,7 +137,7 @@ def held_back(policy: Policy, rollout: Rollout) -> str | None:
     """Returns in words how often limits changed what a policy asked for; None without limits."""
     if policy.joint_law.limits is None:
         return None
-    apart = np.abs(policy(rollout["observations"]) - rollout["actions"]).max(axis=1)
+    apart = np.abs(policy(rollout["observation"]) - rollout["action"]).max(axis=1)
     return f"in {np.count_nonzero(apart > ROUNDING)} of {len(apart)} steps"
 
 

@@ -161,7 +161,7 @@ class _Page:
         figures = {"gait": (caption, gait_figure(rollout, self.gait, title))}
         step, joint = min(EXPLAINED_STEP, len(rollout.time) - 1), EXPLAINED_JOINT
         if isinstance(policy, FormulaPolicy):
-            parts = policy.explain(rollout["observations"][step], joint)
+            parts = policy.explain(rollout["observation"][step], joint)
             moment = f"{quadruped.JOINTS[joint]} at {rollout.time[step]:.2f} s"
             caption = f"The terms of the formula that add up to the target of {moment}"
             figures["explanation"] = (caption, contribution_figure(parts, f"Terms of {moment}"))

@@ -263,7 +263,7 @@ def study_gait(report: Report, job: Job) -> GaitResults:
         save_figure(gait_figure(rollout, gait, f"{drawn} alone"), folder / f"{kind}_sequence")
         if kind == "ebm":
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)
-            parts = student.explain(rollout["observations"][step], JOINT)
+            parts = student.explain(rollout["observation"][step], JOINT)
             local = contribution_figure(parts, f"{drawn}, FL hip, step {step}")
             save_figure(local, folder / f"{kind}_local")
     return GaitResults(name, folder, r2, standalone, tops[tops["student"] == "gbm"])

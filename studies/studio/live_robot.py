@@ -16,12 +16,12 @@ from glassgait.diagrams.rollout import begin_anew, make_simulator, push, recente
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import LiveDisplay, open_meshcat
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.rollouts import pusher
 
 KEPT = 250
@@ -64,8 +64,8 @@ class Sample(NamedTuple):
     state: Array
     rm_state: Array
     foot_contact: Array
-    observations: Array
-    actions: Array
+    observation: Array
+    action: Array
     reward: Array
     failures: Array
 
@@ -230,13 +230,13 @@ class LiveRobot:
                 self._seed += 1
                 self._begin()
             return False
-        # Actions that are not finite are refused; time stops, and the page shows why.
-        try:
-            for walker in self._walkers:
-                walker.advance()
-            robot, ghost = (walker.sample() for walker in self._walkers)
-        except InputError as error:
-            self.problem, self.paused = str(error), True
+        for walker in self._walkers:
+            walker.advance()
+        robot, ghost = (walker.sample() for walker in self._walkers)
+        # At an action that is not finite time stops, and the page shows why.
+        if (robot.failures + ghost.failures)[FAILURES.index("not_finite")]:
+            self.problem = "a target is not finite; change the formula where it has no value"
+            self.paused = True
             self._begin()
             return False
         self._samples.append((robot, ghost))

@@ -214,7 +214,7 @@ class _Page:
         if not samples:
             return
         robot = samples[-1][0]
-        observations = np.stack([own.observations for own, _ in samples[-SECOND:]])
+        observations = np.stack([own.observation for own, _ in samples[-SECOND:]])
         values = self._tape(self._session.policy.quantities(observations))
         # Ranked by the last second, so that rows keep their places within a stride.
         ranked = np.argsort(-np.abs(values).mean(axis=0), kind="stable")
@@ -233,7 +233,7 @@ class _Page:
         )
         self._status.set_text(self._robot.problem or self._measures(samples[-SECOND:]))
         joints = (quadruped.JOINT_POSITION.start or 0) + joint
-        actions = np.stack([own.actions for own, _ in samples])
+        actions = np.stack([own.action for own, _ in samples])
         targets = self._session.policy.robot.joint_targets(actions)[:, joint]
         angles = [[pair[which].state[joints] for pair in samples] for which in (0, 1)]
         lines = [targets, *angles]

@@ -67,7 +67,7 @@ def play_live(
 def _joined(before: Rollout, after: Rollout) -> Rollout:
     """Appends a rollout from time 0 on, and keeps the last minute."""
     time = np.concatenate([before.time, before.time[-1] + CONTROL_PERIOD + after.time])
-    values = {name: np.concatenate([before[name], after[name]]) for name in before.values}
+    values = {name: np.concatenate([before[name], after[name]]) for name in before}
     last = slice(-KEPT_STEPS - 1, None)
     return Rollout(time[last], {name: value[last] for name, value in values.items()})
 

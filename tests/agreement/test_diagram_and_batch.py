@@ -161,9 +161,9 @@ def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed
         machine = simulator.state.memory.machine
         found = {
             "state": simulator.state.plant[0],
-            "observations": observation[0],
+            "observation": observation[0],
             "rm_state": simulator.machine.one_hot(machine.state)[0],
-            "actions": simulator.limited(asked)[0],
+            "action": simulator.limited(asked)[0],
         }
         if diagram.HasOutputPort("imu"):
             found["imu"] = simulator.state.imu[0, -1]
@@ -279,6 +279,6 @@ def test_they_agree_where_a_command_changes(trot):
                 simulator.start_at(state[None], command)
             simulator.set_command(command)
         observation = simulator.observe()
-        assert_same({"observations": observation[0]}, diagram, context, step)
+        assert_same({"observation": observation[0]}, diagram, context, step)
         running.AdvanceTo((step + 1) * CONTROL_PERIOD)
         simulator.step(expert(observation))

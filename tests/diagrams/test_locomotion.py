@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
-from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, alone
@@ -35,7 +35,7 @@ TRUE = replace(CALM, true_body_state=True)
 
 def first_observation(gait, scenario, seed=0, **controller):
     diagram = MakeLocomotion(gait, scenario, **controller)
-    return record(make_simulator(diagram, seed=seed), 0)["observations"][0]
+    return record(make_simulator(diagram, seed=seed), 0)["observation"][0]
 
 
 def test_an_action_acts_at_the_instant_it_is_computed(trot):
@@ -43,10 +43,36 @@ def test_an_action_acts_at_the_instant_it_is_computed(trot):
     diagram = MakeLocomotion(trot, replace(CALM, station=StationConfig(time_step=0.02)))
     simulator = make_simulator(diagram)
     context = simulator.get_mutable_context()
-    diagram.GetInputPort("actions").FixValue(context, np.full(12, 2.0))
+    diagram.GetInputPort("action").FixValue(context, np.full(12, 2.0))
     before = diagram.GetOutputPort("state").Eval(context)[7:19]
     simulator.AdvanceTo(0.02)
     assert np.all(diagram.GetOutputPort("state").Eval(context)[7:19] - before > 0.02)
+
+
+def test_a_function_observes_and_moves_as_an_expert_does(trot):
+    expert = load_expert("trot")
+    given, named = (
+        record(make_simulator(MakeLocomotion(gait, scenario, policy=policy)), 20)
+        for gait, scenario, policy in (
+            (trot, load_scenario("slope_15"), expert),
+            ("trot", "slope_15", expert.__call__),
+        )
+    )
+    assert set(given) == set(named)
+    for name, values in given.items():
+        np.testing.assert_array_equal(values, named[name])
+
+
+def test_a_system_outside_of_the_diagram_acts_as_a_function_does(trot):
+    # A constant action is that of all robots.
+    action = np.linspace(-5.0, 5.0, 12)
+    inside = MakeLocomotion(trot, CALM, policy=lambda observation: action)
+    outside = MakeLocomotion(trot, CALM)
+    simulators = [make_simulator(diagram) for diagram in (inside, outside)]
+    outside.GetInputPort("action").FixValue(simulators[1].get_mutable_context(), action)
+    found, expected = (record(own, 10, stop_on_failure=False) for own in simulators)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(values, found[name])
 
 
 @pytest.mark.parametrize("period", [1, 3, 0])
@@ -56,8 +82,8 @@ def test_alternation_lets_the_right_policy_act(trot, make_policy, period):
     rollout = record(make_simulator(diagram), 12, stop_on_failure=False)
     for step in range(13):
         acts = expert if period and step % period == 0 else student
-        expected = acts(rollout["observations"][step])
-        np.testing.assert_allclose(rollout["actions"][step], expected, atol=1e-12)
+        expected = acts(rollout["observation"][step])
+        np.testing.assert_allclose(rollout["action"][step], expected, atol=1e-12)
 
 
 def test_joints_have_a_policys_gains_unless_the_scenario_names_some(trot, make_policy):
@@ -93,22 +119,22 @@ def test_targets_are_limited_as_the_policy_learned_unless_the_scenario_says_so(
 
 def test_noise_repeats_with_its_seed_and_has_a_factor(trot):
     found = {
-        (factor, seed): first_observation(trot, replace(CALM, sensor_noise=factor), seed)
+        (factor, seed): first_observation(trot, replace(TRUE, sensor_noise=factor), seed)
         for factor in (0.0, 1.0, 2.5)
         for seed in (1, 2)
     }
     noise = found[1.0, 1] - found[0.0, 1]
     assert np.abs(noise).max() > 0.01
     np.testing.assert_allclose(found[2.5, 1] - found[0.0, 1], 2.5 * noise, atol=1e-12)
-    again = first_observation(trot, replace(CALM, sensor_noise=1.0), 1)
+    again = first_observation(trot, replace(TRUE, sensor_noise=1.0), 1)
     np.testing.assert_array_equal(again, found[1.0, 1])
     assert not np.array_equal(found[1.0, 1], found[1.0, 2])
 
 
-def test_an_imu_draws_no_other_noise_for_the_joints(trot, imu_expert):
-    noisy, joints = replace(CALM, sensor_noise=1.0), slice(2, 26)
-    plain = first_observation(trot, replace(noisy, true_body_state=True), 4)
-    beside = first_observation(trot, noisy, 4, policy=imu_expert)
+def test_an_imu_draws_no_other_noise_for_the_joints(trot, make_policy):
+    noisy, joints = replace(TRUE, sensor_noise=1.0), slice(2, 26)
+    plain = first_observation(trot, noisy, 4, policy=make_policy(trot))
+    beside = first_observation(trot, noisy, 4)
     np.testing.assert_array_equal(plain[joints], beside[joints])
 
 
@@ -118,9 +144,18 @@ def test_policies_that_do_not_fit_are_refused(trot, make_policy, imu_expert):
         (make_policy(load_gait("pace")), "pace"),
         (trees, "load_student"),
         (Controller(imu_expert, make_policy(trot), 2), "Gravity X"),
+        (load_expert("trot", robot=load_robot("go2")), "made for 'go2'"),
+        ("expert", "policy is 'expert'"),
     ):
         with pytest.raises(InputError, match=message):
-            MakeLocomotion(trot, CALM, policy=policy)
+            MakeLocomotion(trot, replace(CALM, robot="a1"), policy=policy)
+    for gait, scenario, message in (("tort", CALM, "tort"), (trot, "slope", "unknown scenario")):
+        with pytest.raises(InputError, match=message):
+            MakeLocomotion(gait, scenario)
+    for answer, message in ((np.zeros(11), r"\(11,\)"), ("no", "'no'"), (0.0, r"\(\)")):
+        diagram = MakeLocomotion(trot, CALM, policy=lambda observation, own=answer: own)
+        with pytest.raises(InputError, match=message + r".* return an array of shape \(12,\)"):
+            record(make_simulator(diagram), 1)
 
 
 def test_the_true_body_state_is_observed_where_the_scenario_says_so(trot):
@@ -131,7 +166,7 @@ def test_the_true_body_state_is_observed_where_the_scenario_says_so(trot):
     position = rollout["state"][0, quadruped.JOINT_POSITION]
     begun = expert.estimator.begin(A1, position)
     estimate = expert.estimator.body_state(A1, begun, position)
-    np.testing.assert_array_equal(rollout["observations"][0, -7:], estimate)
+    np.testing.assert_array_equal(rollout["observation"][0, -7:], estimate)
 
 
 def test_a_student_alone_acts_as_beside_its_expert(trot):
@@ -140,7 +175,7 @@ def test_a_student_alone_acts_as_beside_its_expert(trot):
         record(make_simulator(MakeLocomotion(trot, CALM, policy=policy)), 20)
         for policy in (page, alone(page, load_expert("trot")))
     )
-    for name in single.values:
+    for name in single:
         np.testing.assert_array_equal(single[name], both[name])
 
 

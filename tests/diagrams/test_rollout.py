@@ -31,7 +31,13 @@ def test_records_every_control_step_without_drift(trot, make_policy):
     diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot))
     rollout = record(make_simulator(diagram), 30, stop_on_failure=False)
     np.testing.assert_array_equal(rollout.time, 0.02 * np.arange(31))
-    assert rollout["state"].shape == (31, 37)
+    frame = rollout.to_frame()
+    assert len(frame) == 31 and len(frame.columns) == 1 + sum(
+        own.shape[1] for own in rollout.values()
+    )
+    np.testing.assert_array_equal(frame["state_36"], rollout["state"][:, 36])
+    with pytest.raises(KeyError, match="recorded are action, observation, reward"):
+        rollout["actions"]
 
 
 def test_stops_at_a_monitors_request(trot, make_policy):
@@ -67,7 +73,7 @@ def test_goes_on_where_the_simulator_is(trotting):
     first, second = record(simulator, 5), record(simulator, 7)
     np.testing.assert_array_equal([*first.time, *second.time[1:]], whole.time)
     assert second.time[0] == first.time[-1]
-    np.testing.assert_array_equal(second["observations"], whole["observations"][5:])
+    np.testing.assert_array_equal(second["observation"], whole["observation"][5:])
 
 
 @pytest.mark.parametrize(
@@ -94,7 +100,7 @@ def test_without_an_end_it_keeps_the_last_steps(trotting, monkeypatch):
     asked = iter(range(100))
     rollout = record(make_simulator(trotting), None, stopped=lambda: next(asked) == 9)
     np.testing.assert_array_equal(rollout.time, whole.time[5:])
-    for port, values in whole.values.items():
+    for port, values in whole.items():
         np.testing.assert_array_equal(rollout[port], values[5:])
 
 
@@ -102,8 +108,8 @@ def test_a_robot_in_a_larger_diagram_does_the_same(trotting):
     alone = record(make_simulator(trotting, seed=4), 10)
     part = record(make_simulator(nested(trotting), seed=4), 10)
     recorded = set(glassgait.diagrams.rollout.RECORDED_PORTS)
-    assert set(part.values) == set(alone.values) == recorded
-    for port, values in alone.values.items():
+    assert set(part) == set(alone) == recorded
+    for port, values in alone.items():
         np.testing.assert_array_equal(part[port], values)
 
 

@@ -39,7 +39,7 @@ def few():
     policy = SymbolicPerStatePolicy("trot", names, expressions)
     observations = 0.5 * np.random.default_rng(5).normal(size=(2, len(names)))
     observations[:, machine_state_entries(names)] = np.eye(2)
-    values = {"observations": observations, "actions": policy(observations)}
+    values = {"observation": observations, "action": policy(observations)}
     values |= {"rm_state": np.eye(2), "rm_iterations": np.zeros((2, 1))}
     return policy, Rollout(np.array([0.0, 0.02]), {**values, "foot_contact": np.zeros((2, 4))})
 
@@ -138,7 +138,7 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
     policy, rollout = few
     own = explain_rollout(policy, rollout)[0]
     for step, count in ((0, 3), (1, 32)):
-        parts = own.active_of(policy.explain(rollout["observations"][step], 0), step)
+        parts = own.active_of(policy.explain(rollout["observation"][step], 0), step)
         assert len(parts.terms) == len(parts.values) == count
         assert parts.values.sum() == pytest.approx(own.targets[step])
 

@@ -88,7 +88,7 @@ def test_dollars_in_names_are_no_mathematics(curve, tmp_path):
 
 
 def test_a_rollout_without_a_cycle_is_refused(rollout):
-    standing = {**rollout.values, "rm_state": np.tile([1.0, 0.0], (101, 1))}
+    standing = {**rollout, "rm_state": np.tile([1.0, 0.0], (101, 1))}
     with pytest.raises(InputError, match="no whole cycle"):
         last_cycle(type(rollout)(rollout.time, standing), load_gait("trot"))
 

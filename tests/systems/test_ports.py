@@ -74,8 +74,8 @@ class Ports(NamedTuple):
 PORTS: dict[Any, Ports] = {
     ActionHold: Ports(
         lambda: ActionHold(0.03, 0.01),
-        {"action": 12},
-        {"held_action": 12, "previous_action": 12, "delayed_action": 12},
+        {"asked_action": 12, "action": 12},
+        {"held_action": 12, "previous_action": 12, "is_sound": 1, "delayed_action": 12},
         set(),
     ),
     AlternationSchedule: Ports(
@@ -92,7 +92,7 @@ PORTS: dict[Any, Ports] = {
     ),
     FallMonitor: Ports(
         lambda: FallMonitor(A1),
-        {"state": 37, "action": 12, "previous_action": 12},
+        {"state": 37, "action": 12, "previous_action": 12, "is_sound": 1},
         {"failures": 7},
     ),
     FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, {**FEET, "touching": 4}),

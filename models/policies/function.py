@@ -1,0 +1,56 @@
+"""A function of Python as a policy."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError, shown
+from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import OWN_LAW, Robot
+from glassgait.models.task.observation import ObservationLayout
+
+if TYPE_CHECKING:
+    from glassgait.models.task.gait import Gait
+
+
+class FunctionPolicy(Policy):
+    """A function `observation (..., n) -> action (..., 12)` that observes what shipped experts do.
+
+    It observes an IMU, and the body state by odometry; its joints have the limits that come last.
+    """
+
+    kind = "function"
+
+    def __init__(
+        self, function: Callable[[Array], Any], gait: "Gait", robot: Robot | None = None
+    ) -> None:
+        layout = ObservationLayout(gait.n_states, imu=True)
+        super().__init__(gait.name, layout.names, robot=robot)
+        self._function, self.machine, self._estimator = function, gait, Odometry()
+        self.joint_law = OWN_LAW.with_limits(self.robot)
+
+    def __call__(self, observation: Array) -> Array:
+        answer = self._function(observation)
+        shape = (*observation.shape[:-1], quadruped.N_JOINTS)
+        try:
+            action = np.asarray(answer, dtype=float)
+            if action.shape[-1:] == (quadruped.N_JOINTS,):
+                # One action (12,) is that of all robots.
+                return np.broadcast_to(action, shape)
+            found = f"an array of shape {action.shape}"
+        except (TypeError, ValueError):
+            found = shown(answer)
+        raise InputError(
+            f"the policy's function returned {found} for an observation of shape "
+            f"{observation.shape}; return an array of shape {shape}"
+        )
+
+    @classmethod
+    def from_arrays(
+        cls, arrays: Mapping[str, Any], values: Mapping[str, Any], **names: Any
+    ) -> NoReturn:
+        raise InputError("a function of Python is not read from a file; give the function itself")
