@@ -119,7 +119,7 @@ class AdditivePolicy(Policy):
             intercepts=np.array([float(np.ravel(model.intercept_)[0]) for model in models]),
         )
 
-    def __call__(self, observation: Array) -> Array:
+    def act(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
         single, paired = self._looked_up(rows)
         action = single.sum(axis=-1).T + self.intercepts + paired @ self._of_joint

@@ -65,7 +65,7 @@ class BoostedTreesPolicy(Policy):
         self._thresholds = [self.thresholds[..., nodes].ravel() for nodes in levels]
         self._leaves = self.leaves.ravel()
 
-    def __call__(self, observation: Array) -> Array:
+    def act(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
         first_entry = rows.shape[1] * np.arange(len(rows))[:, None]
         at = np.tile(self._trees, (len(rows), 1))

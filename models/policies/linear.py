@@ -31,7 +31,7 @@ class LinearPolicy(Policy):
     weights: Array
     intercepts: Array
 
-    def __call__(self, observation: Array) -> Array:
+    def act(self, observation: Array) -> Array:
         return observation @ self.weights.T + self.intercepts
 
     def by_state(self) -> tuple[Array, Array]:
@@ -77,7 +77,7 @@ class LinearPerStatePolicy(LinearPolicy):
         "intercepts": Reals("states joints"),
     }
 
-    def __call__(self, observation: Array) -> Array:
+    def act(self, observation: Array) -> Array:
         state = self.machine_state(observation)
         weights = self.weights[state]
         return np.einsum("...jn,...n->...j", weights, observation) + self.intercepts[state]

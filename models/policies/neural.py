@@ -117,7 +117,7 @@ class NeuralPolicy(Policy):
             if isinstance(estimator, Network):
                 self._estimator = replace(estimator, reflections=(proprioception, body))
 
-    def __call__(self, observation: Array) -> Array:
+    def act(self, observation: Array) -> Array:
         return self.actor(observation)
 
     @property

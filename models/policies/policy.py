@@ -165,7 +165,9 @@ def contributions_of_action(
 class Policy(ABC):
     """A callable `observation (..., n) -> action (..., 12)` that names what it observes.
 
-    Policies are immutable: a systems diagram may share one between contexts and clones.
+    An observation with an entry that is not finite gives the action NaN, whatever the kind; the
+    limits then keep the joints' targets. Policies are immutable: a systems diagram may share one
+    between contexts and clones.
     """
 
     kind: ClassVar[str]
@@ -221,9 +223,16 @@ class Policy(ABC):
         except InputError as error:
             raise InputError(f"{cls.kind} policy: {error}") from error
 
-    @abstractmethod
     def __call__(self, observation: Array) -> Array:
         """Maps observations (..., n) to actions (..., 12)."""
+        finite = np.isfinite(observation).all(axis=-1, keepdims=True)
+        if finite.all():
+            return self.act(observation)
+        return np.where(finite, self.act(np.where(finite, observation, 0.0)), np.nan)
+
+    @abstractmethod
+    def act(self, observation: Array) -> Array:
+        """Maps finite observations (..., n) to actions (..., 12)."""
 
     @property
     def layout(self) -> ObservationLayout:

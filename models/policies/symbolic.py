@@ -176,7 +176,7 @@ class FormulaPolicy(Policy):
 
     # ---- Evaluation --------------------------------------------------------------------------
 
-    def __call__(self, observation: Array) -> Array:
+    def act(self, observation: Array) -> Array:
         quantities, acting = self._read(observation), self._acting(observation)
         if observation.ndim == 1:
             return actions_of(self.robot, self._tapes[int(acting)](quantities))

@@ -51,8 +51,8 @@ class ExchangeablePolicy(Policy):
         self.observes_by, self._estimator = acting.observes_by, acting.estimator
         self.acting = acting
 
-    def __call__(self, observation: Array) -> Array:
-        return self.acting(observation)
+    def act(self, observation: Array) -> Array:
+        return self.acting.act(observation)
 
     def digest(self) -> str:
         return self.acting.digest()

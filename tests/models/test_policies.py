@@ -250,7 +250,19 @@ def test_batches_agree_with_single_rows(kind, policy_of, samples):
     np.testing.assert_allclose(batch.reshape(12, 12), single, rtol=0, atol=1e-12)
 
 
-def test_statewise_policies_act_by_their_state(per_state, symbolic_per_state, samples):
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_observation_that_is_not_finite_gives_the_action_nan(kind, policy_of, samples):
+    policy, rows = policy_of(kind), samples(4, seed=6)[0]
+    rows[1], rows[2, 5], rows[3, -1] = np.nan, np.inf, -np.inf
+    actions = policy(rows)
+    np.testing.assert_array_equal(actions[0], policy(np.where(np.isfinite(rows), rows, 0.0))[0])
+    assert all(
+        np.isnan([action, policy(row)]).all()
+        for action, row in zip(actions[1:], rows[1:], strict=True)
+    )
+
+
+def test_policies_act_by_their_state(per_state, symbolic_per_state, samples):
     rows, joint = samples(2, seed=4)[0], np.arange(12)
     rows[:, per_state._one_hot] = np.eye(2)
     values = symbolic_per_state.quantities(rows)
