@@ -33,7 +33,7 @@ class FunctionPolicy(Policy):
         self._function, self.machine, self._estimator = function, gait, Odometry()
         self.joint_law = OWN_LAW.with_limits(self.robot)
 
-    def __call__(self, observation: Array) -> Array:
+    def act(self, observation: Array) -> Array:
         answer = self._function(observation)
         shape = (*observation.shape[:-1], quadruped.N_JOINTS)
         try:
