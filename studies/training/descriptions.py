@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 import tyro
@@ -19,6 +19,9 @@ from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.drawing import to_mermaid
 from glassgait.studies.common.console import console
+
+if TYPE_CHECKING:
+    from pydrake.multibody.tree import SpatialInertia
 
 
 @dataclass(frozen=True)
@@ -106,15 +109,20 @@ def inertias(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
     model = make_model(robot, mujoco)
     by_drake, by_mujoco = {}, {}
     for link in ("trunk", *quadruped.JOINTS):
-        found = plant.GetBodyByName(link, instance).default_spatial_inertia()
-        centre = found.get_com()
-        moments = found.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
-        by_drake[link] = np.concatenate([[found.get_mass()], centre, moments.ravel()])
+        inertia = plant.GetBodyByName(link, instance).default_spatial_inertia()
+        by_drake[link] = numbers_of(inertia)
         body = model.body(link)
         axes = kinematics.rotation_matrix(body.iquat)
         moments = axes @ np.diag(body.inertia) @ axes.T
         by_mujoco[link] = np.concatenate([body.mass, body.ipos, moments.ravel()])
     return by_drake, by_mujoco
+
+
+def numbers_of(inertia: "SpatialInertia") -> Array:
+    """Returns mass, centre and the inertia about it of what Drake holds (13)."""
+    centre = inertia.get_com()
+    moments = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
+    return np.concatenate([[inertia.get_mass()], centre, moments.ravel()])
 
 
 def check_inertias(robot: Robot, drake: dict[str, Array], mujoco: dict[str, Array]) -> None:

@@ -1,9 +1,14 @@
-"""A gait of one's own goes the whole road, from a folder that is not the project's."""
+"""A gait of a user and a robot of others go the whole road, from another folder."""
+
+import shutil
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
 
 import pytest
 import yaml
 
 from glassgait.models.policies.library import load_policy
+from glassgait.models.robots.robot import ROBOT_DIRECTORY
 from glassgait.studies.cli import main
 
 HOP = """
@@ -37,6 +42,9 @@ ROAD = {
 }
 
 
+LAIKAGO = "cmeel.prefix/share/example-robot-data/robots/laikago_description/urdf/laikago.urdf"
+
+
 @pytest.mark.slow
 def test_a_gait_of_a_user_goes_the_whole_road(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -54,3 +62,24 @@ def test_a_gait_of_a_user_goes_the_whole_road(tmp_path, monkeypatch):
             study = runs / command.replace("--", "").replace(" ", "/")
             assert [own.name.split("_")[0] for own in study.glob("hop*")] == ["hop"]
     assert list(runs.rglob("index.html"))
+
+
+@pytest.mark.slow
+def test_a_robot_of_others_goes_the_whole_road(tmp_path, monkeypatch, capsys):
+    try:
+        package = distribution("example-robot-data")
+    except PackageNotFoundError:
+        pytest.skip("needs the package example-robot-data (the dev extra)")
+    # The page shows its robot.yaml, and the URDF is as its vendor wrote it.
+    monkeypatch.chdir(tmp_path)
+    page = (ROBOT_DIRECTORY / "README.md").read_text()
+    Path("robot.yaml").write_text(page.partition("```yaml\n")[2].partition("```")[0])
+    shutil.copy(package.locate_file(LAIKAGO), "laikago.urdf")
+    main(["robot", "robot.yaml"])
+    assert "25.433 kg" in capsys.readouterr().out
+    robot, few = ["--robot", "robot.yaml"], ["--n-robots", "4", "--n-groups", "2"]
+    main(["train", *robot, "--updates", "2", *few])
+    distilled = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "40"]
+    main(["distill", *robot, "--students", "linear", *distilled])
+    main(["evaluate", "scenarios", *robot, *SMALL])
+    assert len(list(Path("runs").glob("*/**/laikago/trot"))) == 3

@@ -1,12 +1,19 @@
 """`glassgait robot`: files are checked, and the robot must stand in both physics."""
 
+import json
 import re
 import shutil
 
+import numpy as np
 import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
 
+from glassgait.models.errors import InputError
 from glassgait.models.robots.library import load_robot, robot_names
+from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
 from glassgait.studies.cli import main
+from glassgait.studies.training.descriptions import check_inertias, inertias, numbers_of
 
 A1 = load_robot()
 
@@ -48,6 +55,49 @@ def test_a_robot_that_does_not_stand_or_contradicts_its_urdf_is_refused(
 ):
     dog.write_text(re.sub(old, new, dog.read_text()))
     assert why in refused(["robot", str(dog)])
+
+
+WELDED = """
+  <link name="payload"><collision><geometry><box size="0.2 0.15 0.1"/></geometry></collision></link>
+  <joint name="1" type="fixed"><parent link="trunk"/><child link="payload"/></joint>
+  <link name="toe"><inertial><mass value="0.02"/></inertial></link>
+  <joint name="2" type="fixed">
+    <origin xyz="0 0 -0.2"/><parent link="FL_calf"/><child link="toe"/>
+  </joint>
+  <link name="mast"><inertial>
+    <origin xyz="0.1 0 0.2" rpy="0.3 0 1"/>
+    <mass value="0.5"/><inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0.001" ixz="0" iyz="0"/>
+  </inertial></link>
+  <joint name="3" type="fixed">
+    <origin xyz="0 0.1 0.2" rpy="0.4 1 2"/><parent link="mast"/><child link="trunk"/>
+  </joint>
+</robot>"""
+"""A box without mass, a point mass, and a link that carries the trunk."""
+
+
+def test_welded_links_weigh_in_both_simulators_what_drake_reads_in_the_file(dog):
+    text = A1.urdf_path.read_text().replace('joint name="', 'joint name="j_')
+    text = text.replace("</robot>", WELDED)
+    (dog.parent / "dog.urdf").write_text(text)
+    names = {leg: [f"j_{leg}_{kind}" for kind in LEG_JOINTS] for leg in LEGS}
+    dog.write_text(f"joints: {json.dumps(names)}\n{dog.read_text()}")
+    robot = load_robot(dog)
+    drake, mujoco = inertias(robot)
+    check_inertias(robot, drake, mujoco)
+    assert robot.mass == pytest.approx(A1.mass + 0.52, rel=1e-12)
+    # What Drake reads, without our rewriting.
+    plant = MultibodyPlant(0.01)
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.Finalize()
+    for link, found in drake.items():
+        body = plant.GetBodyByName(link)
+        welded = [own.index() for own in plant.GetBodiesWeldedTo(body)]
+        context = plant.CreateDefaultContext()
+        expected = numbers_of(plant.CalcSpatialInertia(context, body.body_frame(), welded))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+    mujoco["FL_hip"] = 1.00001 * mujoco["FL_hip"]
+    with pytest.raises(InputError, match=r"dog\.urdf: link FL_hip has"):
+        check_inertias(robot, drake, mujoco)
 
 
 def test_an_unknown_robot_is_refused(refused):
