@@ -12,7 +12,7 @@ from annotated_types import Ge, Le, MaxLen
 
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError, shown, unknown_name
 from glassgait.models.files import read_yaml
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
@@ -220,11 +220,9 @@ def _path(scenario: str | Path) -> Path:
         return path
     shipped = _shipped(str(scenario))
     if not shipped:
-        names = ", ".join(name for group in SCENARIO_GROUPS for name in scenario_names(group))
-        raise InputError(
-            f"unknown scenario {shown(str(scenario))}; the scenarios are {names}, or give the path "
-            "of a scenario file ending in .yaml"
-        )
+        names = (name for group in SCENARIO_GROUPS for name in scenario_names(group))
+        remedy = ", or give the path of a scenario file ending in .yaml"
+        raise unknown_name("scenario", scenario, names, remedy)
     return shipped
 
 

@@ -1,6 +1,8 @@
 """The error that bad input raises, in one sentence."""
 
 import reprlib
+from collections.abc import Iterable
+from difflib import get_close_matches
 from typing import Any
 
 LONGEST = 120  # greatest number of characters of a value in an error's sentence
@@ -15,6 +17,16 @@ class InputError(Exception):
 
     It is no ValueError: tyro would frame the sentence with its own.
     """
+
+
+def unknown_name(kind: str, name: object, known: Iterable[str], remedy: str = "") -> InputError:
+    """Returns the refusal of a name, with the nearest known one and a further remedy."""
+    names = tuple(known)
+    near = "".join(f", perhaps {one!r}" for one in get_close_matches(str(name), names, n=1))
+    several = f"{kind}s".replace("ys", "ies")
+    return InputError(
+        f"unknown {kind} {shown(str(name))}{near}; the {several} are {', '.join(names)}{remedy}"
+    )
 
 
 def brief(text: str) -> str:

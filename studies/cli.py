@@ -6,7 +6,8 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Any
 
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError, unknown_name
+from glassgait.studies.common.arguments import refuse_early
 from glassgait.studies.common.console import report_errors
 
 COMMANDS = {
@@ -62,14 +63,17 @@ def _run(arguments: list[str]) -> None:
     name, rest = " ".join(arguments[:2]), arguments[2:]
     if arguments and arguments[0] in COMMANDS:
         name, rest = arguments[0], arguments[1:]
+    if sys.getfilesystemencoding() != "utf-8":
+        raise InputError("Drake needs a locale of UTF-8; set PYTHONUTF8=1, or LC_ALL=C.UTF-8")
     if arguments == ["--version"]:
         print(version("glassgait"))
     elif name in COMMANDS or (name.startswith("reproduce ") and name.endswith(".yaml")):
+        refuse_early(name, rest)
         _parse(name, rest).run()
     elif not arguments or arguments[-1] in ("-h", "--help"):
         print(_help([known for known in COMMANDS if known.startswith(" ".join(arguments[:-1]))]))
     else:
-        raise InputError(f"unknown command {shown(name)}; 'glassgait --help' lists the commands")
+        raise unknown_name("command", name, COMMANDS)
 
 
 def _parse(name: str, arguments: list[str]) -> Any:

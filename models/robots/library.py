@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError, shown, unknown_name
 from glassgait.models.files import read_yaml
 from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
 from glassgait.models.robots.robot import DEFAULT_ROBOT, ROBOT_DIRECTORY, Robot
@@ -30,10 +30,8 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
         raise InputError(f"{path}: is a folder; give a robot's file in it, as {path / ROBOT_FILE}")
     if path.suffix not in (".yaml", ".yml"):
         if str(robot) not in robot_names():
-            raise InputError(
-                f"unknown robot {shown(str(robot))}; the robots are {', '.join(robot_names())}, or "
-                "give the path of a robot's file ending in .yaml"
-            )
+            remedy = ", or give the path of a robot's file ending in .yaml"
+            raise unknown_name("robot", robot, robot_names(), remedy)
         path = ROBOT_DIRECTORY / str(robot) / ROBOT_FILE
     path = path.resolve()
     return _load(path, path.stat().st_mtime_ns if path.exists() else 0)

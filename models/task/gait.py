@@ -25,7 +25,7 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from glassgait.models.errors import InputError, brief, shown
+from glassgait.models.errors import InputError, brief, shown, unknown_name
 from glassgait.models.files import YAML_BYTES, parse_yaml, read_text
 from glassgait.models.robots.quadruped import LEGS, N_LEGS
 from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
@@ -245,10 +245,8 @@ def load_gait(gait: str | Path) -> Gait:
     path = Path(gait)
     if path.suffix not in (".yaml", ".yml"):
         if str(gait) not in gait_names():
-            raise InputError(
-                f"unknown gait {shown(str(gait))}; the gaits are {', '.join(gait_names())}, "
-                "or give the path of a gait file ending in .yaml"
-            )
+            remedy = ", or give the path of a gait file ending in .yaml"
+            raise unknown_name("gait", gait, gait_names(), remedy)
         path = GAIT_DIRECTORY / f"{gait}.yaml"
     # Read it, and refuse a gait that only has the name of one that ships.
     text = read_text(path, YAML_BYTES)

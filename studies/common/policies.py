@@ -32,24 +32,13 @@ from glassgait.models.robots.library import load_robot, robot_folder
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.gait import Gait, gait_names
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.common.arguments import KINDS
 from glassgait.studies.common.console import note
 from glassgait.studies.common.run import CHECKPOINT_NAME, CONFIG_NAME, default_folder
 
 EXPERT = "expert"
 ALL = "all"
 SHIPPED = "shipped"
-
-ORDER = (
-    "linear",
-    "linear_per_state",
-    "gbm",
-    "histogram_gbm",
-    "ebm",
-    "symbolic",
-    "symbolic_per_state",
-    "formulas",
-)
-"""Order of the kinds of students in tables; other kinds come last."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +98,7 @@ class Policies:
         raise InputError(
             f"--policy {shown(name)}: there is no such policy of the {self.gait.name} of the "
             f"{self.robot.name} ({self.place}: {', '.join((EXPERT, *self.files))})"
-            f"{remedy if name in ORDER else ''}; name one of them, the file of a policy ending "
+            f"{remedy if name in KINDS else ''}; name one of them, the file of a policy ending "
             f"in {' or '.join(POLICY_SUFFIXES)}, or another run with --source"
         )
 
@@ -261,5 +250,5 @@ def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Lists the files of students that a folder holds, by kind and in the order of tables."""
     files = (path for path in folder.glob("*") if path.name != CHECKPOINT_NAME)
     kinds = {path.stem for path in files if is_file(path.name)} - {gait, EXPERT}
-    known = [kind for kind in ORDER if kind in kinds]
+    known = [kind for kind in KINDS if kind in kinds]
     return {kind: policy_path(folder, kind) for kind in (*known, *sorted(kinds.difference(known)))}

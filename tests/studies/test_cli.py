@@ -1,5 +1,6 @@
 """The command line: help, bad input, and the ends of commands."""
 
+import os
 import subprocess
 import sys
 
@@ -13,12 +14,22 @@ from glassgait.studies.common.console import report_errors
 from glassgait.studies.common.run import default_folder
 from glassgait.studies.common.tables import format_cell, to_markdown
 
-REFUSED = {
-    "gallop": "unknown command 'gallop'",
-    "evaluate": "unknown command 'evaluate'",
-    "evaluate worlds": "unknown command 'evaluate worlds'",
-    "gait gallop": "unknown gait 'gallop'; the gaits are",
+EARLY = {
+    "gallop": "unknown command 'gallop'; the commands are demo",
+    "evaluate scenario": "unknown command 'evaluate scenario', perhaps 'evaluate scenarios'",
+    "--version x": "unknown command '--version x'",
+    "gait tort": "unknown gait 'tort', perhaps 'trot'; the gaits are",
     "train --gait gallop": "unknown gait 'gallop'; the gaits are",
+    "evaluate pushes --scenario nominal push1.0": "unknown scenario 'push1.0', perhaps 'push_1.0'",
+    "evaluate scenarios --policy=oracle": "unknown policy 'oracle'; the policies are expert",
+    "distill --students gbm ebn": "unknown student 'ebn', perhaps 'ebm'",
+    "robot a2": "unknown robot 'a2'; the robots are",
+    "view --output taken": "--output taken: taken is a file",
+    "gait --output=taken/trot.md": "--output taken/trot.md: taken is a file",
+}
+"""Refused before anything slow is imported."""
+
+REFUSED = {
     "train --n-robots 0": "n_robots",
     "train --seed -1": "seed",
     "train --ppo.learning-rate inf": "learning_rate",
@@ -27,15 +38,33 @@ REFUSED = {
     "distill --students linear linear": "students",
     "distill --gbm.depth 40": "depth",
     "evaluate scenarios --n-steps 0": "n_steps",
-    "evaluate scenarios --scenario training training": "scenario",
-    "evaluate scenarios --policy oracle": "--policy 'oracle'",
+    "evaluate scenarios --scenario nominal nominal": "scenario",
     "evaluate scenarios --n-workers 0": "n_workers",
     "evaluate alternation --ratios 2/3": "is not an alternation ratio",
     "evaluate pushes --speeds 2 1": "name the least first",
     "importance --n-samples 1": "n_samples",
-    "view --policy oracle": "--policy 'oracle'",
     "reproduce nonesuch.yaml": "nonesuch.yaml",
 }
+
+
+@pytest.mark.parametrize("command", EARLY)
+def test_unknown_names_and_files_in_the_way_are_refused_early(
+    command, refused, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").touch()
+    monkeypatch.setattr("glassgait.studies.cli.import_module", None)
+    assert EARLY[command] in refused(command.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_a_locale_that_drake_cannot_read_is_refused():
+    old = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-c", "from glassgait.studies.cli import main; main(['view'])"]
+    ended = subprocess.run(
+        command, check=False, capture_output=True, text=True, env={**os.environ, **old}
+    )
+    assert ended.returncode == 2 and "set PYTHONUTF8=1" in ended.stderr
 
 
 @pytest.mark.parametrize("command", REFUSED)

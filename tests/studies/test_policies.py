@@ -14,7 +14,8 @@ from glassgait.models.policies.library import (
     load_student,
 )
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.studies.common.policies import ORDER, find_policies
+from glassgait.studies.common.arguments import KINDS
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.run import default_folder
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students import STUDENTS
@@ -143,7 +144,7 @@ def test_of_policies_of_one_name_the_second_is_called_by_its_path(tmp_path, othe
 
 
 def test_students_are_in_the_order_of_tables():
-    assert tuple(STUDENTS) == ORDER
+    assert tuple(STUDENTS) == KINDS
     found = find_policies(TROT)
     assert list(found.files) == [kind for kind in STUDENTS if kind in found.files]
     assert found.named(["all"]) == ("expert", *found.files)

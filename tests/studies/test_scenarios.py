@@ -55,7 +55,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
 @pytest.mark.parametrize(
     ("arguments", "reported"),
     [
-        ("evaluate scenarios --scenario ice", "unknown scenario 'ice'; the scenarios are nominal"),
+        ("evaluate scenarios --scenario ice", "unknown scenario 'ice'; the scenarios are"),
         ("evaluate scenarios --scenario gone.yaml", "gone.yaml: cannot be read, no such file"),
         ("evaluate scenarios --scenario bad.yaml", "bad.yaml: unknown key 'frictoin'; remove"),
         ("evaluate scenarios --scenario watched.yaml", "'watched': command is of sliders"),
