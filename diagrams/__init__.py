@@ -1,1 +1,44 @@
 """Assembly: the station, the closed locomotion loop, the batch simulator and their pictures."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from glassgait.diagrams.commands import DrawnCommands, FixedCommand
+    from glassgait.diagrams.locomotion import MakeLocomotion
+    from glassgait.diagrams.rollout import make_simulator, push, record, stop_at_falls
+    from glassgait.diagrams.scenario import Scenario, load_scenario
+    from glassgait.diagrams.station import StationConfig
+    from glassgait.diagrams.visualization import open_meshcat, save_replay
+
+__all__ = (
+    "DrawnCommands",
+    "FixedCommand",
+    "MakeLocomotion",
+    "Scenario",
+    "StationConfig",
+    "load_scenario",
+    "make_simulator",
+    "open_meshcat",
+    "push",
+    "record",
+    "save_replay",
+    "stop_at_falls",
+)
+
+_MODULES = {
+    "commands": ("DrawnCommands", "FixedCommand"),
+    "locomotion": ("MakeLocomotion",),
+    "rollout": ("make_simulator", "push", "record", "stop_at_falls"),
+    "scenario": ("Scenario", "load_scenario"),
+    "station": ("StationConfig",),
+    "visualization": ("open_meshcat", "save_replay"),
+}
+
+
+def __getattr__(name: str) -> object:
+    # Imported when asked for: each part of the package stands without the others.
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

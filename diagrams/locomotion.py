@@ -15,7 +15,6 @@ from glassgait.diagrams.commands import AddCommand, AddSeed
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario, load_scenario
 from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints, laid
 from glassgait.models.arrays import Array
-from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.estimation.sensors import N_IMU, stuck_sensors
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import JointLaw, Robot
@@ -96,6 +95,7 @@ def MakeLocomotion(  # noqa: N802
         InputError: if the policy or the command does not fit the gait or the scenario.
     """
     # Imported here: programs that only use parts of this module need no policies.
+    from glassgait.models.estimation.odometry import Odometry  # noqa: PLC0415
     from glassgait.models.policies.controller import (  # noqa: PLC0415
         controller_of,
         estimator_in_loop,
@@ -136,12 +136,16 @@ def MakeLocomotion(  # noqa: N802
         asked = outside.get_output_port()
     else:
         asked = _add_policies(builder, controller, gait, layout, ports["observation"])
-    ports["action"] = asked
-    if law.limits is not None:
-        limits = TargetLimitsSystem(robot, law.limits)
-        sensed = {name: ports[name] for name in ("joints", "imu")}
-        add("target_limits", limits, action=asked, previous_action=ports["held_action"], **sensed)
-        ports["action"] = limits.get_output_port()
+    limits = TargetLimitsSystem(robot, law.limits)
+    sensed = () if law.limits is None else ("joints", "imu")
+    add(
+        "target_limits",
+        limits,
+        action=asked,
+        previous_action=ports["held_action"],
+        **{name: ports[name] for name in sensed},
+    )
+    ports["action"] = limits.get_output_port()
     builder.Connect(asked, hold.GetInputPort("asked_action"))
     builder.Connect(ports["action"], hold.GetInputPort("action"))
     targets = JointTargets(robot, actuated_joints(plant), limited=law.limited)
@@ -265,6 +269,7 @@ def _add_observation(
 
     # The body state, and the foot heights by which contacts and the machine go. Imported here:
     # where the true body state is observed, nothing is estimated.
+    from glassgait.models.estimation.odometry import Odometry  # noqa: PLC0415
     from glassgait.systems.estimation import OdometrySystem, StateEstimator  # noqa: PLC0415
 
     expected = None

@@ -88,27 +88,32 @@ class TargetLimitsSystem(FunctionSystem):
         input_ports: [action, previous_action, joints, imu]
         output_ports: [limited_action]
 
-    Inputs: action (12), as the policy asks for it. previous_action (12), within the limits. joints
-    (24; rad, rad/s), measured positions, then velocities. imu (9), the IMU's reading.
-    Outputs: limited_action (12).
+    Inputs: action (12), as the policy asks for it. previous_action (12), within the limits. Only
+    where there are limits: joints (24; rad, rad/s), measured positions, then velocities; imu (9),
+    the IMU's reading.
+    Outputs: limited_action (12); the previous one where not all that is asked is finite.
     """
 
-    def __init__(self, robot: Robot, limits: TargetLimits) -> None:
-        # Actions begin at the default stance, which the limits have to allow.
-        limits.check(robot)
+    def __init__(self, robot: Robot, limits: TargetLimits | None) -> None:
+        sensed = {} if limits is None else {"joints": 2 * N, "imu": N_IMU}
         super().__init__(
-            inputs={"action": N, "previous_action": N, "joints": 2 * N, "imu": N_IMU},
-            outputs={"limited_action": N},
+            inputs={"action": N, "previous_action": N, **sensed}, outputs={"limited_action": N}
         )
         self._robot, self._limits = robot, limits
+        if limits is not None:
+            # Actions begin at the default stance, which the limits have to allow.
+            limits.check(robot)
 
-    def evaluate(self, action: Array, previous_action: Array, joints: Array, imu: Array) -> Outputs:
+    def evaluate(self, action: Array, previous_action: Array, **sensed: Array) -> Outputs:
+        if self._limits is None:
+            finite = np.isfinite(action).all()
+            return {"limited_action": action if finite else previous_action}
         limited = self._limits.applied(
             self._robot,
             action,
             before=previous_action,
-            position=joints[:N],
-            gravity=ImuReading.of(imu).gravity,
+            position=sensed["joints"][:N],
+            gravity=ImuReading.of(sensed["imu"]).gravity,
         )
         return {"limited_action": limited}
 
@@ -129,7 +134,7 @@ class ActionHold(LeafSystem):
     Inputs: asked_action (12), before limits. action (12), within them.
     Outputs: held_action (12), the latest; previous_action (12), the one before it; delayed_action
     (12), the one that was the latest `latency` seconds ago. All are zero at first. is_sound (1,
-    {0, 1}), whether all of the latest asked action is finite; an action that is not is not held.
+    {0, 1}), whether all of the latest asked action is finite.
     State: the latest two actions and is_sound, latched every 20 ms; with a latency the delayed one
     and those that wait to follow it, latched `latency` after a control instant.
     """
@@ -187,11 +192,8 @@ class ActionHold(LeafSystem):
 
     def _latch(self, context: Context, state: State) -> None:
         held = context.get_discrete_state(self._actions).value()[:N]
-        action = self._action_port.Eval(context)
-        if not np.isfinite(action).all():
-            action = held
         is_sound = np.isfinite(self._asked_port.Eval(context)).all()
-        latest = np.concatenate([action, held, [is_sound]])
+        latest = np.concatenate([self._action_port.Eval(context), held, [is_sound]])
         state.get_mutable_discrete_state(self._actions).SetFromVector(latest)
 
     def _pass_on_in_phase(self, context: Context, state: State) -> None:

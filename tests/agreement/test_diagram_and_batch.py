@@ -10,12 +10,13 @@ from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.physics import make_physics
-from glassgait.diagrams.rollout import make_simulator, push
+from glassgait.diagrams.rollout import make_simulator, push, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task import TaskConfig
 from glassgait.models.estimation.sensors import IMU_NOISE, ImuErrors
 from glassgait.models.policies.controller import estimator_in_loop
+from glassgait.models.policies.function import FunctionPolicy
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots.library import load_robot
@@ -23,7 +24,7 @@ from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
-from glassgait.models.task.observation import JOINT_NOISE
+from glassgait.models.task.observation import JOINT_NOISE, asked
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.terrain import Terrain
@@ -157,20 +158,20 @@ def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed
     fired = 0
     for step in range(1, n_steps + 1):
         observation = simulator.observe()
-        asked = policy(observation)
+        action = asked(policy, observation)
         machine = simulator.state.memory.machine
         found = {
             "state": simulator.state.plant[0],
             "observation": observation[0],
             "rm_state": simulator.machine.one_hot(machine.state)[0],
-            "action": simulator.limited(asked)[0],
+            "action": simulator.limited(action)[0],
         }
         if diagram.HasOutputPort("imu"):
             found["imu"] = simulator.state.imu[0, -1]
         assert_same(found, diagram, context, step)
         running.AdvanceTo(step * CONTROL_PERIOD)
         drawn.push = PUSH * (pushed and step == PUSHED_AT)
-        outcome = simulator.step(asked)
+        outcome = simulator.step(action)
         # The reward and the failures come before the push.
         found = {
             "reward": outcome.reward,
@@ -258,6 +259,26 @@ def test_they_agree_where_limits_hold_a_policy_back(trot, imu_expert, generator,
     asking = asking.with_estimator_of(imu_expert)
     law = JointLaw().with_limits(A1) if limited else JointLaw((31.0, 0.9), limited=True)
     assert_agreement(trot, asking.with_joint_law(law), SCENARIOS["all at once"])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("limited", [True, False])
+def test_they_agree_where_an_action_is_not_sound(trot, bad, limited):
+    def sways(observation):
+        # A policy that once has no answer for a joint.
+        if (calls := next(count)) == 20:
+            return np.where(np.arange(12) == 2, bad, 0.5)
+        return np.full(12, 0.5 * np.sin(0.1 * calls))
+
+    # Both ask in turn.
+    count = iter(np.repeat(np.arange(100), 2))
+    policy = FunctionPolicy(sways, trot)
+    if not limited:
+        policy = policy.with_joint_law(JointLaw())
+    assert_agreement(trot, policy, n_steps=40, pushed=False)
+    lost = MakeLocomotion(trot, QUIET, policy=lambda observation: np.full(12, bad))
+    rollout = record(make_simulator(lost), 5)
+    assert rollout.to_frame()[["failures_6", "action_2"]].to_numpy().tolist() == [[0, 0], [1, 0]]
 
 
 def test_they_agree_where_a_command_changes(trot):
