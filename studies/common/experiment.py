@@ -238,6 +238,10 @@ class Experiment(PolicySource):
         """Turns the rows of all cases, with labels, into tables, figures and metrics."""
         raise NotImplementedError
 
+    def prepared(self, cases: list[Case]) -> list[Case]:
+        """Returns the cases with what they share with the report, made before all of them."""
+        return cases
+
     def cases(self) -> list[Case]:
         """Lists every policy in every scenario with every seed, the slow scenarios first.
 
@@ -287,7 +291,7 @@ class Experiment(PolicySource):
 
         # Processes are sent a copy without the policies that this one has found.
         with open_run(folder, **run), self.workers.pool():
-            table = run_cases(cases, replace(self).measure, folder / "cases")
+            table = run_cases(self.prepared(cases), replace(self).measure, folder / "cases")
             report = self.report(table)
             report.write(folder)
         report.show()

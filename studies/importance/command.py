@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from annotated_types import Ge
+from joblib import delayed
 
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.errors import InputError
@@ -15,12 +16,24 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Count, checked
+from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.experiment import Case, Experiment, PolicyNames, Report
+from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.distillation.dataset import Dataset
 from glassgait.studies.distillation.students import STUDENTS, samples_folder
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+QUICK_SAMPLES, QUICK_REPEATS = 200, 2
+
+
+@dataclass(frozen=True)
+class SampledCase(Case):
+    """A student, and the samples that its importances are measured on."""
+
+    samples: Dataset
 
 
 @checked
@@ -29,20 +42,24 @@ class Importance(Experiment):
 
     Attributes:
         policy: Kinds of students, and paths of their files; by default those that there are of gbm,
-            ebm, linear_per_state, symbolic and symbolic_per_state.
+            ebm, linear_per_state, symbolic, symbolic_per_state and formulas.
         joint: Joint whose trees and functions are drawn.
         n_samples: Samples that importances are measured on, at most; a student was fitted to none.
             They are those that a distillation held out or, of other students, new ones.
-        repeats: Shuffles of each observation; the first seed is that of all shuffling.
+        repeats: Shuffles of each observation.
+        quick: Take 200 samples and shuffle twice, for looking only; runs/importance/<gait>_quick.
     """
 
     title: ClassVar[str] = "importance"
     scenario: ClassVar[tuple[str, ...]] = (NOMINAL_SCENARIO,)
 
-    policy: PolicyNames = ("gbm", "ebm", "linear_per_state", "symbolic", "symbolic_per_state")
+    policy: PolicyNames = (
+        *("gbm", "ebm", "linear_per_state", "symbolic", "symbolic_per_state", "formulas"),
+    )
     joint: str = "FL_hip"
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10
+    quick: bool = False
 
     def __post_init__(self) -> None:
         joint_index(self.joint)
@@ -74,23 +91,42 @@ class Importance(Experiment):
         _ = self.students
         return super().cases()
 
-    def samples(self, kind: str) -> Dataset:
-        """Returns the samples of a student that importances are measured on."""
+    def default_output(self) -> Path:
+        """Returns the folder of a run where none is named."""
+        folder = super().default_output()
+        return folder.with_name(f"{folder.name}_quick") if self.quick else folder
+
+    @cached_property
+    def samples(self) -> dict[str, Dataset]:
+        """The samples of each student, drawn once for its measurement and its figures."""
         from glassgait.studies.importance.study import held_out_samples, visited_samples
 
-        gait, folder, of = self.gaits[0], self.fitted_to, (self.n_samples, self.seed)
+        gait, folder = self.gaits[0], self.fitted_to
+        of = (QUICK_SAMPLES if self.quick else self.n_samples, self.seed)
         if folder is not None:
-            return held_out_samples(folder, kind, *of)
-        expert = self.policies[gait.name].expert
-        return visited_samples(gait, expert, self.students[kind], *of)
+            return {kind: held_out_samples(folder, kind, *of) for kind in self.students}
+        expert, students = self.policies[gait.name].expert, self.students
+        visits = (delayed(visited_samples)(gait, expert, own, *of) for own in students.values())
+        drawn = {}
+        with progress_bar(len(students)) as (progress, bar):
+            for kind, samples in zip(students, run_parallel(visits), strict=True):
+                drawn[kind] = samples
+                progress.update(bar, advance=1, text=f"samples of {kind}")
+        return drawn
+
+    def prepared(self, cases: list[Case]) -> list[Case]:
+        """Returns the cases with their samples."""
+        pairs = ((case, self.samples[case.labels["policy"]]) for case in cases)
+        return [SampledCase(**vars(case), samples=samples) for case, samples in pairs]
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Measures a student's importances by every method."""
         from glassgait.studies.importance.study import measure_importances
 
-        kind = case.labels["policy"]
-        student, samples = self.students[kind], self.samples(kind)
-        return measure_importances(student, samples, seed=self.seed, repeats=self.repeats)
+        assert isinstance(case, SampledCase)
+        repeats = QUICK_REPEATS if self.quick else self.repeats
+        student = case.controller.policy
+        return measure_importances(student, case.samples, seed=case.seed, repeats=repeats)
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports importances as maps and tables, and draws the students from within."""
@@ -101,6 +137,6 @@ class Importance(Experiment):
         report = importance_report(gait, table)
         joint, figures = joint_index(self.joint), dict(report.figures)
         for kind, student in self.students.items():
-            observations = self.samples(kind).observations
+            observations = self.samples[kind].observations
             figures |= student_figures(gait, kind, student, joint, observations, self.seed)
         return replace(report, figures=figures)

@@ -32,7 +32,7 @@ from glassgait.studies.importance.measures import (
 )
 
 N_VISITS = 8
-"""Episodes that a shipped student visits."""
+"""Episodes that a shipped student visits, each of as many steps as samples are drawn, at most."""
 
 
 def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int) -> Dataset:
@@ -49,7 +49,7 @@ def visited_samples(
         gait,
         alone(student, expert),
         episodes=range(1, N_VISITS + 1),
-        n_steps=EPISODE_STEPS,
+        n_steps=min(EPISODE_STEPS, n_samples),
         worlds=Scenario(),
         generator=np.random.default_rng(seed),
     )

@@ -12,7 +12,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.dataset import Dataset
-from glassgait.studies.importance import study
+from glassgait.studies.importance import command, study
 from glassgait.studies.importance.measures import (
     PAPER_TOP,
     merge_importances,
@@ -154,14 +154,16 @@ def test_missing_students_are_refused(few_students, refused):
     assert "--policy 'gbm'" in message
 
 
-SMALL = ["--policy", "linear_per_state", "--n-samples", "20", "--repeats", "1"]
-
-
 @pytest.mark.slow
 def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(study, "EPISODE_STEPS", 20)
-    monkeypatch.setattr(study, "N_VISITS", 2)
-    main(["importance", *SMALL])
-    table = pd.read_csv("runs/importance/trot_linear_per_state/importances.csv")
-    assert set(table["policy"]) == {"linear_per_state"}
+    visits = []
+    visit = study.visited_samples
+    monkeypatch.setattr(
+        study, "visited_samples", lambda *given: visits.append(given) or visit(*given)
+    )
+    monkeypatch.setattr(command, "QUICK_SAMPLES", 20)
+    main(["importance", "--quick", "--policy", "ebm"])
+    table = pd.read_csv("runs/importance/trot_ebm_quick/importances.csv")
+    assert set(table["policy"]) == {"ebm"}
+    assert len(visits) == 1
