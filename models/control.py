@@ -11,11 +11,12 @@ exported controller has them as sections.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from glassgait.models.arrays import Array
+from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.estimation.odometry import Odometry, OdometryState
 from glassgait.models.estimation.sensors import (
     N_IMU,
@@ -27,7 +28,7 @@ from glassgait.models.estimation.sensors import (
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.observation import N_ESTIMATED, asked, proprioception
+from glassgait.models.task.observation import LARGEST, N_ESTIMATED, asked, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
 NO_READING: Array = np.full(N_IMU, np.nan)  # of a robot without an IMU
@@ -51,6 +52,22 @@ class Memory(NamedTuple):
     odometry: OdometryState
     estimate: Array  # the body state (..., 7; m/s, m); zeros without an estimator
     action: Array  # the one that the joints follow (..., 12)
+
+    def is_sound(self) -> BoolArray:
+        """Returns whether odometry and estimate (...) are finite and within `LARGEST`."""
+        velocity, footholds, _, turning = self.odometry
+        flat = footholds.reshape(*footholds.shape[:-2], -1)
+        return _are_sound(velocity, flat, turning, self.estimate)
+
+
+def _are_sound(*values: Array) -> BoolArray:
+    return np.asarray((np.abs(np.concatenate(values, axis=-1)) <= LARGEST).all(axis=-1))
+
+
+def _where(condition: BoolArray, now: Array, before: Array) -> Array:
+    """Chooses rows of robots (..., k)."""
+    axes = (1,) * (np.ndim(now) - condition.ndim)
+    return np.where(condition.reshape(condition.shape + axes), now, before)
 
 
 @dataclass(frozen=True)
@@ -78,10 +95,27 @@ class ControlStep:
         command: Command,
         policy: Callable[[Array], Array],
     ) -> tuple[Array, Memory]:
-        """Returns joint targets (..., 12; rad), and what to remember until the next step."""
-        memory, _ = self.sense(before, sensors, command)
-        action = asked(policy, self.observation(memory, sensors, command))
-        memory = memory._replace(action=self.limited(memory, sensors, action))
+        """Returns joint targets (..., 12; rad), and what to remember until the next step.
+
+        For a robot with a reading or an estimate that is not finite or beyond `LARGEST` nothing
+        changes. One whose policy asks for such an action keeps its targets.
+        """
+        # Readings that are not sound are replaced, so that the others are computed undisturbed.
+        readings = sensors.joint_position, sensors.joint_velocity
+        sound = _are_sound(*readings, *([sensors.imu] if self.needs_imu else []))[..., None]
+        read = Sensors(
+            np.where(sound, sensors.joint_position, self.robot.default_stance),
+            np.where(sound, sensors.joint_velocity, 0.0),
+            sensors.touching,
+            np.where(sound, sensors.imu, 0.0),
+        )
+        last = self.initial(read.joint_position) if before is None else before
+
+        memory, _ = self.sense(before, read, command)
+        action = asked(policy, self.observation(memory, read, command))
+        memory = memory._replace(action=self.limited(memory, read, action))
+        sound = sound[..., 0] & memory.is_sound()
+        memory = map_arrays(partial(_where, sound), memory, last)
         return self.joint_targets(memory.action), memory
 
     def sense(

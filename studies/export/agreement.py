@@ -73,12 +73,11 @@ def agreement_table(
 
     # Single precision differs by rounding.
     for one in found.values():
-        if exact and (one.target > SAME or one.machine):
+        if exact and (not one.target <= SAME or one.machine):
             raise InputError(
                 f"export: a joint target of C differs from Python's by {one.target:.2g} rad, and "
-                f"the machine at {one.machine} of {one.steps} steps; C stands still where the "
-                "policy asks for targets that are not finite or beyond 1e6, so give formulas that "
-                "do not"
+                f"the machine at {one.machine} of {one.steps} steps; export another policy, and "
+                "report this fault"
             )
     return pd.DataFrame([{"sensors": name, **one._asdict()} for name, one in found.items()])
 
@@ -108,7 +107,7 @@ def compare_controllers(
             targets, ours = control.step(ours, sensors, within, controller.policy)
             step = compiled.step(theirs, sensors, command)
             theirs = step.memory
-            greatest = max(greatest, float(np.abs(targets - step.targets).max()))
+            greatest = float(np.maximum(greatest, np.abs(targets - step.targets).max()))
             machine = tuple(int(part) for part in ours.machine)
             apart += machine != tuple(theirs[name] for name in ("state", "iterations", "age"))
             changes += state not in (None, machine[0])

@@ -435,20 +435,26 @@ int {{ name }}_step(
     observe(&next, &believed, &within, observation);
 {% if odometry %}
     estimate(&next, &believed, &observation[BASE_VELOCITY]);
-    if (!all_sound(observation, N_OBSERVATIONS) || !sound_odometry(&next))
+    if (!all_sound(&observation[BASE_VELOCITY], 7) || !sound_odometry(&next))
 {% else %}
     estimate(observation, &observation[BASE_VELOCITY]);
-    if (!all_sound(observation, N_OBSERVATIONS))
+    if (!all_sound(&observation[BASE_VELOCITY], 7))
 {% endif %}
-        return flags | {{ prefix }}_BAD_TARGET;
-    act({{ 'next.state, ' if takes_state }}observation, next.action);
-    if (!all_sound(next.action, 12))
-        return flags | {{ prefix }}_BAD_TARGET;
+        return flags | {{ prefix }}_BAD_INPUT;
     for (int foot = 0; foot < 4; foot++)
         next.foot_height[foot] = observation[FOOT_HEIGHT + foot];
 
-{% if limits %}
-    limit(controller, sensors, next.action);
+    act({{ 'next.state, ' if takes_state }}observation, next.action);
+    if (!all_sound(observation, N_OBSERVATIONS) || !all_sound(next.action, 12)) {
+        /* Time goes on, and the joints keep their targets. */
+        for (int joint = 0; joint < 12; joint++)
+            next.action[joint] = controller->action[joint];
+        flags |= {{ prefix }}_BAD_TARGET;
+    }{% if limits %} else {
+        limit(controller, sensors, next.action);
+    }
+{% else %}
+
 {% endif %}
     *controller = next;
     set_targets(controller->action, targets);

@@ -30,10 +30,10 @@ enum { {% for leg in legs %}{{ prefix }}_{{ leg }}{{ ', ' if not loop.last }}{% 
 /* What {{ name }}_step returns: 0, or the sum of what happened. */
 enum {
     {{ prefix }}_OK = 0,
-    /* A sensor is NaN, infinite or beyond 1e6: nothing changes, the targets are those of the step
-     * before, at first the default stance. */
+    /* A sensor is NaN, infinite or beyond 1e6, or the estimate is: nothing changes, the targets are
+     * those of the step before, at first the default stance. */
     {{ prefix }}_BAD_INPUT = 1,
-    /* The estimate or the action would be: the same. */
+    /* The action would be: the targets are those of the step before, all else goes on. */
     {{ prefix }}_BAD_TARGET = 2,
     /* A command is beyond the gait's range: the nearest within is taken. Where one is not finite
      * the robot is to step on the spot. */
