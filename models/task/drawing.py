@@ -1,4 +1,4 @@
-"""Colours of the reward machine's states, and drawings of the machine in Mermaid's language."""
+"""Colours of the reward machine's states, and drawings of the machine: as text, and in Mermaid."""
 
 import re
 from itertools import cycle
@@ -43,6 +43,19 @@ def to_mermaid(gait: Gait) -> str:
         label = ", ".join([edge.when.text, *_conditions(gait, edge)])
         lines.append(f"  {ids[edge.source]} --> {ids[edge.target]}: {label}")
     return "\n".join(lines) + "\n"
+
+
+def to_text(gait: Gait) -> str:
+    """Draws a gait's reward machine as lines of text: states, and what leaves each."""
+    lines = []
+    for state in gait.states:
+        roles = {"initial": state == gait.initial, "at fault": state in gait.faults}
+        lines.append(", ".join([state, *(role for role, applies in roles.items() if applies)]))
+        for edge in gait.transitions:
+            if edge.source == state:
+                label = ", ".join([edge.when.text, *_conditions(gait, edge)])
+                lines.append(f"  └─ {label} → {edge.target}")
+    return "\n".join(lines)
 
 
 def _conditions(gait: Gait, edge: Transition) -> list[str]:

@@ -74,8 +74,12 @@ class Distill(Settings):
         with self.workers.pool():
             tables = run_jobs(jobs, run)
         if len(jobs) == 1:
+            from glassgait.studies.training.closing import show_result
+
+            (job,) = jobs
             print_table("R² on held-out data", tables[0])
-            console.print(f"students written to {jobs[0].folder}")
+            show_result(job.gait, job.folder, experts[0].robot.source)
+            console.print(f"students written to {job.folder}")
 
 
 def _distill_job(

@@ -155,9 +155,13 @@ class _Distillation:
                     "it anew"
                 )
         else:
+            collector = self.config.collector_of(kind)
+            if collector != kind:
+                reason = "as --collector asks" if self.config.collector else "which is fitted fast"
+                say(f"{kind}: takes the samples that {collector} collects, {reason}")
             # With one thread each, sums have the same last bits in whatever process they are made.
             with threadpool_limits(1, user_api="blas"):
-                dataset = self._collect(self.config.collector_of(kind))
+                dataset = self._collect(collector)
                 started = time.monotonic()
                 row = self._fit_final(kind, dataset)
             row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60

@@ -55,7 +55,11 @@ class Train(Settings):
         with self.workers.pool():
             run_jobs(jobs, partial(train_job, config, resume=self.resume))
         if len(jobs) == 1:
-            path = jobs[0].folder / f"{load_gait(jobs[0].gait).name}.safetensors"
+            from glassgait.studies.training.closing import show_result
+
+            (job,) = jobs
+            show_result(job.gait, job.folder, config.robot)
+            path = job.folder / f"{load_gait(job.gait).name}.safetensors"
             console.print(f"expert written to {path}")
 
     def _config(self) -> TrainingConfig:

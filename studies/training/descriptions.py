@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
@@ -17,7 +18,8 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.drawing import to_mermaid
+from glassgait.models.task.drawing import to_mermaid, to_text
+from glassgait.models.task.gait import gait_names
 from glassgait.studies.common.console import console
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ class ShowGait:
     """Check a gait file and draw its reward machine.
 
     Attributes:
-        output: Markdown file for the drawing; the terminal by default.
+        output: Markdown file for the drawing, in Mermaid's language.
     """
 
     gait: Annotated[str, tyro.conf.Positional] = "trot"
@@ -38,12 +40,16 @@ class ShowGait:
     def run(self) -> None:
         """Checks and draws."""
         gait = find_gait(self.gait)
-        drawing = f"```mermaid\n{to_mermaid(gait)}```\n"
-        if self.output is None:
-            console.print(drawing, soft_wrap=True)
-            return
-        write_atomically(self.output, drawing)
-        console.print(f"{gait.name}: {gait.n_states} states, drawn in {self.output}")
+        console.print(
+            f"{gait.name}: valid, {gait.n_states} states; up to {gait.max_speed:g} m/s and "
+            f"{gait.max_yaw_rate:g} rad/s, {gait.dwell[0]} to {gait.dwell[1]} control steps a state"
+        )
+        console.print(to_text(gait), soft_wrap=True)
+        if self.output is not None:
+            write_atomically(self.output, f"```mermaid\n{to_mermaid(gait)}```\n")
+            console.print(f"drawn in {self.output}")
+        elif gait.name not in gait_names():
+            console.print(f"train it with 'glassgait train --gait {quote(self.gait)}'")
 
 
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))

@@ -129,6 +129,6 @@ def test_cells_and_markdown():
 
 def test_gait_command_draws_the_machine(capsys, tmp_path):
     main(["gait", "trot"])
-    assert "s0 --> s1: FL & RR & ~FR & ~RL" in capsys.readouterr().out
+    assert "q0, initial\n  └─ FL & RR & ~FR & ~RL, after dwell" in capsys.readouterr().out
     main(["gait", "trot", "--output", str(tmp_path / "trot.md")])
     assert (tmp_path / "trot.md").read_text().startswith("```mermaid\nstateDiagram-v2")
