@@ -32,6 +32,15 @@ class Physics:
         self.robot, self._engines = robot, engines
         self._terrains = [own.terrain for engine in engines for own in engine.stations]
         self.n_groups = len(self._terrains)
+        self._friction: Array | None = None
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "Physics":
+        # What engines hold of C++ cannot be copied, and they remember nothing but the friction.
+        stations = [station for engine in self._engines for station in engine.stations]
+        made = make_physics(self.robot, *stations)
+        if self._friction is not None:
+            made.set_friction(self._friction)
+        return made
 
     def members(self, n_robots: int) -> list[IntArray]:
         """Returns the robots of each group: they are split evenly, in order."""
@@ -48,6 +57,7 @@ class Physics:
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
+        self._friction = friction
         ends = np.cumsum([len(engine.stations) for engine in self._engines])[:-1]
         for engine, values in zip(self._engines, np.split(friction, ends), strict=True):
             engine.set_friction(values)

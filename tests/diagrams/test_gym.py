@@ -1,6 +1,7 @@
 """The gymnasium environments."""
 
 import warnings
+from copy import deepcopy
 
 import gymnasium
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from glassgait.diagrams.gym import ENVIRONMENT_ID, LocomotionEnv, LocomotionVectorEnv
+from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import FAILURES
@@ -47,6 +49,18 @@ def test_arguments_that_fit_nothing_are_refused():
         for make in (LocomotionEnv, LocomotionVectorEnv):
             with pytest.raises(InputError, match=message):
                 make(**given)
+
+
+@pytest.mark.parametrize("engine", ["drake", "mujoco"])
+def test_a_copy_goes_on_as_the_original_would(engine):
+    station = StationConfig(time_step=0.005, engine=engine)
+    one, many = LocomotionEnv(station=station), LocomotionVectorEnv(3, stations=[station])
+    for env, action in ((one, np.full(12, 0.3)), (many, ABRUPT)):
+        env.reset(seed=2)
+        env.step(action)
+        copy = deepcopy(env)
+        found = [[own.step(action)[0] for _ in range(3)] for own in (env, copy)]
+        np.testing.assert_array_equal(*found)
 
 
 def test_a_seed_repeats_the_episodes():
