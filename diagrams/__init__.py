@@ -4,27 +4,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from glassgait.diagrams.commands import DrawnCommands, FixedCommand
-    from glassgait.diagrams.locomotion import MakeLocomotion
-    from glassgait.diagrams.rollout import make_simulator, push, record, stop_at_falls
-    from glassgait.diagrams.scenario import Scenario, load_scenario
-    from glassgait.diagrams.station import StationConfig
-    from glassgait.diagrams.visualization import open_meshcat, save_replay
-
-__all__ = (
-    "DrawnCommands",
-    "FixedCommand",
-    "MakeLocomotion",
-    "Scenario",
-    "StationConfig",
-    "load_scenario",
-    "make_simulator",
-    "open_meshcat",
-    "push",
-    "record",
-    "save_replay",
-    "stop_at_falls",
-)
+    from glassgait.diagrams.commands import DrawnCommands, FixedCommand  # noqa: F401
+    from glassgait.diagrams.locomotion import MakeLocomotion  # noqa: F401
+    from glassgait.diagrams.rollout import make_simulator, push, record, stop_at_falls  # noqa: F401
+    from glassgait.diagrams.scenario import Scenario, load_scenario  # noqa: F401
+    from glassgait.diagrams.station import StationConfig  # noqa: F401
+    from glassgait.diagrams.visualization import open_meshcat, save_replay  # noqa: F401
 
 _MODULES = {
     "commands": ("DrawnCommands", "FixedCommand"),

@@ -4,21 +4,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from glassgait.models.policies.controller import Controller
-    from glassgait.models.policies.function import FunctionPolicy
-    from glassgait.models.policies.library import load_expert, load_policy, load_student
-    from glassgait.models.robots.library import load_robot
-    from glassgait.models.task.gait import load_gait
-
-__all__ = (
-    "Controller",
-    "FunctionPolicy",
-    "load_expert",
-    "load_gait",
-    "load_policy",
-    "load_robot",
-    "load_student",
-)
+    from glassgait.models.policies.controller import Controller  # noqa: F401
+    from glassgait.models.policies.function import FunctionPolicy  # noqa: F401
+    from glassgait.models.policies.library import load_expert, load_policy, load_student  # noqa: F401
+    from glassgait.models.robots.library import load_robot  # noqa: F401
+    from glassgait.models.task.gait import load_gait  # noqa: F401
 
 CONTROL_PERIOD = 0.02  # time between two actions (s)
 BASE_VELOCITY_SCALE = 2.0  # factor on the trunk's velocity as policies observe it

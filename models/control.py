@@ -28,7 +28,7 @@ from glassgait.models.estimation.sensors import (
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.observation import LARGEST, N_ESTIMATED, asked, proprioception
+from glassgait.models.task.observation import LARGEST_SOUND, N_ESTIMATED, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
 NO_READING: Array = np.full(N_IMU, np.nan)  # of a robot without an IMU
@@ -54,14 +54,14 @@ class Memory(NamedTuple):
     action: Array  # the one that the joints follow (..., 12)
 
     def is_sound(self) -> BoolArray:
-        """Returns whether odometry and estimate (...) are finite and within `LARGEST`."""
+        """Returns whether odometry and estimate (...) are finite and within `LARGEST_SOUND`."""
         velocity, footholds, _, turning = self.odometry
         flat = footholds.reshape(*footholds.shape[:-2], -1)
         return _are_sound(velocity, flat, turning, self.estimate)
 
 
 def _are_sound(*values: Array) -> BoolArray:
-    return np.asarray((np.abs(np.concatenate(values, axis=-1)) <= LARGEST).all(axis=-1))
+    return np.asarray((np.abs(np.concatenate(values, axis=-1)) <= LARGEST_SOUND).all(axis=-1))
 
 
 def _where(condition: BoolArray, now: Array, before: Array) -> Array:
@@ -97,8 +97,8 @@ class ControlStep:
     ) -> tuple[Array, Memory]:
         """Returns joint targets (..., 12; rad), and what to remember until the next step.
 
-        For a robot with a reading or an estimate that is not finite or beyond `LARGEST` nothing
-        changes. One whose policy asks for such an action keeps its targets.
+        For a robot with a reading or an estimate that is not finite or beyond `LARGEST_SOUND`
+        nothing changes. One whose policy asks for such an action keeps its targets.
         """
         # Readings that are not sound are replaced, so that the others are computed undisturbed.
         readings = sensors.joint_position, sensors.joint_velocity
@@ -112,7 +112,7 @@ class ControlStep:
         last = self.initial(read.joint_position) if before is None else before
 
         memory, _ = self.sense(before, read, command)
-        action = asked(policy, self.observation(memory, read, command))
+        action = policy(self.observation(memory, read, command))
         memory = memory._replace(action=self.limited(memory, read, action))
         sound = sound[..., 0] & memory.is_sound()
         memory = map_arrays(partial(_where, sound), memory, last)

@@ -12,7 +12,6 @@ from glassgait.models.estimation.sensors import N_IMU, ImuReading
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot, TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.observation import asked
 from glassgait.systems.base import FunctionSystem, Outputs
 
 if TYPE_CHECKING:
@@ -31,8 +30,8 @@ class PolicySystem(FunctionSystem):
         output_ports: [action]
 
     Inputs: observation (n), in the order of the policy's `observation_names`.
-    Outputs: action (12), FL FR RL RR, hip thigh calf; NaN where the policy has no sound answer, see
-    `asked`.
+    Outputs: action (12), FL FR RL RR, hip thigh calf; NaN where the policy has no sound
+    answer.
     The policy is an immutable member that contexts and clones share.
     """
 
@@ -43,7 +42,7 @@ class PolicySystem(FunctionSystem):
         self._policy = policy
 
     def evaluate(self, observation: Array) -> Outputs:
-        return {"action": asked(self._policy, observation)}
+        return {"action": self._policy(observation)}
 
 
 class AlternationSchedule(LeafSystem):

@@ -15,7 +15,6 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import asked
 
 Estimator = Callable[[Array], Array] | Odometry
 """Odometry, or the map from proprioception (..., 40 + n_states) to the body state (..., 7)."""
@@ -87,7 +86,7 @@ class Controller:
         # At a step all robots have the same controller.
         by_expert = self.student is None or bool(expert_acts(step, self.period))
         policy = self.expert if self.student is None or by_expert else self.student
-        return ControllerOutput(asked(policy, observation), np.full(len(observation), by_expert))
+        return ControllerOutput(policy(observation), np.full(len(observation), by_expert))
 
 
 def controller_of(

@@ -1,7 +1,7 @@
 """A function of Python as a policy."""
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NoReturn
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,9 +48,3 @@ class FunctionPolicy(Policy):
             f"the policy's function returned {found} for an observation of shape "
             f"{observation.shape}; return an array of shape {shape}"
         )
-
-    @classmethod
-    def from_arrays(
-        cls, arrays: Mapping[str, Any], values: Mapping[str, Any], **names: Any
-    ) -> NoReturn:
-        raise InputError("a function of Python is not read from a file; give the function itself")

@@ -20,7 +20,11 @@ from glassgait.models.files import save_arrays
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, OWN_LAW, JointLaw, Robot
-from glassgait.models.task.observation import ObservationLayout, machine_state_entries
+from glassgait.models.task.observation import (
+    LARGEST_SOUND,
+    ObservationLayout,
+    machine_state_entries,
+)
 
 if TYPE_CHECKING:
     from glassgait.models.estimation.odometry import Odometry
@@ -224,11 +228,14 @@ class Policy(ABC):
             raise InputError(f"{cls.kind} policy: {error}") from error
 
     def __call__(self, observation: Array) -> Array:
-        """Maps observations (..., n) to actions (..., 12)."""
-        finite = np.isfinite(observation).all(axis=-1, keepdims=True)
-        if finite.all():
-            return self.act(observation)
-        return np.where(finite, self.act(np.where(finite, observation, 0.0)), np.nan)
+        """Maps observations (..., n) to actions (..., 12).
+
+        The answer is NaN where an observation or an action is not finite or beyond `LARGEST_SOUND`.
+        The joints then keep their targets, and the robot shows the failure `not_finite`.
+        """
+        sound = (np.abs(observation) <= LARGEST_SOUND).all(axis=-1, keepdims=True)
+        action = self.act(observation if sound.all() else np.where(sound, observation, 0.0))
+        return np.where(sound & (np.abs(action) <= LARGEST_SOUND), action, np.nan)
 
     @abstractmethod
     def act(self, observation: Array) -> Array:

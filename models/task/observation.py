@@ -1,6 +1,6 @@
 """The observation: its entries, named as in the paper's tables, and how it is assembled."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Literal
@@ -31,7 +31,7 @@ OVERDUE = 2
 Longer waits are rare among the samples; students that observed the growing time waited and fell.
 """
 
-LARGEST = 1e6
+LARGEST_SOUND = 1e6
 """Greatest size of an observation or an action that is acted on, as in the exported C."""
 
 N_ESTIMATED = 7  # length of the part that a robot has to estimate: base velocity and foot heights
@@ -273,17 +273,6 @@ def proprioception(
         ],
         axis=-1,
     )
-
-
-def asked(policy: Callable[[Array], Array], observation: Array) -> Array:
-    """Returns the actions (..., 12) that a policy asks for at observations (..., n).
-
-    They are NaN where an observation or an action is not finite or beyond `LARGEST`. The joints
-    then keep their targets, and the robot shows the failure `not_finite`.
-    """
-    sound = (np.abs(observation) <= LARGEST).all(axis=-1, keepdims=True)
-    action = policy(observation if sound.all() else np.where(sound, observation, 0.0))
-    return np.where(sound & (np.abs(action) <= LARGEST), action, np.nan)
 
 
 def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:

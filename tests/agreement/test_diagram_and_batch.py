@@ -24,7 +24,7 @@ from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
-from glassgait.models.task.observation import JOINT_NOISE, asked
+from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.terrain import Terrain
@@ -158,7 +158,7 @@ def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed
     fired = 0
     for step in range(1, n_steps + 1):
         observation = simulator.observe()
-        action = asked(policy, observation)
+        action = policy(observation)
         machine = simulator.state.memory.machine
         found = {
             "state": simulator.state.plant[0],
