@@ -106,12 +106,18 @@ def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
 
 
 def save_replay(
-    diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path, *, repetitions: int = 1
+    diagram: Diagram,
+    meshcat: Meshcat,
+    robot: Robot,
+    rollout: Rollout,
+    path: Path,
+    *,
+    repetitions: int = 1,
 ) -> None:
     """Draws every recorded control step into an animation, and writes it as an HTML page.
 
     The diagram is one that `MakeLocomotion` built to show in the Meshcat. The rollout's first
-    instant is the replay's time 0.
+    instant is the replay's time 0. A browser without WebGL shows a still of the last pose.
     """
     context = diagram.CreateDefaultContext()
     display = diagram.GetSubsystemByName("gait_display")
@@ -132,16 +138,51 @@ def save_replay(
     meshcat.StopRecording()
     meshcat.get_mutable_recording().set_repetitions(repetitions)
     meshcat.PublishRecording()
-    write_atomically(path, _replay_page(meshcat))
-
-
-def _replay_page(meshcat: Meshcat) -> str:
     # A page around it may ask for a moment by the message `{replay: seconds}`.
     page, end = meshcat.StaticHtml(), "</body>"
     for plain, named in _NAMED:
         page = page.replace(plain, named, 1)
-    start = page.rindex(end) if end in page else len(page)
-    return f"{page[:start]}{_FOLLOWING}{page[start:]}"
+    start = page.rindex(end)
+    still = still_page(robot, rollout["state"][-1], "This is the last pose.")
+    write_atomically(path, f"{page[:start]}{still}{_FOLLOWING}{page[start:]}")
+
+
+def still_page(robot: Robot, state: Array, caption: str, otherwise: str = "") -> str:
+    """Returns HTML that shows a drawing of the robot in a state x (37) to browsers without WebGL.
+
+    In others it runs the script `otherwise`.
+    """
+    # Seen from the right, the joints of legs from thigh to foot; each is a line.
+    rotation = kinematics.rotation_matrix(state[quadruped.QUATERNION])
+    heading = rotation[:, 0] * [1.0, 1.0, 0.0]
+    view = np.stack([heading / np.linalg.norm(heading), [0.0, 0.0, -1.0]]) @ rotation
+    legs = kinematics.leg_angles(state[quadruped.JOINT_POSITION])
+    points = np.swapaxes(kinematics.leg_points(robot, legs), 0, 1) @ view.T
+    points[..., 1] -= state[quadruped.POSITION][2]
+    # The left legs are behind; the trunk goes from the middle of the hind thighs to the front's.
+    trunk = [points[2:, 0].mean(axis=0), points[:2, 0].mean(axis=0)]
+    lines = [(points[0], "#9aa5b1", 4), (points[2], "#9aa5b1", 4), (trunk, "#3c4650", 12)]
+    lines += [(points[1], "#3c4650", 4), (points[3], "#3c4650", 4)]
+    drawn = "".join(
+        f'<polyline points="{" ".join(f"{100 * x:.1f},{100 * y:.1f}" for x, y in line)}" '
+        f'stroke="{color}" stroke-width="{width}"/>'
+        for line, color, width in lines
+    )
+    return _STILL.format(drawn=drawn, caption=caption, otherwise=otherwise)
+
+
+_STILL = """<figure id="still" style="display: none; position: fixed; inset: 0; z-index: 9;
+ margin: 0; background: #eef2f6; color: #1b1f24; font: 15px/1.4 sans-serif">
+<svg viewBox="-60 -55 120 60" role="img" aria-label="The robot from its right side" fill="none"
+ stroke-linecap="round" stroke-linejoin="round" style="width: 100%; height: calc(100% - 4.5rem)">
+<path d="M-60 2H60" stroke="#9aa5b1"/>{drawn}</svg>
+<figcaption style="padding: 0 1rem">The moving picture needs WebGL, which is off or missing in this
+browser. {caption}</figcaption></figure>
+<script>
+if (document.createElement("canvas").getContext("webgl2")) {{ {otherwise} }}
+else document.getElementById("still").style.display = "block";
+</script>
+"""
 
 
 _NAMED = (
@@ -164,6 +205,11 @@ if (window.parent !== window) {
 }
 else if (matchMedia("(prefers-reduced-motion: reduce)").matches)
   for (const wait of [0, 400, 1500]) setTimeout(() => viewer.animator?.pause(), wait);
+// Meshcat's controls are made as its scene loads, and have no labels.
+const label = input => input.ariaLabel = (input.closest("li.cr") ?? input.closest("div.dg"))
+  .querySelector(".property-name, .title").textContent;
+for (const wait of [0, 400, 1500, 4000])
+  setTimeout(() => document.querySelectorAll(".dg input, .dg select").forEach(label), wait);
 </script>
 """
 

@@ -22,7 +22,12 @@ from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario
 from glassgait.diagrams.visualization import Camera
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
-from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
+from glassgait.models.policies.library import (
+    EXPERT_DIRECTORY,
+    load_expert,
+    load_student,
+    shipped_experts,
+)
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
@@ -38,6 +43,7 @@ FOLDER = Path(__file__).parent
 FALLS = FOLDER / "falls.csv"
 """Falls of 26 robots in 10 s of every shipped policy and scenario."""
 
+FILMED = ("walk", "trot", "pace", "bound")
 FILMED_STEPS, SETTLING_STEPS = 96, 100
 SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 
@@ -46,7 +52,7 @@ def draw(names: Sequence[str] = ()) -> None:
     """Draws the named pictures, by default all."""
     experts = list(shipped_experts())
     known = ["locomotion.svg", "learning_curves.png", "worlds.png"]
-    known += [*(f"{gait}.gif" for gait in experts), "trot_gait.png"]
+    known += [*(f"{gait}.gif" for gait in FILMED), "trot_gait.png"]
     for name in names or known:
         say(f"drawing {name}")
         path = FOLDER / name
@@ -60,18 +66,18 @@ def draw(names: Sequence[str] = ()) -> None:
             save_figure(fall_map(fall_tables()), path.with_suffix(""), ("png",))
         elif name.endswith("_gait.png"):
             gait = load_gait(name.removesuffix("_gait.png"))
-            strip = gait_strip(load_robot(), expert_rollout(gait.name), gait)
+            strip = gait_strip(load_robot(), formulas_rollout(gait.name), gait)
             save_figure(strip, path.with_suffix(""), ("png",))
         else:
             camera = Camera(load_robot(), 480, 300)
             # Every second control step is a frame: 25 frames a second.
-            states = expert_rollout(path.stem)["state"][SETTLING_STEPS::2]
+            states = formulas_rollout(path.stem)["state"][SETTLING_STEPS::2]
             save_gif([camera.take(state) for state in states], path)
 
 
-def expert_rollout(name: str) -> Rollout:
-    """Rolls the expert of a gait out under one command."""
-    diagram = MakeLocomotion(load_gait(name), SCENARIO, policy=load_expert(name))
+def formulas_rollout(name: str) -> Rollout:
+    """Rolls the short formulas of a gait out under one command."""
+    diagram = MakeLocomotion(load_gait(name), SCENARIO, policy=load_student(name, "formulas"))
     return record(make_simulator(diagram), SETTLING_STEPS + FILMED_STEPS)
 
 

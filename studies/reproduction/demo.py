@@ -32,7 +32,7 @@ from glassgait.studies.distillation.students import STUDENTS, load_students
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, SymbolicSettings
 from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
-from glassgait.studies.evaluation.tables import standalone_table
+from glassgait.studies.evaluation.tables import alternation_table, standalone_table
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
 
@@ -132,12 +132,14 @@ class Demo(Settings):
 
 @dataclass
 class _Page:
-    """The page of one run, with its sections so far."""
+    """The page of one run so far: results in words, sections, and explanations after them."""
 
     gait: Gait
     expert: NeuralPolicy
     folder: Path
+    results: list[str] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
+    explanations: list[Section] = field(default_factory=list)
     meshcat: Meshcat = field(default_factory=open_meshcat)
 
     def show(self, name: str, policy: Policy) -> None:
@@ -155,12 +157,16 @@ class _Page:
             repetitions=REPLAYS_IN_A_ROW,
         )
         say(f"open {self.folder / file}: a replay, {title}")
+        note = "Commanded 0.5 m/s forward, with sensor noise; the policy acts alone."
+        self.sections.append(Section(title, note=note, replays=[(title, file)]))
 
         # The gait diagram, and of formulas the terms of one joint's target at one instant.
         caption = "Feet in contact over time, and the states of the reward machine"
         figures = {"gait": (caption, gait_figure(rollout, self.gait, title))}
         step, joint = min(EXPLAINED_STEP, len(rollout.time) - 1), EXPLAINED_JOINT
         if isinstance(policy, FormulaPolicy):
+            written = f"{len(policy.to_file().written())} formulas of {policy.n_terms()} terms"
+            self.results.append(f"A robot {self.gait.name}s by {written}, without a network.")
             parts = policy.explain(rollout["observation"][step], joint)
             moment = f"{quadruped.JOINTS[joint]} at {rollout.time[step]:.2f} s"
             caption = f"The terms of the formula that add up to the target of {moment}"
@@ -168,9 +174,9 @@ class _Page:
 
         for stem, (_, figure) in figures.items():
             save_figure(figure, self.folder / f"{name}_{stem}", ("png",))
-        note = "Commanded 0.5 m/s forward, with sensor noise; the policy acts alone."
         saved = [(own, self.folder / f"{name}_{stem}.png") for stem, (own, _) in figures.items()]
-        self.add(Section(title, note=note, replays=[(title, file)], figures=saved))
+        self.explanations.append(Section(f"How {name} acts", figures=saved))
+        self.write_so_far()
 
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
         """Rolls every student out without the expert, and adds one table of fit and scores."""
@@ -184,6 +190,12 @@ class _Page:
         note = (
             "Forward speeds and yaw rates over the gait's whole range, with sensor noise; means "
             "with 95 % intervals over robots. A fall is any of the task's terminations."
+        )
+        means = alternation_table(scores).query("ratio == '0'")
+        best = means.sort_values("share", na_position="first").iloc[-1]
+        self.results.append(
+            f"Of {len(students)} students that were distilled here, {best['policy']} keeps most of "
+            f"the expert's return: {best['share']:.2f}."
         )
         self.add(Section("Students distilled here", note=note, tables=[("", table)]))
 
@@ -208,11 +220,16 @@ class _Page:
     def add(self, section: Section) -> None:
         """Adds a section, and writes the page so far."""
         self.sections.append(section)
+        self.write_so_far()
+
+    def write_so_far(self) -> None:
+        """Writes the page before the last part is done."""
         self.write("This page is not complete: reload it for the next part.")
 
     def write(self, status: str) -> Path:
         """Writes the page so far, below a line about its state."""
         observed = len(self.expert.observation_names)
-        lead = [f"{self.gait.description} Expert: a network of {observed} observations.", status]
+        taught = f"{self.gait.description} Expert: a network of {observed} observations."
+        lead = [" ".join(self.results), f"{taught} {status}"]
         title = f"A {self.gait.name}ting robot, distilled into models a person can read"
-        return write_page(self.folder, title, lead, self.sections)
+        return write_page(self.folder, title, lead, [*self.sections, *self.explanations])
