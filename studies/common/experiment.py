@@ -51,11 +51,14 @@ if TYPE_CHECKING:
     from glassgait.models.task.gait import Gait
     from glassgait.studies.common.policies import Policies
 
-REPORTED_SEEDS = range(1000, 1005)
+REPORTED_SEEDS = range(7000, 7005)
 """Seeds of the rollouts that tables report, unless others are named."""
 
 SELECTION_SEEDS = range(500, 510)
-"""Seeds that choose among candidates; the chosen one is lucky in them, so no table reports them."""
+"""Seeds that choose among candidates."""
+
+FORMER_SEEDS = range(1000, 1005)
+"""Seeds that chose which of the shipped networks and recipes were kept."""
 
 PolicyNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of policies, as `Policies.controllers` takes them."""
@@ -65,12 +68,11 @@ ScenarioNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 
 
 def refuse_to_report(seeds: Sequence[int]) -> None:
-    """Raises an InputError if one of the seeds chooses among candidates."""
-    for seed in {*seeds} & {*SELECTION_SEEDS}:
-        kept = f"{SELECTION_SEEDS[0]} to {SELECTION_SEEDS[-1]}"
-        raise InputError(
-            f"--seed: leads to {seed}, but {kept} choose among candidates; name others"
-        )
+    """Raises an InputError if a policy may be lucky in one of the seeds, which chose it."""
+    for chose, what in ((SELECTION_SEEDS, "candidates"), (FORMER_SEEDS, "what ships")):
+        for seed in {*seeds} & {*chose}:
+            kept = f"{chose[0]} to {chose[-1]} chose among {what}"
+            raise InputError(f"--seed: leads to {seed}, but {kept}; name others")
 
 
 @checked
@@ -122,7 +124,8 @@ class Case:
     @property
     def name(self) -> str:
         """The name in progress lines and of the file that keeps the case's table."""
-        return "_".join(map(str, self.labels.values())).replace("/", "-")
+        values = (f"{x:.3g}" if isinstance(x, float) else str(x) for x in self.labels.values())
+        return "_".join(values).replace("/", "-")
 
 
 def run_cases(

@@ -20,7 +20,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.drawing import ink_on, state_colors
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.tables import format_cell
+from glassgait.studies.common.tables import format_cell, joined
 
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""
@@ -127,7 +127,7 @@ def page_template(folder: Path, name: str) -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["cell"] = format_cell
+    environment.filters |= {"cell": format_cell, "joined": joined}
     environment.filters["minus"] = lambda text: re.sub(r"-(?=[0-9])", "−", text)
     environment.globals["chip"] = lambda color: f"background: {color}; color: {ink_on(color)}"
     return environment.get_template(name)

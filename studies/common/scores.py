@@ -127,7 +127,7 @@ def summarize(scores: pd.DataFrame, by: Sequence[str], against: str | None = Non
     (`_ci`); `falls`, their share `fall_rate` with Wilson's interval (`_low`, `_high`) and, if they
     were told apart, `physical_falls`. `against` a policy, robot by robot in the same gait and
     scenario, also `points_more`, by which the falls of a hundred exceed the reference's, and the
-    `share` of its return with the paired interval `share_ci`.
+    shares of its return (`share`) and plain return (`plain_share`) with paired intervals.
     """
     keys, rows = list(by), []
     for values, group in scores.groupby(keys, sort=False):
@@ -150,9 +150,11 @@ def _compared(group: pd.DataFrame, scores: pd.DataFrame, against: str) -> dict[s
     reference = scores[scores["policy"] == against]
     for place in {"gait", "scenario"} & {*scores}:
         reference = reference[reference[place] == group[place].iloc[0]]
-    share, half = paired_share(group["return"], reference["return"])
-    more = 100.0 * (group["fell"].mean() - reference["fell"].mean())
-    return {"points_more": more, "share": share, "share_ci": half}
+    compared = {"points_more": 100.0 * (group["fell"].mean() - reference["fell"].mean())}
+    for name, score in {"share": "return", "plain_share": "plain_return"}.items():
+        share, half = paired_share(group[score], reference[score])
+        compared |= {name: share, f"{name}_ci": half}
+    return compared
 
 
 def paired_share(values: pd.Series, reference: pd.Series) -> tuple[float, float]:

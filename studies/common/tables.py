@@ -13,10 +13,13 @@ from rich.table import Table
 from glassgait.models.files import write_atomically
 from glassgait.studies.common.console import console
 
+HALF = " ±"
+"""Ends the title of a column that holds half the intervals of the column before."""
+
 
 def print_table(title: str, frame: pd.DataFrame) -> None:
-    """Prints a table on the terminal."""
-    table = Table(title=title, title_justify="left")
+    """Prints a table on the terminal, its intervals beside their means."""
+    table, frame = Table(title=title, title_justify="left"), joined(frame)
     for column in frame.columns:
         numeric = pd.api.types.is_numeric_dtype(frame[column])
         table.add_column(str(column), justify="right" if numeric else "left", overflow="fold")
@@ -26,7 +29,7 @@ def print_table(title: str, frame: pd.DataFrame) -> None:
 
 
 def write_table(frame: pd.DataFrame, stem: Path) -> None:
-    """Writes a table as `<stem>.csv`, in full precision, and `<stem>.md`, rounded."""
+    """Writes a table as `<stem>.csv`, numbers in full precision, and `<stem>.md`, for reading."""
     write_atomically(stem.with_name(f"{stem.name}.csv"), frame.to_csv(index=False))
     write_atomically(stem.with_name(f"{stem.name}.md"), to_markdown(frame))
 
@@ -41,8 +44,25 @@ def json_records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
     return table.astype(object).where(table.notna(), None).to_dict(orient="records")
 
 
+def joined(frame: pd.DataFrame) -> pd.DataFrame:
+    """Writes the column `x ±` behind the numbers of the column `x`, where it has any."""
+    halves = [str(name) for name in frame.columns if str(name).endswith(HALF)]
+    texts = {}
+    for name in halves:
+        mean = name.removesuffix(HALF)
+        pairs = zip(frame[mean], frame[name], strict=True)
+        texts[mean] = [pair[0] if np.isnan(pair[1]) else _with_half(*pair) for pair in pairs]
+    return frame.assign(**texts).drop(columns=halves)
+
+
+def _with_half(mean: float, half: float) -> str:
+    digits = 3 if abs(mean) < 100 else 0
+    return f"{mean:,.{digits}f}{HALF} {half:,.{digits}f}"
+
+
 def to_markdown(frame: pd.DataFrame) -> str:
     """Formats a table in Markdown."""
+    frame = joined(frame)
     rows = [map(str, frame.columns), ["---"] * len(frame.columns)]
     rows += [map(format_cell, row) for row in frame.itertuples(index=False)]
     # Escape what would end a cell, or begin code or HTML.
@@ -55,7 +75,7 @@ def to_markdown(frame: pd.DataFrame) -> str:
 
 def to_latex(frame: pd.DataFrame) -> str:
     """Formats a table in LaTeX, for booktabs."""
-    return frame.map(format_cell).to_latex(index=False, escape=True)
+    return joined(frame).map(format_cell).to_latex(index=False, escape=True)
 
 
 def format_cell(value: Any) -> str:

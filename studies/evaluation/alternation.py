@@ -60,7 +60,7 @@ class Alternation(Experiment):
         return [
             replace(
                 case,
-                labels={**case.labels, "ratio": ratio_title(period)},
+                labels={**case.labels, "ratio": _share(period)},
                 controller=replace(case.controller, period=period),
             )
             for case in super().cases()
@@ -98,8 +98,8 @@ def alternation_scores(
     refuse_to_report(config.seeds)
     scenario = config.commanding(Scenario())
     scenario.command.check(gait)
-    acting = {("expert", ratio_title(1)): alone(expert)} | {
-        (kind, ratio_title(period)): Controller(expert, student, period)
+    acting = {("expert", _share(1)): alone(expert)} | {
+        (kind, _share(period)): Controller(expert, student, period)
         for kind, student in students.items()
         for period in periods
         if period != 1
@@ -115,17 +115,27 @@ def alternation_scores(
 def alternation_report(scores: pd.DataFrame, title: str, policies: Mapping[str, Policy]) -> Report:
     """Reports scores, a row a robot, by their columns `policy` and `ratio`."""
     from glassgait.studies.common.scores import not_finite_lines
+    from glassgait.studies.common.tables import json_records
     from glassgait.studies.evaluation.figures import return_figure
-    from glassgait.studies.evaluation.tables import alternation_table, standalone_table
+    from glassgait.studies.evaluation.tables import (
+        alternation_table,
+        standalone_table,
+        titled_table,
+    )
 
     ratios, alone = alternation_table(scores), standalone_table(scores, policies)
     return Report(
-        tables={"robots": scores, "ratios": ratios, "standalone": alone},
-        metrics=ratios.to_dict(orient="records"),
+        tables={"robots": scores, "ratios": titled_table(ratios), "standalone": alone},
+        metrics=json_records(ratios),
         figures={"return": return_figure(scores, title)},
         shown={f"{title}: students alone": alone},
         lines=not_finite_lines(scores),
     )
+
+
+def _share(period: int) -> float:
+    """Returns the alternation ratio of a period as a number, which tables hold."""
+    return 1.0 / period if period else 0.0
 
 
 def _score(config: RolloutConfig, case: Case) -> pd.DataFrame:

@@ -1,7 +1,7 @@
 """Figures of evaluations: the map of falls, return by alternation ratio, pushes survived."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from itertools import product
 from typing import Any
 
@@ -17,7 +17,7 @@ from matplotlib.ticker import PercentFormatter
 
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.arrays import Array
-from glassgait.models.task.alternation import parse_ratio, ratio_title
+from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.drawing import ink_on
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.distillation.students import STUDENTS
@@ -30,6 +30,7 @@ LEAST_SHARE = 0.9  # share of the expert's return above which students differ vi
 FALLS, SURVIVAL = mpl.colormaps["Reds"], mpl.colormaps["YlGnBu"]
 
 COLUMN, ROW = 0.24, 0.19  # size of a cell of the map of falls (inches)
+STUDENT = 0.85  # width of a student's panels in the figure of returns (inches)
 PANEL = 1.95  # width of a policy's disc of pushes (inches)
 MOST_COLUMNS = 5  # greatest number of discs side by side
 SIDES = ("ahead", "left", "back", "right")
@@ -37,53 +38,54 @@ SIDES = ("ahead", "left", "back", "right")
 
 @styled
 def return_figure(scores: pd.DataFrame, title: str) -> Figure:
-    """Draws average return, its share of the expert's from `LEAST_SHARE` on, and falls against the
-    alternation ratio (paper, Figure 2)."""
+    """Draws return, its share of the expert's from `LEAST_SHARE` on and falls against the
+    alternation ratio (paper, Figure 2), a column a student."""
     means = alternation_table(scores)
     expert = means[means["policy"] == "expert"].iloc[0]
-    figure, (returns, share, falls) = subplots(
-        3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
-    )
-    periods = sorted(map(parse_ratio, means["ratio"].unique()), key=lambda n: (n == 0, n))
-    ratios = list(map(ratio_title, periods))
-
-    # Each student has a line, a little beside the others'; at ratio 1 it is the expert.
+    ratios = sorted(means["ratio"].unique(), reverse=True)
+    at = np.arange(len(ratios))
     students = {kind: STUDENTS[kind] for kind in STUDENTS if kind in set(means["policy"])}
-    for i, (kind, student) in enumerate(students.items()):
+    size = max(COLUMN_WIDTH, 0.6 + STUDENT * len(students)), 4.2
+    options = {"figsize": size, "sharex": True, "sharey": "row", "squeeze": False}
+    figure, panels = subplots(3, len(students), height_ratios=(5, 4, 3), **options)
+    for (returns, share, falls), (kind, student) in zip(panels.T, students.items(), strict=True):
+        # At ratio 1 every student is the expert.
         line = means[means["policy"] == kind].set_index("ratio")
-        line.loc["1"] = expert
+        line.loc[1.0] = expert
         line = line.loc[ratios]
-        at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)
         style = {"color": student.color, "marker": student.marker}
         style |= {"markersize": 3.5, "linewidth": 1.0}
-        bars = {"label": kind, "capsize": 1.5, **style}
-        returns.errorbar(at, line["return"], line["return_ci"], **bars)
+        returns.errorbar(at, line["return"], line["return_ci"], capsize=1.5, **style)
         in_sight = line["share"] >= LEAST_SHARE
-        share.errorbar(at, line["share"], line["share_ci"].where(in_sight), **bars)
+        share.errorbar(at, line["share"], line["share_ci"].where(in_sight), capsize=1.5, **style)
         falls.plot(at, 100 * line["fall_rate"].astype(float), **style)
+        returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
+        share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+        returns.set_title(kind, fontsize=7)
+        titles = [ratio_title(round(1 / ratio) if ratio else 0) for ratio in ratios]
+        falls.set_xticks(at, titles, rotation=90)
 
-    # Scale and label the panels.
-    returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
-    share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+    # Scale and label the rows. Some students earn more than the expert.
+    returns, share, falls = panels[:, 0]
     returns.set(ylabel="return", ylim=(0, None))
-    # Some students earn more than the expert.
     most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
     share.set(ylabel="share of the\nexpert's return", ylim=(LEAST_SHARE, most))
     share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
-    falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
-    falls.set_xticks(np.arange(len(ratios)), ratios)
-    handles, labels = returns.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
+    falls.set(ylabel="falls (%)", ylim=(-5, 105))
+    caption = "alternation ratio; dotted: the expert; bars: 95 % intervals"
+    figure.supxlabel(textwrap.fill(caption, round(17 * size[0])), fontsize=7)
+    figure.suptitle(title, fontsize=8)
     figure.align_ylabels()
     return figure
 
 
 @styled
-def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
+def fall_map(tables: Mapping[str, pd.DataFrame], outside: Collection[str] = ()) -> Figure:
     """Draws how many robots fall, a column a gait and policy, a row a scenario, worst first.
 
     The policies that all gaits have decide which scenario is worst. Cells that were not measured
-    are hatched. The tables are those of `fall_table` by gait.
+    are hatched. The tables are those of `fall_table` by gait; titles of scenarios `outside` of what
+    experts learn in have a star.
     """
     whole = pd.concat(list(tables.values()))
     common = set.intersection(*(set(table["policy"]) for table in tables.values()))
@@ -117,12 +119,14 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
     # Name the rows, with the number of robots where it is smaller than elsewhere.
     most, rows = int(whole["robots"].max()), whole.drop_duplicates("scenario").set_index("scenario")
     names = [
-        world + ("" if n == most else f" ({n} robots)")
+        world + ("" if n == most else f" ({n} robots)") + "*" * (world in outside)
         for world, n in zip(rows["world"][scenarios], rows["robots"][scenarios], strict=True)
     ]
     axes = panels[0, 0]
     axes.set_yticks(range(len(scenarios)), [textwrap.fill(name, 40) for name in names])
-    caption = f"Robots that fall, of {most}; framed: the nominal scenario; hatched: not measured."
+    where = "outside of the ranges that experts learn in"
+    where = f"*: {where}." if {*whole["world"]} & {*outside} else f"No scenario lies {where}."
+    caption = f"Robots that fall, of {most}. Framed: nominal; hatched: not measured. {where}"
     figure.supxlabel(textwrap.fill(caption, round(17 * width)), fontsize=7)
     return figure
 

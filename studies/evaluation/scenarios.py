@@ -57,27 +57,29 @@ class Scenarios(Experiment):
         from glassgait.studies.evaluation.figures import fall_map
         from glassgait.studies.evaluation.tables import (
             fall_table,
-            readable_table,
+            titled_table,
             with_reading_cost,
             worst_table,
         )
+        from glassgait.studies.evaluation.training_ranges import outside_training
 
         titles = {name: scenario.title for name, scenario in self.scenarios.items()}
+        outside = [own.title for own in self.scenarios.values() if outside_training(own)]
         falls = {
             str(gait): with_reading_cost(fall_table(scores, titles), self.acting[str(gait)])
             for gait, scores in table.groupby("gait", sort=False)
         }
-        readable = {gait: readable_table(own) for gait, own in falls.items()}
+        titled = {gait: titled_table(own) for gait, own in falls.items()}
         small = len(self.scenarios) == 1
-        shown = readable if small else {gait: worst_table(own) for gait, own in falls.items()}
-        titled = [own.assign(gait=gait) for gait, own in falls.items()]
+        shown = titled if small else {gait: worst_table(own) for gait, own in falls.items()}
+        records = [own.assign(gait=gait) for gait, own in falls.items()]
         return Report(
             tables={
                 "robots": table,
-                "scenarios": pd.concat(readable, names=["gait"]).reset_index("gait"),
+                "scenarios": pd.concat(titled, names=["gait"]).reset_index("gait"),
             },
-            metrics={"scenarios": json_records(pd.concat(titled))},
-            figures={"scenarios": fall_map(falls)},
+            metrics={"scenarios": json_records(pd.concat(records))},
+            figures={"scenarios": fall_map(falls, outside)},
             shown={f"{gait}: falls": own for gait, own in shown.items()},
             lines=[
                 *not_finite_lines(table),

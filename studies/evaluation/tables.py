@@ -9,11 +9,15 @@ from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.reading_cost import READING_COST_TITLES, reading_cost
 from glassgait.studies.common.scores import summarize, wilson_interval
+from glassgait.studies.common.tables import HALF
 from glassgait.studies.evaluation.pushing import Basin
+
+COSTS = {title: title for title in READING_COST_TITLES}
 
 TITLES = {
     "policy": "policy",
     "world": "scenario",
+    "ratio": "ratio",
     "robots": "robots",
     "falls": "falls",
     "physical_falls": "physical falls",
@@ -22,18 +26,27 @@ TITLES = {
     "fall_rate_high": "95 % to",
     "points_more": "points more than the expert",
     "share": "share of the expert's return",
-    "share_ci": "±",
-    "return": "return",
-    "return_ci": "return ±",
-    "plain_return": "plain return",
-    "going_speed_error": "speed error, commanded to go (m/s)",
+    "share_ci": f"share of the expert's return{HALF}",
+    "plain_share": "share of the plain return",
+    "plain_share_ci": f"share of the plain return{HALF}",
+    "going_speed_error": "speed error (m/s)",
     "yaw_rate_error": "yaw-rate error (rad/s)",
+    "return": "return",
+    "return_ci": f"return{HALF}",
+    "plain_return": "plain return",
     "way": "share of the commanded way",
     "rhythm": "rhythm",
     "cost_of_transport": "cost of transport",
-    **{title: title for title in READING_COST_TITLES},
+    **COSTS,
 }
-"""Titles of the columns of `fall_table` and `with_reading_cost`."""
+"""Titles of the columns of `summarize` and `with_reading_cost`, in the order of tables."""
+
+KEPT = ("share", "plain_share", "going_speed_error", "yaw_rate_error")
+"""What a student keeps of the return, and how well it then follows commands: never apart."""
+
+STANDALONE = ("policy", "robots", "falls", "share", "share_ci", "plain_share", "plain_share_ci")
+STANDALONE += ("going_speed_error", "yaw_rate_error", "return", "return_ci", "rhythm", *COSTS)
+"""Columns of the table of students without the expert."""
 
 
 def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
@@ -57,44 +70,35 @@ def _places(names: list[str]) -> Callable[[pd.Series], pd.Series]:
     return lambda column: column.map(names.index)
 
 
-def readable_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Gives policies and columns of `fall_table` their titles."""
-    named = table
+def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) -> pd.DataFrame:
+    """Gives columns of `summarize` their titles."""
     reference = policies_of(table)[0]
     other = "the expert" if reference == "expert" else reference
     titles = {key: title.replace("the expert", other) for key, title in TITLES.items()}
-    return named[[name for name in titles if name in named]].rename(columns=titles)
+    return table[[name for name in columns if name in table]].rename(columns=titles)
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Lists where each policy falls most, beside the nominal scenario and all scenarios together.
+    """Lists where each policy falls most, beside the nominal scenario.
 
-    `return` is the mean of all robots in all scenarios. The worst scenario is the one with the
-    greatest lower end of the interval of its share of falls: one fall of one robot says less than
-    twenty of 26.
+    The worst scenario is the one with the greatest lower end of the interval of its share of falls:
+    one fall of one robot says less than twenty of 26.
     """
     rows = []
     for name in policies_of(table):
         everywhere = table[table["policy"] == name]
-        training = everywhere[everywhere["scenario"] == NOMINAL_SCENARIO]
         worst = everywhere.iloc[everywhere["fall_rate_low"].argmax()]
-        interval = f"{100 * worst['fall_rate_low']:.0f} to {100 * worst['fall_rate_high']:.0f} %"
-        there = {
-            "its worst scenario": worst["world"],
+        row = {
+            "policy": name,
+            "worst scenario": worst["world"] if worst["falls"] else "–",
             "falls there": f"{worst['falls']} of {worst['robots']}",
-            "95 % interval": interval,
-            "points more than the expert": f"{worst['points_more']:+.0f}",
+            TITLES["points_more"]: worst["points_more"],
+            "scenarios without a fall": f"{sum(everywhere['falls'] == 0)} of {len(everywhere)}",
         }
-        rows.append(
-            {"policy": name}
-            | (there if worst["falls"] > 0 else dict.fromkeys(there, "–"))
-            | {
-                "falls in nominal scenario": falls_of(training)[0] if len(training) else "–",
-                "scenarios without a fall": f"{sum(everywhere['falls'] == 0)} of {len(everywhere)}",
-                "return": f"{np.average(everywhere['return'], weights=everywhere['robots']):,.0f}",
-            }
-            | {title: everywhere[title].iloc[0] for title in READING_COST_TITLES if title in table}
-        )
+        for _, home in everywhere[everywhere["scenario"] == NOMINAL_SCENARIO].iterrows():
+            row["nominal: falls"] = home["falls"]
+            row |= {f"nominal: {TITLES[key]}": home[key] for key in KEPT}
+        rows.append(row | {title: everywhere[title].iloc[0] for title in COSTS if title in table})
     return pd.DataFrame(rows)
 
 
@@ -122,18 +126,6 @@ def policies_of(table: pd.DataFrame) -> list[str]:
     return sorted(dict.fromkeys(table["policy"]), key=lambda name: name != "expert")
 
 
-def falls_of(means: pd.DataFrame) -> list[str]:
-    """Formats falls, such as `2 of 26`."""
-    return [f"{falls} of {n}" for falls, n in zip(means["falls"], means["robots"], strict=True)]
-
-
-def with_interval(means: pd.DataFrame, name: str, digits: int) -> list[str]:
-    """Formats means with the half widths of their intervals, where there are any."""
-    pairs = zip(means[name], means[f"{name}_ci"], strict=True)
-    texts = ((f"{mean:,.{digits}f}", f"{half:,.{digits}f}") for mean, half in pairs)
-    return [f"{mean} ± {half}".removesuffix(" ± nan").replace("nan", "–") for mean, half in texts]
-
-
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
     """Averages scores of every policy at every ratio, with shares of the expert's return."""
     return summarize(scores, ["policy", "ratio"], against="expert")
@@ -142,43 +134,31 @@ def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
 def standalone_table(scores: pd.DataFrame, policies: Mapping[str, Policy]) -> pd.DataFrame:
     """Sets the students without the expert beside the expert (paper, Table II)."""
     means = alternation_table(scores)
-    alone = means[(means["policy"] == "expert") | (means["ratio"] == "0")]
-    table = pd.DataFrame(
-        {
-            "policy": alone["policy"].tolist(),
-            "return": with_interval(alone, "return", 0),
-            "share of expert": with_interval(alone, "share", 3),
-            "plain return": with_interval(alone, "plain_return", 1),
-            "falls": falls_of(alone),
-            "rhythm": alone["rhythm"].round(3),
-            TITLES["going_speed_error"]: alone["going_speed_error"].round(3),
-            TITLES["yaw_rate_error"]: alone["yaw_rate_error"].round(3),
-        }
-    )
-    return with_reading_cost(table, policies)
+    alone = means[(means["policy"] == "expert") | (means["ratio"] == 0.0)]
+    table = titled_table(with_reading_cost(alone, policies), STANDALONE)
+    return table.reset_index(drop=True)
 
 
 def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:
-    """Sums up the pushes that each policy survives, a row a policy."""
+    """Sums up the pushes that each policy survives, and counts how the others ended."""
     rows = []
     for policy, basin in basins.items():
         n_pushes, survived = int(np.prod(basin.grid.shape)), int(basin.survived.sum())
-        means = basin.shares.mean(axis=1)
-        weakest = basin.grid.directions[means == means.min()]
-        ends = sorted(basin.failures.items(), key=lambda end: -end[1])
-        named = [f"{name.replace('_', ' ')} {count}" for name, count in ends if count]
-        rows.append(
-            {
-                "policy": policy,
-                "all survived up to (m/s)": basin.survived_up_to(1.0),
-                "half survived up to (m/s)": basin.survived_up_to(0.5),
-                "survived": f"{survived} of {n_pushes}",
-                **_share(survived, n_pushes),
-                "weakest direction": ", ".join(f"{np.degrees(angle):.0f}°" for angle in weakest),
-                "how the others ended": ", ".join(named) or "–",
-            }
-        )
+        weakest = basin.grid.directions[basin.shares.mean(axis=1).argmin()]
+        row = {"policy": policy, "pushes": n_pushes, "survived": survived}
+        row |= _share(survived, n_pushes)
+        row["all survived up to (m/s)"] = basin.survived_up_to(1.0)
+        row["half survived up to (m/s)"] = basin.survived_up_to(0.5)
+        row["weakest direction (°)"] = round(float(np.degrees(weakest)), 6)
+        ends = {name: basin.failures[name] for name in _ends(basins)}
+        rows.append(row | {name.replace("_", " "): count for name, count in ends.items()})
     return pd.DataFrame(rows)
+
+
+def _ends(basins: Mapping[str, Basin]) -> list[str]:
+    """Lists the ways in which any robot ended."""
+    counts = [basin.failures for basin in basins.values()]
+    return [name for name in counts[0] if any(own[name] for own in counts)]
 
 
 def push_table(basins: Mapping[str, Basin]) -> pd.DataFrame:

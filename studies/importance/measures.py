@@ -97,6 +97,6 @@ def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str
         theirs = paper.get(kind, [[]] * N_TOP)
         for title, ours, known in zip(("1st", "2nd", "3rd"), places, theirs, strict=True):
             row[title] = ", ".join(name + ("*" if name in known else "") for name in ours)
-            row[f"{title} (paper)"] = ", ".join(sorted(known)) or "–"
+            row[f"{title} (paper)"] = ", ".join(sorted(known)) or np.nan
         rows.append(row)
     return pd.DataFrame(rows)

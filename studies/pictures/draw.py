@@ -18,7 +18,7 @@ from PIL import Image
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
-from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO, SCENARIO_GROUPS, Scenario, load_scenarios
 from glassgait.diagrams.visualization import Camera
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
@@ -34,6 +34,7 @@ from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.figures import fall_map
+from glassgait.studies.evaluation.training_ranges import outside_training
 from glassgait.studies.training.figures import learning_curves
 from glassgait.studies.training.record import trainings
 from glassgait.studies.view.stills import gait_strip
@@ -63,7 +64,9 @@ def draw(names: Sequence[str] = ()) -> None:
             curves = {gait: _learning_curve(gait) for gait in experts}
             save_figure(learning_curves(curves), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
-            save_figure(fall_map(fall_tables()), path.with_suffix(""), ("png",))
+            scenarios = load_scenarios(tuple(SCENARIO_GROUPS)).values()
+            outside = [own.title for own in scenarios if outside_training(own)]
+            save_figure(fall_map(fall_tables(), outside), path.with_suffix(""), ("png",))
         elif name.endswith("_gait.png"):
             gait = load_gait(name.removesuffix("_gait.png"))
             strip = gait_strip(load_robot(), formulas_rollout(gait.name), gait)

@@ -1,5 +1,6 @@
 """Every command in small: it runs, and writes what it should."""
 
+import pandas as pd
 import pytest
 
 from glassgait.models.export.binding import has_compiler
@@ -64,6 +65,17 @@ def run(command, arguments, patterns, folder):
     main([*command.split(), *arguments, *output])
     for pattern in patterns:
         assert list(folder.rglob(pattern)), pattern
+    for path in folder.rglob("*.csv"):
+        assert_numeric(pd.read_csv(path))
+
+
+def assert_numeric(table):
+    """Asserts that no column mixes numbers and text, nor holds numbers with signs around them."""
+    for name in table.select_dtypes(exclude=["number", "bool"]):
+        for cell in table[name].dropna().map(str):
+            assert not any(mark in cell for mark in ("±", "–", " %")), (name, cell)
+            words = cell.replace(" of ", " ").split()
+            assert not all(word.lstrip("+-").replace(".", "", 1).isdigit() for word in words), name
 
 
 @pytest.mark.parametrize("command", FAST)

@@ -25,6 +25,7 @@ from glassgait.studies.common.scores import (
     score_rollouts,
     summarize,
 )
+from glassgait.studies.common.tables import joined
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.alternation import alternation_scores
 from glassgait.studies.evaluation.figures import return_figure
@@ -100,12 +101,13 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     students = {"linear": student}
     scores = alternation_scores(load_gait("trot"), expert, students, config, tmp_path, (1, 2, 0))
     summary = summarize(scores, ["policy", "ratio"]).set_index(["policy", "ratio"])
-    assert summary.loc[("expert", "1"), "falls"] == 0
-    assert summary.loc[("expert", "1"), "rhythm"] > 0.8
-    assert summary.loc[("linear", "0"), "rhythm"] < 0.1
+    assert summary.loc[("expert", 1.0), "falls"] == 0
+    assert summary.loc[("expert", 1.0), "rhythm"] > 0.8
+    assert summary.loc[("linear", 0.0), "rhythm"] < 0.1
     table = standalone_table(scores, {"expert": expert, **students})
     assert table["policy"].tolist() == ["expert", "linear"]
-    assert table["share of expert"].tolist()[0] == "1.000 ± 0.000"
+    assert table["share of the expert's return"].tolist()[0] == 1.0
+    assert joined(table)["share of the plain return"].tolist()[0] == "1.000 ± 0.000"
     assert table["operations per action"].tolist() == [18679, 2 * len(expert.observation_names)]
     assert len(return_figure(scores, "trot").axes) == 3
 

@@ -46,7 +46,7 @@ def test_every_policy_meets_every_scenario_and_seed(tmp_path):
     table = pd.read_csv(tmp_path / "run" / "values.csv")
     assert len(Count.measured) == 8 and len(table) == 16
     assert table.columns.tolist() == ["gait", "policy", "scenario", "seed", "value", "text"]
-    assert set(table["seed"]) == {1000, 1001}
+    assert set(table["seed"]) == {7000, 7001}
     assert len(json.loads((tmp_path / "run" / "metrics.json").read_text())) == 8
     assert (tmp_path / "run" / "note.txt").read_text() == "n"
 
@@ -85,7 +85,8 @@ def test_each_of_several_gaits_has_its_folder(tmp_path, monkeypatch):
         ({"gait": ("three_one",), "policy": ("formulas",)}, "--policy 'formulas'"),
         ({"gait": ("gallop",)}, "unknown gait 'gallop'"),
         ({"scenario": ("mars",)}, "mars"),
-        ({"seed": 500}, "500 to 509 choose among candidates"),
+        ({"seed": 500}, "500 to 509 chose among candidates"),
+        ({"seed": 1004}, "1000 to 1004 chose among what ships"),
     ],
 )
 def test_bad_settings_are_refused_before_anything_is_written(settings, key, tmp_path):

@@ -65,7 +65,7 @@ def titled_figures(curve):
     """Draws every figure that takes a title from tables with hostile names."""
     measures = {"return": 9.0, "plain_return": 9.0, "rhythm": 1.0, "going_speed_error": 0.1}
     measures |= {"yaw_rate_error": 0.1, "way": 1.0, "cost_of_transport": 1.0, "fell": False}
-    who = [("expert", "1"), ("linear", "1/2"), ("linear", "0")]
+    who = [("expert", 1.0), ("linear", 0.5), ("linear", 0.0)]
     scores = pd.DataFrame(who, columns=pd.Index(["policy", "ratio"])).assign(**measures)
     world = {"policy": "expert", "scenario": "nominal", "world": HOSTILE, "robots": 2}
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])

@@ -180,7 +180,7 @@ def test_the_paper_is_reproduced_in_small_and_resumed(small, tmp_path, refused):
     for kind in ("gbm", "ebm", "symbolic"):
         assert len(list((students / kind).glob("round_*.safetensors"))) == 6
     ratios = pd.read_csv(folder / "trot" / "ratios.csv")
-    assert set(ratios["ratio"].astype(str)) == {"1", "1/2", "0"}
+    assert set(ratios["ratio"]) == {1.0, 0.5, 0.0}
     assert "--resume" in refused(arguments)
     kept = students / "ebm" / "record.json"
     made = kept.stat().st_mtime_ns
