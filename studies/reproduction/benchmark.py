@@ -170,7 +170,8 @@ def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataF
         (f"PPO training, {config.n_robots} robots", training, 1.0),
         ("BatchEvalUniquePeriodicDiscreteUpdate only, same states", bare, share),
     ]
-    table = pd.DataFrame(rows, columns=pd.Index(["what", "control steps/s", "training as a share of it"]))
+    columns = pd.Index(["what", "control steps/s", "training as a share of it"])
+    table = pd.DataFrame(rows, columns=columns)
     return table.round({"control steps/s": 0})
 
 
