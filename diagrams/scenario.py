@@ -13,7 +13,7 @@ from annotated_types import Ge, Le, MaxLen
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown, unknown_name
-from glassgait.models.files import read_yaml
+from glassgait.models.files import beside, read_yaml
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
 from glassgait.models.settings import Count, checked
@@ -193,7 +193,7 @@ def _parse(values: Any, path: Path) -> Scenario:
             f"{path}: is not a mapping of settings; write what differs from the nominal scenario, "
             "such as station: {friction: 0.3}"
         )
-    values = {"title": path.stem} | values
+    values = {"title": path.stem} | beside(path, values)
     if "command" not in values:
         return Scenario.from_plain(values, str(path))
     # Three kinds of settings stand under one key, and their own keys decide which.

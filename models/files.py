@@ -23,6 +23,11 @@ RECORD_BYTES = 100_000_000  # greatest size of a record that a run writes
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f]")
 
+_PATHS = ("gait", "robot", "scenario", "warm_start", "output")
+"""Keys of settings that may hold a path, in place of a name."""
+
+_SUFFIXES = (".yaml", ".yml", ".formulas", ".safetensors")
+
 _REMEDIES = {
     errno.ENOSPC: "free some space",
     errno.EISDIR: "give the path of a file, not of a folder",
@@ -68,6 +73,16 @@ def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") 
         line = text.count("\n", 0, found.start()) + 1
         raise InputError(f"{path}: line {line} holds the control character {found[0]!r}; remove it")
     return text
+
+
+def beside(path: Path, values: Any, key: str = "") -> Any:
+    """Completes the paths among the values of a file, which are relative to its folder."""
+    if isinstance(values, dict):
+        return {name: beside(path, value, name) for name, value in values.items()}
+    if isinstance(values, list):
+        return [beside(path, value, key) for value in values]
+    is_path = isinstance(values, str) and (key == "output" or Path(values).suffix in _SUFFIXES)
+    return str(path.parent / values) if is_path and key in _PATHS else values
 
 
 def read_yaml(path: Path) -> Any:

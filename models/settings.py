@@ -133,6 +133,8 @@ def _sentence(error: ValidationError, kind: type[Settings]) -> str:
         return f"lacks the key {key!r}; add it"
     wanted = first["msg"].replace(" after validation", "")
     wanted = re.sub(r"^\w+ should", "it must", wanted).replace("Value error,", "it must be")
+    if isinstance(first["input"], bool) and first["type"] in ("string_type", "literal_error"):
+        wanted = "YAML takes yes, no, on and off for true and false; quote the word"
     if first["type"] == "float_type" and _EXPONENT.fullmatch(str(first["input"])):
         wanted = "YAML takes it for text; write it as 1.0e-5 is written"
     return f"{key} is {shown(first['input'])}; {wanted}".lstrip()

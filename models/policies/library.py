@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError, shown, unknown_name
 from glassgait.models.files import load_arrays, read_text, read_yaml
 from glassgait.models.policies.policy import FORMAT_VERSION, Policy
 from glassgait.models.robots.library import load_robot, robot_folder, robot_of
@@ -176,15 +176,12 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
 def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
     """Loads a shipped student, with its estimator."""
     robot = robot or load_robot()
+    expert = load_expert(gait, robot=robot)
     if kind not in (shipped := shipped_students(gait, robot.name)):
-        kinds = ", ".join(shipped) or "none"
-        raise InputError(
-            f"no student {shown(kind)} for gait {gait!r} of the {robot.name} ships with the "
-            f"project (shipped: {kinds}); make it with 'glassgait distill --gait {gait}"
-            f"{robot.option} --students {kind}'"
-        )
+        remedy = f"; make others with 'glassgait distill --gait {gait}{robot.option}'"
+        raise unknown_name(f"{robot.name} {gait} student", kind, shipped, remedy)
     folder = robot_folder(STUDENT_DIRECTORY, robot.name) / gait
-    return load_student_of(load_expert(gait, robot=robot), policy_path(folder, kind))
+    return load_student_of(expert, policy_path(folder, kind))
 
 
 def load_expert(

@@ -6,7 +6,7 @@ a leg hip, thigh, calf, in every array of this project.
 
 import numpy as np
 
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import unknown_name
 
 LEGS = ("FL", "FR", "RL", "RR")
 LEG_JOINTS = ("hip", "thigh", "calf")
@@ -38,6 +38,4 @@ def joint_index(joint: str | int) -> int:
     is_number = not isinstance(joint, str | bool) and isinstance(joint, int | np.integer)
     if is_number and int(joint) in range(N_JOINTS):
         return int(joint)
-    raise InputError(
-        f"unknown joint {shown(joint)}; the joints are {', '.join(JOINTS)}, or 0 to {N_JOINTS - 1}"
-    )
+    raise unknown_name("joint", joint, JOINTS, f", or 0 to {N_JOINTS - 1}")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError, unknown_name
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import Controller, alone
@@ -95,11 +95,12 @@ class Policies:
             raise InputError(self.expert_place)
         of = f"--gait {self.gait.name}{self.robot.option}"
         remedy = f"; make it with 'glassgait distill {of} --students {name}'"
-        raise InputError(
-            f"--policy {shown(name)}: there is no such policy of the {self.gait.name} of the "
-            f"{self.robot.name} ({self.place}: {', '.join((EXPERT, *self.files))})"
-            f"{remedy if name in KINDS else ''}; name one of them, the file of a policy ending "
-            f"in {' or '.join(POLICY_SUFFIXES)}, or another run with --source"
+        raise unknown_name(
+            f"{self.robot.name} {self.gait.name} policy",
+            name,
+            (EXPERT, *self.files),
+            f" ({self.place}){remedy if name in KINDS else ''}; or name the file of a policy "
+            f"ending in {' or '.join(POLICY_SUFFIXES)}, or another run with --source",
         )
 
     def policy(self, name: str) -> Policy:

@@ -59,6 +59,7 @@ FROM_FILE = [
     *REFUSED,
     ({"inner": {"share": 2}}, "inner.share is 2; it must be less than or equal to 1"),
     ({"inner": {"kind": "c"}}, "inner.kind is 'c'; it must be 'a' or 'b'"),
+    ({"inner": {"kind": False}}, "inner.kind is False; YAML takes yes, no, on and off for true"),
     ({"count": date(2020, 1, 2)}, "it must be a valid integer"),
     ({"count": 10**5000}, "holds a value that cannot be read"),
     ({"count": 13}, "outer: count is 13; name another"),

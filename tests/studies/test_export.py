@@ -97,7 +97,7 @@ def test_without_a_compiler_the_file_is_written_unchecked(tmp_path, monkeypatch,
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--policy", "oracle"], "--policy"),
+        (["--policy", "oracle"], "unknown policy 'oracle'"),
         (["--policy", "mine.formulas"], "no such file"),
         (["--name", "Mine"], "name is 'Mine'"),
         (["--gait", "gallop"], "gait 'gallop'"),
