@@ -9,7 +9,7 @@ from glassgait.models.errors import InputError, shown, unknown_name
 from glassgait.models.files import read_yaml
 from glassgait.models.robots.quadruped import LEG_JOINTS, LEGS
 from glassgait.models.robots.robot import DEFAULT_ROBOT, ROBOT_DIRECTORY, Robot
-from glassgait.models.robots.urdf import read_urdf
+from glassgait.models.robots.urdf import Urdf
 
 ROBOT_FILE = "robot.yaml"
 
@@ -69,13 +69,12 @@ def _load(path: Path, _edited: int) -> Robot:
     if not isinstance(found, dict) or not isinstance(found.get("description"), str):
         raise InputError(f"{path}: lacks the key 'description'; name the URDF beside the file")
     joints = found.pop("joints", OWN_JOINTS)
-    named = isinstance(joints, dict) and {*joints} == {*LEGS}
-    if not (named and all(_are_names(names) for names in joints.values())):
+    if not _are_joints(joints):
         raise InputError(
             f"{path}: key 'joints' is {shown(joints)}; name hip, thigh and calf for each of "
             f"{', '.join(LEGS)}"
         )
-    measured = read_urdf(path.parent / found["description"], joints)
+    measured = Urdf(path.parent / found["description"], joints).fields()
     if twice := sorted({*found} & {*measured, "path"}):
         raise InputError(f"{path}: key {twice[0]!r} is what the URDF says; remove it")
     try:
@@ -91,12 +90,10 @@ def _load(path: Path, _edited: int) -> Robot:
     return robot
 
 
-def _are_names(names: Any) -> bool:
-    return (
-        isinstance(names, list)
-        and len(names) == len(LEG_JOINTS)
-        and all(isinstance(name, str) for name in names)
-    )
+def _are_joints(joints: Any) -> bool:
+    if not isinstance(joints, dict) or {*joints} != {*LEGS}:
+        return False
+    return all(isinstance(own, list) and [*map(type, own)] == [str] * 3 for own in joints.values())
 
 
 # A copy of a robot, and what another process gets, is the one that the file stands for.

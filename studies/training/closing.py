@@ -23,13 +23,8 @@ def show_result(gait: str, folder: Path, robot: str) -> None:
     rows = []
     for policy, controller in found.controllers([ALL]).items():
         scores = score(found.gait, controller, Scenario(), FEW)
-        rows.append(
-            {
-                "policy": policy,
-                f"falls of {FEW.n_robots}": int(scores["fell"].sum()),
-                "return": round(float(scores["return"].mean()), 1),
-            }
-        )
+        earned = round(float(scores["return"].mean()), 1)
+        rows.append({"policy": policy, "falls of 8": scores["fell"].sum(), "return": earned})
     title = f"{found.gait.name}: {FEW.n_steps * CONTROL_PERIOD:g} s, nominal scenario"
     print_table(title, pd.DataFrame(rows))
     best = max(rows[1:] or rows, key=lambda row: row["return"])

@@ -10,7 +10,7 @@ import tyro
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError, brief
+from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics, quadruped
@@ -132,23 +132,21 @@ def numbers_of(inertia: "SpatialInertia") -> Array:
 
 
 def check_inertias(robot: Robot, drake: dict[str, Array], mujoco: dict[str, Array]) -> None:
-    """Refuses a robot that differs from its file or between the simulators, naming the link."""
-    for link in drake:
-        # Each quantity in parts of its greatest entry.
-        for part, unit in ((slice(0, 1), "kg"), (slice(1, 4), "m"), (slice(4, 13), "kg·m²")):
-            first, second = drake[link][part], mujoco[link][part]
-            if not np.abs(first - second).max() <= SAME * np.abs(first).max():
+    """Refuses a robot that differs between the simulators, or from its file, by naming the link."""
+    for link, found in drake.items():
+        for what, part in (("mass", slice(1)), ("centre", slice(1, 4)), ("inertia", slice(4, 13))):
+            difference = np.abs(found[part] - mujoco[link][part]).max()
+            if not difference <= SAME * np.abs(found[part]).max():
                 raise InputError(
-                    f"{robot.urdf_path}: link {link} has {brief(str(first))} {unit} in Drake and "
-                    f"{brief(str(second))} {unit} in MuJoCo; mend its inertial"
+                    f"{robot.urdf_path}: the {what} of link {link} differs by {difference:.3g} "
+                    "between Drake and MuJoCo; mend its inertial"
                 )
-    for engine, links in (("Drake", drake), ("MuJoCo", mujoco)):
-        total = sum(numbers[0] for numbers in links.values())
-        if not abs(total - robot.mass) <= SAME * robot.mass:
-            raise InputError(
-                f"{robot.urdf_path}: the robot has {robot.mass:g} kg, and {total:g} kg in {engine};"
-                " mend the inertials of its links"
-            )
+    total = sum(numbers[0] for numbers in drake.values())
+    if not abs(total - robot.mass) <= SAME * robot.mass:
+        raise InputError(
+            f"{robot.urdf_path}: its links have {robot.mass:g} kg, and {total:g} kg in Drake; mend "
+            "their inertials"
+        )
 
 
 def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:

@@ -96,7 +96,7 @@ def test_welded_links_weigh_in_both_simulators_what_drake_reads_in_the_file(dog)
         expected = numbers_of(plant.CalcSpatialInertia(context, body.body_frame(), welded))
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
     mujoco["FL_hip"] = 1.00001 * mujoco["FL_hip"]
-    with pytest.raises(InputError, match=r"dog\.urdf: link FL_hip has"):
+    with pytest.raises(InputError, match=r"dog\.urdf: the mass of link FL_hip"):
         check_inertias(robot, drake, mujoco)
 
 
