@@ -8,11 +8,9 @@ for 2 s. It prints how many fall, and how far the others lean, by the speed that
 
 import numpy as np
 
-from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.library import load_student
+from glassgait.diagrams import FixedCommand, Scenario
+from glassgait.models import load_gait, load_student
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.episode import ControlStep, Observer, episode, push
 
 N_ROBOTS, PUSHED_AT, N_STEPS = 8, 150, 250  # robots a speed, control steps

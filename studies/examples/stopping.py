@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams import FixedCommand
 from glassgait.models.settings import checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.episode import give

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 import glassgait.diagrams.gym
-from glassgait.models.policies.library import load_expert
+from glassgait.models import load_expert
 
 gymnasium.register_envs(glassgait.diagrams.gym)
 
