@@ -2,8 +2,10 @@
 
 import os
 import sys
+from argparse import ArgumentParser
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from glassgait.models.errors import InputError, unknown_name
@@ -69,7 +71,11 @@ def _run(arguments: list[str]) -> None:
         print(version("glassgait"))
     elif name in COMMANDS or (name.startswith("reproduce ") and name.endswith(".yaml")):
         refuse_early(name, rest)
-        _parse(name, rest).run()
+        command = _parse(name, rest)
+        if getattr(command, "print_settings", False):
+            print(command.text(), end="")
+        else:
+            command.run()
     elif not arguments or arguments[-1] in ("-h", "--help"):
         print(_help([known for known in COMMANDS if known.startswith(" ".join(arguments[:-1]))]))
     else:
@@ -87,7 +93,14 @@ def _parse(name: str, arguments: list[str]) -> Any:
     flags = (tyro.conf.FlagCreatePairsOff, tyro.conf.SuppressFixed)
     prog = f"glassgait {name}"
     if not name.startswith("reproduce ") or name == "reproduce benchmark":
-        return tyro.cli(command_class(name), prog=prog, args=arguments, config=flags)
+        kind = command_class(name)
+        # The file's settings are the defaults of the options.
+        parser = ArgumentParser(add_help=False, allow_abbrev=False)
+        parser.add_argument("--settings", nargs="?", type=Path)
+        path = parser.parse_known_args(arguments)[0].settings
+        default = kind.from_file(path) if path and hasattr(kind, "from_file") else None
+        given = {} if default is None else {"default": default}
+        return tyro.cli(kind, prog=prog, args=arguments, config=flags, **given)
     from glassgait.studies.reproduction.settings import load_settings, settings_file
 
     path = settings_file(name.removeprefix("reproduce "))

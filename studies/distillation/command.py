@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from glassgait.models.policies.library import policy_path
-from glassgait.models.settings import Settings, checked
+from glassgait.models.settings import checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.jobs import (
@@ -22,6 +22,7 @@ from glassgait.studies.common.jobs import (
 )
 from glassgait.studies.common.policies import EXPERT, find_expert
 from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
+from glassgait.studies.common.settings_file import SettingsFile
 from glassgait.studies.distillation.config import DistillationConfig, RefinementConfig
 from glassgait.studies.distillation.students import OnePolicy
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 
 @checked
-class Distill(Settings):
+class Distill(SettingsFile):
     """Distil an expert into glass-box students by DAgger with alternation.
 
     Attributes:
@@ -101,7 +102,7 @@ def _distill_job(
 
 
 @checked
-class Refine(OnePolicy):
+class Refine(OnePolicy, SettingsFile):
     """Let a policy of formulas learn on in closed loop, by PPO; only its numbers change.
 
     Attributes:

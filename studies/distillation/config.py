@@ -19,6 +19,7 @@ from glassgait.models.robots.robot import JointLaw
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.settings_file import IN_FILE
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.dataset import HELD_OUT_EVERY
 from glassgait.studies.distillation.short_formulas import FormulasSettings
@@ -89,13 +90,9 @@ class DistillationConfig(Settings):
     episode_steps: Steps = 1000
     overdue_weight: Count | None = None
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] | None = None
-    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = field(
-        default_factory=DomainRandomization
-    )
+    worlds: Annotated[DomainRandomization, IN_FILE] = field(default_factory=DomainRandomization)
     scenario: str | None = None
-    settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
-        default_factory=StudentsSettings
-    )
+    settings: Annotated[StudentsSettings, IN_FILE] = field(default_factory=StudentsSettings)
 
     def __post_init__(self) -> None:
         if self.episodes_per_round % (self.episodes_per_fit or 1):
@@ -210,8 +207,8 @@ class RefinementConfig(Settings):
     candidate_updates: Count = 20
     candidate_steps: Count = EPISODE_STEPS
     n_robots: Count = 256
-    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
-    ppo: PpoConfig = REFINING
+    worlds: Annotated[DomainRandomization, IN_FILE] = MILD
+    ppo: Annotated[PpoConfig, IN_FILE] = REFINING
 
     def training(self, gait: str, robot: str, law: JointLaw) -> TrainingConfig:
         """Returns the settings of the run that learns."""

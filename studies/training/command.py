@@ -3,31 +3,30 @@
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
 import tyro
 
-from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.robots.library import load_robot
-from glassgait.models.settings import Settings, checked
+from glassgait.models.settings import checked
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.jobs import Gaits, Job, Seeds, Workers, jobs_of, run_jobs
 from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
+from glassgait.studies.common.settings_file import SettingsFile
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.record import read_config
 
 
 @checked
-class Train(Settings):
+class Train(SettingsFile):
     """Train a neural expert by PPO.
 
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         n_seeds: Number of seeds of each gait: seed, seed + 1, …
         workers: Where jobs run; a single one trains in this process.
-        like: Record of an expert (<gait>.yaml) whose settings are taken instead.
         output: Folder of the run; runs/train/<gait> by default. Of several gaits each has its
             folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue the run that the folder holds.
@@ -41,17 +40,15 @@ class Train(Settings):
     )
     n_seeds: Seeds = 1
     workers: Annotated[Workers, tyro.conf.arg(name="")] = field(default_factory=Workers)
-    like: Path | None = None
     output: Path | None = None
     resume: bool = False
 
     def run(self) -> None:
         """Runs the study."""
-        config = self._config()
-        names = self.gait if self.like is None else (config.gait,)
+        config = self.config
         root = default_folder(self.title, load_robot(config.robot).name)
         seeds = range(config.seed, config.seed + self.n_seeds)
-        jobs = jobs_of(names, seeds, root, self.output)
+        jobs = jobs_of(self.gait, seeds, root, self.output)
         with self.workers.pool():
             run_jobs(jobs, partial(train_job, config, resume=self.resume))
         if len(jobs) == 1:
@@ -62,13 +59,10 @@ class Train(Settings):
             path = job.folder / f"{load_gait(job.gait).name}.safetensors"
             console.print(f"expert written to {path}")
 
-    def _config(self) -> TrainingConfig:
-        if self.like is None:
-            return self.config
-        if self.config != TrainingConfig() or self.gait != Train.gait:
-            problem = "--like takes every setting from the record; leave the other settings out"
-            raise InputError(problem)
-        return read_config(self.like)
+    @classmethod
+    def from_file(cls, path: Path) -> Self:
+        config = read_config(path)
+        return cls(gait=(config.gait,), config=config)
 
 
 def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:

@@ -24,6 +24,7 @@ from glassgait.models.settings import (
 )
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
+from glassgait.studies.common.settings_file import IN_FILE
 
 Fraction = Annotated[NotNegative, Le(1.0)]
 LearningRate = Annotated[Positive, Le(1.0)]
@@ -152,20 +153,18 @@ class TrainingConfig(Settings):
     warm_start: str | None = None
     updates: Count = 1000
     n_robots: Count = 256
-    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="")] = field(
-        default_factory=DomainRandomization
-    )
+    worlds: Annotated[DomainRandomization, IN_FILE] = field(default_factory=DomainRandomization)
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
     mirrored: bool = True
     limit_targets: bool = True
     senses: Senses = "imu"
-    odometry: Odometry = field(default_factory=Odometry)
-    weights: RewardWeights = EXACT
-    limits: TerminationLimits = field(default_factory=TerminationLimits)
-    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
-    ppo: PpoConfig = field(default_factory=PpoConfig)
-    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+    odometry: Annotated[Odometry, IN_FILE] = field(default_factory=Odometry)
+    weights: Annotated[RewardWeights, IN_FILE] = EXACT
+    limits: Annotated[TerminationLimits, IN_FILE] = field(default_factory=TerminationLimits)
+    curriculum: Annotated[CurriculumConfig, IN_FILE] = field(default_factory=CurriculumConfig)
+    ppo: Annotated[PpoConfig, IN_FILE] = field(default_factory=PpoConfig)
+    estimator: Annotated[EstimatorConfig, IN_FILE] = field(default_factory=EstimatorConfig)
 
     @property
     def joint_law(self) -> JointLaw:

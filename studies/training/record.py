@@ -4,9 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from glassgait.models.errors import InputError
-from glassgait.models.files import read_yaml
 from glassgait.studies.common.run import to_plain
+from glassgait.studies.common.settings_file import read_settings
 from glassgait.studies.training.config import TrainingConfig
 
 
@@ -25,19 +24,9 @@ def _differences(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, 
     return found
 
 
-def _filled(values: Any, defaults: Any) -> Any:
-    if not isinstance(values, dict) or not isinstance(defaults, dict):
-        return values
-    return defaults | {key: _filled(value, defaults.get(key)) for key, value in values.items()}
-
-
 def read_config(path: Path) -> TrainingConfig:
-    """Reads from an expert's record how it was trained; keys that it lacks have their defaults."""
-    record = read_yaml(path)
-    if not isinstance(record, dict) or "config" not in record:
-        raise InputError(f"{path}: is not an expert's record; it has no key 'config'")
-    whole = _filled(record["config"], to_plain(TrainingConfig()))
-    config = TrainingConfig.from_plain(whole, str(path))
+    """Reads from a record or a settings file how an expert is trained."""
+    config = read_settings(TrainingConfig(), path)
     start = config.warm_start
     if start is None or Path(start).exists():
         return config

@@ -285,8 +285,8 @@ def _load_start(
     widths = tuple(len(bias) for bias in start.actor.biases[:-1])
     if widths != config.ppo.actor_layers:
         raise InputError(
-            f"{path}: has layers of {widths}; train with --ppo.actor-layers "
-            f"{' '.join(map(str, widths))}"
+            f"{path}: has layers of {widths}; set "
+            f"ppo.actor_layers: {[*widths]} in the file of --settings"
         )
     if start.mirrored_states != mirrored:
         remedy = "leave --no-mirrored out" if mirrored is None else "train with --no-mirrored"

@@ -12,7 +12,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 
-TINY = ["--n-robots", "32", "--n-groups", "2", "--fine-steps", "0.005"]
+TINY = ["--settings", str(Path(__file__).parent / "settings" / "train.yaml"), "--n-robots", "32"]
 
 
 def forge(certificate: dict) -> None:

@@ -32,11 +32,8 @@ EARLY = {
 REFUSED = {
     "train --n-robots 0": "n_robots",
     "train --seed -1": "seed",
-    "train --ppo.learning-rate inf": "learning_rate",
-    "train --station.time-step 0.015": "must divide the control period",
     "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
     "distill --students linear linear": "students",
-    "distill --gbm.depth 40": "depth",
     "evaluate scenarios --n-steps 0": "n_steps",
     "evaluate scenarios --scenario nominal nominal": "scenario",
     "evaluate scenarios --n-workers 0": "n_workers",

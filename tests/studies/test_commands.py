@@ -1,5 +1,7 @@
 """Every command in small: it runs, and writes what it should."""
 
+from pathlib import Path
+
 import pandas as pd
 import pytest
 
@@ -23,10 +25,9 @@ FAST = {
 }
 """Settings of a command, and patterns of files that it writes."""
 
-TRAIN = ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"]
-
-REFINE = ["--n-robots", "4", "--worlds.n-groups", "2", "--worlds.fine-steps", "--updates", "2"]
-REFINE += ["--candidate-steps", "10", "--ppo.steps-per-update", "8", "--ppo.epochs", "1"]
+SETTINGS = Path(__file__).parent / "settings"
+TRAIN = ["--settings", str(SETTINGS / "train.yaml"), "--updates", "1"]
+REFINE = ["--settings", str(SETTINGS / "refine.yaml"), "--updates", "2", "--candidate-steps", "10"]
 
 PUSHES = ["--n-directions", "4", "--speeds", "0.5", "1", "--n-phases", "1", "--n-steps", "50"]
 

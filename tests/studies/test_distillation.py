@@ -93,7 +93,8 @@ def test_settings_that_cannot_be_are_refused(settings, message):
 def test_settings_that_do_not_fit_a_gait_are_refused_before_anything_is_made(
     gait, terms, tmp_path, refused
 ):
-    options = ["--gait", gait, "--students", "formulas", "--formulas.terms", str(terms)]
+    (tmp_path / "few.yaml").write_text(f"settings: {{formulas: {{terms: {terms}}}}}")
+    options = ["--gait", gait, "--students", "formulas", "--settings", str(tmp_path / "few.yaml")]
     message = refused(["distill", *options, "--output", str(tmp_path / "run")])
     assert f"terms is {terms};" in message and gait in message
     assert not (tmp_path / "run").exists()

@@ -2,6 +2,7 @@
 
 import re
 from functools import cache, reduce
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -50,8 +51,7 @@ TINY = RefinementConfig(
     worlds=DomainRandomization(n_groups=2, fine_steps=()),
     ppo=PPO,
 )
-SMALL = ["--n-robots", "4", "--worlds.n-groups", "2", "--worlds.fine-steps"]
-SMALL += ["--ppo.steps-per-update", "8", "--ppo.epochs", "1", "--ppo.critic-layers", "16"]
+SMALL = ["--settings", str(Path(__file__).parent / "settings" / "refine.yaml")]
 SMALL += ["--candidate-steps", "10", "--updates", "2"]
 PAGE = load_student("trot", "formulas")
 
@@ -237,7 +237,7 @@ def test_the_command_writes_the_formulas_and_their_record(short_page, tmp_path):
     short_page.save(tmp_path / "short.formulas")
     folder = tmp_path / "refined"
     arguments = ["refine", *SMALL, "--policy", str(tmp_path / "short.formulas")]
-    arguments += ["--ppo.critic-updates", "1", "--output", str(folder)]
+    arguments += ["--output", str(folder)]
     main(arguments)
     policy = load_policy(folder / "short.formulas")
     assert isinstance(policy, FormulaPolicy)

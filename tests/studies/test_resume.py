@@ -6,24 +6,25 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 SEED = int(os.environ.get("KILL_SEED", "0")) or random.SystemRandom().randrange(1, 2**31)
 
+SETTINGS = Path(__file__).parent / "settings"
 LEARN = ["--updates", "6", "--n-robots", "8"]
 COMMANDS = {
     "train": [
-        *[*LEARN, "--n-groups", "2", "--fine-steps"],
+        *["--settings", str(SETTINGS / "train.yaml"), *LEARN],
         *["--checkpoint-updates", "2", "--friction-updates", "2"],
     ],
     "distill": [
-        *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-workers", "1"],
-        *["--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
+        *["--settings", str(SETTINGS / "distill.yaml"), "--n-workers", "1"],
     ],
     "refine": [
-        *[*LEARN, "--worlds.n-groups", "2", "--worlds.fine-steps", "--policy", "formulas"],
-        *["--candidate-updates", "2", "--candidate-steps", "20", "--ppo.critic-updates", "2"],
+        *["--settings", str(SETTINGS / "refine.yaml"), *LEARN, "--policy", "formulas"],
+        *["--candidate-updates", "2", "--candidate-steps", "20"],
     ],
 }
 

@@ -24,10 +24,11 @@ transitions:
   - {from: up, to: down, when: FL & FR & RL & RR}
 """
 
+TRAIN = ["--settings", str(Path(__file__).parent / "settings" / "train.yaml"), "--updates", "1"]
 SMALL = ["--n-robots", "2", "--n-steps", "40", "--n-seeds", "1"]
 ROAD = {
     "gait": ["gaits/hop.yaml"],
-    "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
+    "train": TRAIN,
     "distill": [
         *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-workers", "1"],
         *["--source", "runs/train/hop", "--students", "linear_per_state", "symbolic_per_state"],
@@ -77,7 +78,7 @@ def test_a_robot_of_others_goes_the_whole_road(tmp_path, monkeypatch, capsys):
     shutil.copy(package.locate_file(LAIKAGO), "laikago.urdf")
     main(["robot", "robot.yaml"])
     assert "25.433 kg" in capsys.readouterr().out
-    robot, few = ["--robot", "robot.yaml"], ["--n-robots", "4", "--n-groups", "2"]
+    robot, few = ["--robot", "robot.yaml"], TRAIN[:2]
     main(["train", *robot, "--updates", "2", *few])
     distilled = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "40"]
     main(["distill", *robot, "--students", "linear", *distilled])

@@ -193,7 +193,8 @@ def test_a_record_that_ships_can_be_followed_from_any_folder(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("gait: trot", "has no key 'config'"),
+        ("[trot]", "is not a mapping of settings"),
+        ("ppo: {learning_rate: .inf}", "learning_rate"),
         ("config: {gate: trot}", "'gate'"),
         ("config: {seed: many}", "seed"),
         ("config: [", "not valid YAML"),
@@ -240,7 +241,7 @@ def test_an_actor_begins_as_another_expert_while_its_critic_learns(
     [
         ("students/trot/linear_per_state.safetensors", {}, "network of an expert"),
         ("experts/walk.safetensors", {}, "as many states"),
-        ("experts/trot.safetensors", {}, "--ppo.actor-layers 256 128 64"),
+        ("experts/trot.safetensors", {}, "actor_layers: \\[256, 128, 64\\]"),
         ("experts/trot.safetensors", {"senses": "odometry"}, "the same senses"),
         ("experts/gallop.safetensors", {}, "gallop"),
         ("experts/trot.safetensors", {"mirrored": False, "ppo": PpoConfig()}, "--no-mirrored"),

@@ -1,0 +1,65 @@
+"""Settings files: what has no option on the command line is set in a YAML file.
+
+`--print-settings` writes such a file with every setting, and `--settings FILE` reads one.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar, Self, TypeVar
+
+import tyro
+import yaml
+
+from glassgait.models.errors import InputError
+from glassgait.models.files import read_yaml
+from glassgait.models.settings import Settings, checked
+from glassgait.studies.common.run import to_plain
+
+IN_FILE = tyro.conf.Suppress
+"""Annotates settings without an option."""
+
+S = TypeVar("S", bound=Settings)
+
+
+@checked
+class SettingsFile(Settings):
+    """Settings of a command whose field `config` may be read from a file.
+
+    Attributes:
+        settings: Settings file, an expert's record or a run's config.yaml; other options change
+            what it says. --print-settings writes one with every setting.
+        print_settings: Print all settings as YAML instead of running.
+    """
+
+    title: ClassVar[str] = "settings"
+
+    settings: Path | None = None
+    print_settings: bool = False
+
+    @classmethod
+    def from_file(cls, path: Path) -> Self:
+        """Returns a command that takes its settings from a file."""
+        default: Any = cls()
+        return replace(default, config=read_settings(default.config, path))
+
+    def text(self) -> str:
+        """Returns the settings as YAML."""
+        command: Any = self
+        return yaml.safe_dump(to_plain(command.config), sort_keys=False)
+
+
+def read_settings(defaults: S, path: Path) -> S:
+    """Reads settings from a file or a record; keys that it lacks have their defaults."""
+    values = read_yaml(path)
+    if isinstance(values, dict):
+        # A record holds settings beside other things: an expert's, or a run's.
+        values = values.get("config", values.get("settings") if "study" in values else values)
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: is not a mapping of settings; write one with --print-settings")
+    return type(defaults).from_plain(_filled(values, to_plain(defaults)), str(path))
+
+
+def _filled(values: Any, defaults: Any) -> Any:
+    if not isinstance(values, dict) or not isinstance(defaults, dict):
+        return values
+    return defaults | {key: _filled(value, defaults.get(key)) for key, value in values.items()}
