@@ -32,7 +32,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from glassgait.diagrams.rollout import Rollout, set_plant_state
+from glassgait.diagrams.rollout import FALL_MONITOR, Rollout, set_plant_state
 from glassgait.diagrams.station import AddStation, StationConfig, add_robot, laid
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -44,6 +44,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH, GaitDisplay
+from glassgait.systems.reward import FallMonitor
 
 BOXES_PATH = f"{WORLD_PATH}/terrain"  # Meshcat's root of ground that is made of boxes
 
@@ -108,7 +109,6 @@ def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
 def save_replay(
     diagram: Diagram,
     meshcat: Meshcat,
-    robot: Robot,
     rollout: Rollout,
     path: Path,
     *,
@@ -143,7 +143,8 @@ def save_replay(
     for plain, named in _NAMED:
         page = page.replace(plain, named, 1)
     start = page.rindex(end)
-    still = still_page(robot, rollout["state"][-1], "This is the last pose.")
+    monitor: FallMonitor = diagram.GetSubsystemByName(FALL_MONITOR)  # type: ignore[assignment]
+    still = still_page(monitor.robot, rollout["state"][-1], "This is the last pose.")
     write_atomically(path, f"{page[:start]}{still}{_FOLLOWING}{page[start:]}")
 
 

@@ -125,7 +125,7 @@ def play(
     pushed = pusher(simulator, scenario, seed)
     # A push returns nothing, so that only a fall or the last step stops the rollout.
     rollout = record(simulator, n_steps, stopped=lambda: bool(pushed()))
-    save_replay(diagram, meshcat, policy.robot, rollout, replay, repetitions=repetitions)
+    save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
     return rollout
 
 

@@ -60,7 +60,7 @@ def play_live(
             time.sleep(FALLEN_SECONDS)
             rollout = _joined(rollout, live(n_falls))
         say("saving")
-        save_replay(diagram, meshcat, policy.robot, rollout, replay)
+        save_replay(diagram, meshcat, rollout, replay)
     return rollout
 
 

@@ -23,7 +23,7 @@ def test_replay_is_one_page_with_the_robot_and_the_machines_state(trot, make_pol
     diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot), meshcat=meshcat)
     rollout = record(make_simulator(diagram), 10, stop_on_failure=False)
     path = tmp_path / "replay.html"
-    save_replay(diagram, meshcat, A1, rollout, path)
+    save_replay(diagram, meshcat, rollout, path)
     page = path.read_text()
     assert "<html" in page.lower()
     assert len(page) > 500_000
