@@ -5,9 +5,8 @@ advances the diagram of a single robot (`glassgait.diagrams.rollout.record`).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,6 @@ from glassgait.models.policies.controller import (
     controller_of,
     estimator_in_loop,
 )
-from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 
 BoolArray = NDArray[np.bool_]
@@ -77,63 +75,28 @@ class Observer:
         raise NotImplementedError
 
 
-@dataclass
-class Episode:
-    """A running episode, as events find it between two control steps.
-
-    Attributes:
-        robots: Numbers of its robots (n,), without those that were left out.
-        step: Number of the next control step.
-    """
-
-    simulator: BatchSimulator
-    robots: IntArray
-    step: int
+Event = Callable[[int, BatchSimulator], None]
+"""Called before each control step, with its number, and may change the simulator."""
 
 
-class Event(NamedTuple):
-    """Changes an episode between two control steps, before robots are observed.
+def push(at: int, velocity: Array) -> Event:
+    """Returns a push, which adds a velocity (3,; m/s, world frame) to the trunks' before a step."""
 
-    Attributes:
-        step: Control step that it comes before, or each robot's own (n,); None for every step.
-        mask: Robots that it comes to (n,); None for all.
-    """
+    def event(step: int, simulator: BatchSimulator) -> None:
+        if step == at:
+            simulator.restore(simulator.state.pushed(velocity))
 
-    step: int | IntArray | None
-    mask: BoolArray | None
-    apply: Callable[[Episode, BoolArray], None]
-
-    def happen(self, episode: Episode) -> None:
-        """Applies it if it is due."""
-        everyone = np.ones(len(episode.robots), dtype=bool)
-        due = everyone if self.mask is None else self.mask[episode.robots]
-        if self.step is not None:
-            due = due & (_of_robots(self.step, 1, episode) == episode.step)
-        if due.any():
-            self.apply(episode, due)
+    return event
 
 
-def push(step: int | IntArray, velocity: Array, mask: BoolArray | None = None) -> Event:
-    """Returns a push, which adds a velocity (3,) or (n, 3) to the trunks' (m/s, world frame)."""
+def give(at: int, command: FixedCommand) -> Event:
+    """Returns a command of all robots, which holds from a step on."""
 
-    def apply(episode: Episode, robots: BoolArray) -> None:
-        added = np.where(robots[:, None], _of_robots(velocity, 2, episode), 0.0)
-        episode.simulator.restore(episode.simulator.state.pushed(added))
+    def event(step: int, simulator: BatchSimulator) -> None:
+        if step == at:
+            simulator.set_command(command.of_robots(simulator.n_robots))
 
-    return Event(step, mask, apply)
-
-
-def give(step: int | None, command: Command | FixedCommand) -> Event:
-    """Returns a command, one for all robots or (n, 2), (n,) of them, which holds from then on."""
-
-    def apply(episode: Episode, _: BoolArray) -> None:
-        if isinstance(command, FixedCommand):
-            given = command.of_robots(len(episode.robots))
-        else:
-            given = Command(*(own[episode.robots] for own in command))
-        episode.simulator.set_command(given)
-
-    return Event(step, None, apply)
+    return event
 
 
 class Ended(NamedTuple):
@@ -181,27 +144,23 @@ def episode(
     robot = scenario.task.robot if isinstance(scenario, World) else scenario.robot_of()
     controller = controller_of(controller, gait, robot)
     make = _simulator_maker(gait, controller, scenario, np.random.default_rng(seed))
-    running = Episode(make(n_robots=n_robots), np.arange(n_robots), 0)
+    simulator, robots = make(n_robots=n_robots), np.arange(n_robots)
     if start is not None:
-        running.simulator.restore(start)
+        simulator.restore(start)
     fell = np.full(n_robots, n_steps)
     for step in range(n_steps):
         # Leave out fallen robots from time to time.
-        fallen = fell[running.robots] < n_steps
+        fallen = fell[robots] < n_steps
         if leave_out_every and step % leave_out_every == 0 and fallen.any():
-            up = np.flatnonzero(~fallen)
-            fewer = make(n_robots=len(up))
-            fewer.restore(running.simulator.state.of_robots(up))
-            running = Episode(fewer, running.robots[up], step)
-            fallen = fallen[up]
-        robots, simulator = running.robots, running.simulator
+            up, state = np.flatnonzero(~fallen), simulator.state
+            simulator, robots, fallen = make(n_robots=len(up)), robots[up], fallen[up]
+            simulator.restore(state.of_robots(up))
         if len(robots) == 0:
             break
 
         # Apply the events, and act.
-        running.step = step
         for event in events:
-            event.happen(running)
+            event(step, simulator)
         before, observation = simulator.state, simulator.observe()
         output = controller.advance(step, observation)
         action = output.action
@@ -222,7 +181,7 @@ def episode(
             break
         if when_fallen == "restart" and outcome.terminated.any():
             simulator.reset(np.flatnonzero(outcome.terminated))
-    return Ended(fell, running.simulator.state)
+    return Ended(fell, simulator.state)
 
 
 def _simulator_maker(
@@ -237,8 +196,3 @@ def _simulator_maker(
         scenario = World.of(gait, scenario, controller)
     task, physics, _ = scenario
     return partial(BatchSimulator, task, physics, generator=generator, estimator=estimator)
-
-
-def _of_robots(values: Any, ndim: int, running: Episode) -> Any:
-    """Returns the values of an episode's robots, where there is one for each."""
-    return np.asarray(values)[running.robots] if np.ndim(values) == ndim else values

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.physics import make_physics
@@ -18,9 +19,7 @@ from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import (
-    BoolArray,
     ControlStep,
-    Episode,
     Event,
     IntArray,
     Observer,
@@ -90,15 +89,15 @@ def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Ev
     """Returns the event that keeps each robot's forward speed (n,; m/s) and draws its turns."""
     turns = None
 
-    def command(running: Episode, _: BoolArray) -> None:
+    def command(step: int, simulator: BatchSimulator) -> None:
         nonlocal turns
-        if turns is None or running.step % COMMAND_STEPS == 0:
+        if turns is None or step % COMMAND_STEPS == 0:
             turns = sample_commands(gait, len(speeds), generator)
         velocity = np.stack([speeds, turns.velocity[:, 1]], axis=1)
         # A robot that starts again has drawn another command.
-        running.simulator.set_command(Command(velocity, turns.dwell))
+        simulator.set_command(Command(velocity, turns.dwell))
 
-    return Event(None, None, command)
+    return command
 
 
 class _Samples(Observer):

@@ -11,9 +11,8 @@ from glassgait import studies
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.robots import quadruped
-from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.episode import Event, Observer, episode, give, push
+from glassgait.studies.common.episode import Observer, episode, give, push
 
 CALM = Scenario(sensor_noise=0.0, command=FixedCommand(0.5))
 
@@ -37,15 +36,16 @@ def play(controller, scenario=CALM, *, n_robots=3, n_steps=6, **more):
     return recorded.steps, ended
 
 
-def far(step, robots):
+def far(at, robots):
     """An event that throws robots beyond what is survived."""
 
-    def throw(running, mask):
-        plant = running.simulator.state.plant.copy()
-        plant[mask, quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
-        running.simulator.restore(running.simulator.state._replace(plant=plant))
+    def throw(step, simulator):
+        if step == at:
+            plant = simulator.state.plant.copy()
+            plant[robots, quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
+            simulator.restore(simulator.state._replace(plant=plant))
 
-    return Event(step, np.isin(np.arange(3), robots), throw)
+    return throw
 
 
 def test_observers_see_each_step_from_its_state_to_the_next(expert):
@@ -100,22 +100,16 @@ def test_an_episode_ends_with_an_observer_that_needs_no_more(expert):
     assert len(play(expert, observers=[Twice()])[0]) == 2
 
 
-def test_pushes_come_to_robots_of_a_mask_each_at_its_step(expert):
+def test_a_push_comes_before_its_step(expert):
     plain, _ = play(expert)
-    mask, when = np.array([True, True, False]), np.array([1, 3, 3])
-    pushed, _ = play(expert, events=[push(when, np.array([0.0, 0.4, 0.0]), mask)])
-    speeds = [
-        [step.before.plant[i, quadruped.LINEAR_VELOCITY][1] for step in (plain[at], pushed[at])]
-        for i, at in enumerate(when)
-    ]
-    difference = np.diff(speeds, axis=1)[:, 0]
-    assert difference == pytest.approx([0.4, 0.4, 0.0], abs=1e-12)
-    np.testing.assert_array_equal(pushed[-1].after.plant[2], plain[-1].after.plant[2])
+    pushed, _ = play(expert, events=[push(3, np.array([0.0, 0.4, 0.0]))])
+    difference = pushed[3].before.plant - plain[3].before.plant
+    assert difference[:, quadruped.LINEAR_VELOCITY][:, 1] == pytest.approx([0.4] * 3, abs=1e-12)
+    np.testing.assert_array_equal(pushed[2].before.plant, plain[2].before.plant)
 
 
 def test_a_command_holds_from_its_step_on(expert):
-    command = Command(np.full((3, 2), 0.3), np.full(3, 9.0))
-    steps, _ = play(expert, events=[give(2, command)])
+    steps, _ = play(expert, events=[give(2, FixedCommand(0.3, 0.3, 9))])
     assert [float(step.before.command.velocity[0, 1]) for step in steps] == [0, 0, *[0.3] * 4]
 
 
