@@ -1,7 +1,5 @@
 """Run folders: one run each, with a record of what it was made of."""
 
-import hashlib
-import json
 import platform
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -48,41 +46,39 @@ def open_run(
     *,
     study: str,
     settings: Any,
-    inputs: Mapping[str, str] | None = None,
+    inputs: Mapping[str, str],
     resume: bool = False,
     free: Collection[str] = (),
-) -> Iterator[str]:
+) -> Iterator[None]:
     """Claims a folder for a run, and writes settings, inputs and software to its `config.yaml`.
 
     Args:
         folder: The folder. It must be empty, unless the run that it holds is resumed.
         inputs: Digests of what the run reads, by name. A setting of the same name, which says where
             it was read from, is not compared.
-        resume: Whether to continue the run that the folder may hold.
         free: Settings that a continued run may change.
-
-    Yields:
-        A digest of settings, inputs and software, by which the run's files may be marked.
 
     Raises:
         InputError: if the folder holds anything else than such a run to resume.
     """
     software = {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
-    record = {"study": study, "settings": to_plain(settings), "inputs": dict(inputs or {})}
+    record = {"study": study, "settings": to_plain(settings), "inputs": dict(inputs)}
     record["software"] = software
-    path, made_of = folder / CONFIG_NAME, _made_of(record, free)
+    path = folder / CONFIG_NAME
 
     # Check before writing anything: a refused command must not leave a trace.
     begun = path.exists()
-    if begun:
-        _refuse_another(path, study, made_of, free, resume)
+    if begun and not resume:
+        refuse_run(folder, "continue it with --resume, or ")
+    elif begun:
+        _refuse_another(path, record, {*free, *PLACES, *inputs})
     elif _visible(folder):
         raise InputError(f"{folder}: holds other files; name a new folder with --output")
 
     # Write the record, and let the caller work.
     write_atomically(path, yaml.safe_dump(record, sort_keys=False))
     try:
-        yield hashlib.sha256(json.dumps([study, made_of]).encode()).hexdigest()[:16]
+        yield
     except InputError:
         # A run that was refused before it wrote anything leaves no folder behind.
         if not begun and _visible(folder) == [CONFIG_NAME]:
@@ -100,21 +96,17 @@ def read_run(folder: Path, study: str) -> dict[str, Any]:
     if not isinstance(found, dict) or any(not isinstance(found.get(key), dict) for key in parts):
         raise InputError(f"{path}: is damaged, or not of this version; name another folder")
     if found.get("study") != study:
+        theirs = shown(found.get("study"))[1:-1]
         raise InputError(
-            f"{folder}: holds a run of '{shown(found.get('study'))[1:-1]}', not of 'glassgait "
-            f"{study}'; name another folder"
+            f"{folder}: holds a run of '{theirs}', not of 'glassgait {study}'; name another folder"
         )
     return found
 
 
-def refuse_run(folder: Path) -> None:
-    """Raises an InputError if nothing can be written there: beside a run, or below a file."""
-    if any(place.exists() and not place.is_dir() for place in (folder, *folder.parents)):
-        raise InputError(f"{folder}: a file stands there; name a folder with --output")
-    path = folder / CONFIG_NAME
-    found = read_yaml(path) if path.exists() else None
-    if isinstance(found, dict) and "study" in found:
-        raise InputError(f"{folder}: holds a run; name another folder with --output")
+def refuse_run(folder: Path, remedy: str = "") -> None:
+    """Raises an InputError if a folder holds a run, beside whose results nothing is written."""
+    if (folder / CONFIG_NAME).exists():
+        raise InputError(f"{folder}: holds a run; {remedy}name another folder with --output")
 
 
 def to_plain(config: Any) -> Any:
@@ -128,19 +120,17 @@ def to_plain(config: Any) -> Any:
     return str(config) if isinstance(config, Path) else config
 
 
-def _refuse_another(
-    path: Path, study: str, made_of: dict[str, Any], free: Collection[str], resume: bool
-) -> None:
-    before = _made_of(read_run(path.parent, study), free)
-    if not resume:
-        raise InputError(
-            f"{path.parent}: holds a run of '{study}' already; continue it with --resume, or name "
-            "another folder with --output"
-        )
+def _refuse_another(path: Path, record: dict[str, Any], free: Collection[str]) -> None:
+    """Refuses to continue a run with other settings, inputs or software than its record has."""
+    before, now = (
+        _flat({key: value for key, value in own["settings"].items() if key not in free})
+        | _flat({"inputs": own["inputs"], "software": own["software"]})
+        for own in (read_run(path.parent, record["study"]), record)
+    )
     differences = [
-        brief(f"{key} = {shown(before.get(key))}, not {shown(made_of.get(key))}")
-        for key in sorted({*before, *made_of})
-        if before.get(key) != made_of.get(key)
+        brief(f"{key} = {shown(before.get(key))}, not {shown(now.get(key))}")
+        for key in sorted({*before, *now})
+        if before.get(key) != now.get(key)
     ]
     if differences:
         # Three are enough to see what was changed.
@@ -150,20 +140,12 @@ def _refuse_another(
         )
 
 
-def _made_of(record: Mapping[str, Any], free: Collection[str]) -> dict[str, Any]:
-    """Returns what two runs must agree in, nested settings by paths such as `station.friction`."""
-    left_out = {*free, *PLACES, *record["inputs"]}
-    settings = {key: value for key, value in record["settings"].items() if key not in left_out}
-    return _flat({**settings, "inputs": record["inputs"], "software": record["software"]})
-
-
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Returns nested settings by paths such as `station.friction`."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
+        nested = isinstance(value, dict)
+        flat |= _flat(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
     return flat
 
 

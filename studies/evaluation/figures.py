@@ -21,8 +21,12 @@ from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.drawing import ink_on
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.distillation.students import STUDENTS
-from glassgait.studies.evaluation.pushing import Basin
-from glassgait.studies.evaluation.tables import alternation_table, policies_of, worst_first
+from glassgait.studies.evaluation.tables import (
+    alternation_table,
+    policies_of,
+    push_summary,
+    worst_first,
+)
 
 LEAST_SHARE = 0.9  # share of the expert's return above which students differ visibly
 
@@ -144,28 +148,30 @@ def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> N
 
 
 @styled
-def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
+def push_figure(pushes: pd.DataFrame, title: str) -> Figure:
     """Draws a disc of each policy: direction as angle, speed as radius, colour for survival."""
-    columns = min(len(basins), MOST_COLUMNS)
-    rows = -(-len(basins) // columns)
+    policies = pushes["policy"].unique()
+    columns = min(len(policies), MOST_COLUMNS)
+    rows = -(-len(policies) // columns)
     size = PANEL * columns + 0.7, (PANEL + 0.2) * rows + 0.4
     polar = {"squeeze": False, "subplot_kw": {"projection": "polar"}}
     figure, grid = subplots(rows, columns, figsize=size, **polar)
     panels = grid.ravel()
-    for axes in panels[len(basins) :]:
+    for axes in panels[len(policies) :]:
         axes.set_visible(False)
-    for axes, (policy, basin) in zip(panels, basins.items(), strict=False):
+    limits = push_summary(pushes)["all survived up to (m/s)"]
+    for axes, policy, limit in zip(panels, policies, limits, strict=False):
         # Sectors and rings are centred on the pushes that were measured.
-        half = np.pi / len(basin.grid.directions)
-        sectors = np.append(basin.grid.directions - half, 2.0 * np.pi - half)
-        axes.pcolormesh(
-            sectors, _rings(basin.grid.speeds), basin.shares.T, cmap=SURVIVAL, vmin=0, vmax=1
-        )
+        own = pushes[pushes["policy"] == policy]
+        shares = own.pivot_table("survived", "speed (m/s)", "direction (°)", aggfunc="mean")
+        half = np.pi / shares.shape[1]
+        sectors = np.append(np.radians(shares.columns) - half, 2.0 * np.pi - half)
+        rings = _rings(shares.index.to_numpy())
+        axes.pcolormesh(sectors, rings, shares.astype(float), cmap=SURVIVAL, vmin=0, vmax=1)
         axes.set_theta_zero_location("N")
         axes.set_xticks(np.arange(4) * np.pi / 2, SIDES, fontsize=6.5)
         axes.tick_params(pad=-2)
-        name, speed = policy, basin.survived_up_to(1.0)
-        axes.set_title(f"{name}\nall survived up to {speed:.2g} m/s", fontsize=7.5)
+        axes.set_title(f"{policy}\nall survived up to {limit:.2g} m/s", fontsize=7.5)
     bar = figure.colorbar(
         ScalarMappable(Normalize(0, 1), SURVIVAL),
         ax=panels.tolist(),

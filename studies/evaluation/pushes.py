@@ -15,8 +15,6 @@ from glassgait.studies.common.experiment import Case, Experiment, Report
 if TYPE_CHECKING:
     import pandas as pd
 
-    from glassgait.studies.evaluation.pushing import PushGrid
-
 SPEEDS = tuple(round(0.3 * i, 1) for i in range(1, 11))
 
 PushSpeed = Annotated[float, Gt(0.0), Le(20.0)]
@@ -65,47 +63,33 @@ class Pushes(Experiment):
         ]
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Pushes the robots of one policy: a row of counts by direction, speed and kind of end."""
-        import pandas as pd
-
+        """Pushes the robots of one policy, a row a push."""
         from glassgait.studies.evaluation.pushing import push_everywhere
 
-        world = case.gait, case.controller, case.scenario
-        pushed = push_everywhere(*world, self.grid, n_steps=self.n_steps, seed=case.seed)
-        survived = pushed.survived.sum(axis=2).tolist()
-        return pd.DataFrame([{"survived": survived, "failures": pushed.failure_counts()}])
+        return push_everywhere(
+            case.gait,
+            case.controller,
+            case.scenario,
+            n_directions=self.n_directions,
+            speeds=self.speeds,
+            n_phases=self.n_phases,
+            n_steps=self.n_steps,
+            seed=case.seed,
+        )
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports which pushes each policy survives."""
-        import numpy as np
-
         from glassgait.studies.common.tables import json_records
-        from glassgait.studies.evaluation.figures import push_figure
-        from glassgait.studies.evaluation.pushing import Basin
-        from glassgait.studies.evaluation.tables import push_summary, push_table
+        from glassgait.studies.evaluation import figures, tables
 
-        basins = {
-            row["policy"]: Basin(self.grid, np.array(row["survived"]), row["failures"])
-            for row in table.to_dict(orient="records")
-        }
-        summed, gait = push_summary(basins), table["gait"].iloc[0]
+        summed, gait = tables.push_summary(table), table["gait"].iloc[0]
         title = (
             f"{gait.capitalize()} at {self.command.speed:g} m/s: which pushes are survived. "
             "Direction as angle, speed (m/s) as radius"
         )
         return Report(
-            tables={"summary": summed, "pushes": push_table(basins)},
+            tables={"summary": summed, "pushes": tables.push_table(table)},
             metrics=json_records(summed),
-            figures={"pushes": push_figure(basins, title)},
+            figures={"pushes": figures.push_figure(table, title)},
             shown={f"{gait}: pushes": summed},
         )
-
-    @property
-    def grid(self) -> PushGrid:
-        """The pushes."""
-        import numpy as np
-
-        from glassgait.studies.evaluation.pushing import PushGrid
-
-        directions = 2.0 * np.pi * np.arange(self.n_directions) / self.n_directions
-        return PushGrid(directions, np.array(self.speeds), self.n_phases)

@@ -1,12 +1,10 @@
 """Pushing walking robots: from every direction, at every speed, in every phase of the gait."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task import TaskState
@@ -25,70 +23,48 @@ WALKS = 0.5  # share of the commanded rhythm that counts as walking
 WATCH = 25  # control steps after which robots that fell are left out, to save time
 
 
-@dataclass(frozen=True)
-class PushGrid:
-    """The pushes: every direction with every speed in every phase.
-
-    Attributes:
-        directions: Angles from straight ahead, to the left (n_directions,; rad).
-        speeds: Velocities that are added to the trunk's (n_speeds,; m/s).
-        n_phases: Number of instants of the gait's cycle, equally far apart.
-    """
-
-    directions: Array
-    speeds: Array
-    n_phases: int
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Numbers of directions, speeds and phases."""
-        return len(self.directions), len(self.speeds), self.n_phases
-
-
-class Pushed(NamedTuple):
-    """The ends of the robots, each array of the grid's shape.
-
-    Attributes:
-        survived: Whether a robot still walked in the end.
-        failure: Index of its first failure in `FAILURES`; -1 for none.
-    """
-
-    survived: NDArray[np.bool_]
-    failure: NDArray[np.int64]
-
-    def failure_counts(self) -> dict[str, int]:
-        """Counts the ends of robots that did not survive: first failure, or loss of the rhythm."""
-        counts = {name: int(np.sum(self.failure == i)) for i, name in enumerate(FAILURES)}
-        return counts | {"no_rhythm": int(np.sum(~self.survived & (self.failure < 0)))}
-
-
 def push_everywhere(
     gait: Gait,
     controller: Controller,
     scenario: Scenario,
-    grid: PushGrid,
     *,
+    n_directions: int,
+    speeds: Sequence[float],
+    n_phases: int,
     n_steps: int,
     seed: int,
-) -> Pushed:
+) -> pd.DataFrame:
     """Lets robots walk, pushes each once, and checks whether they walk `n_steps` later.
 
     A robot of each phase walks from near the default stance. It is copied in the instant of its
     phase, so that all its pushes meet the same state; sensor noise differs from then on.
+
+    Returns a row for each direction (counted from straight ahead, to the left), speed and phase.
+    The `end` of a robot that does not survive is its first failure, or `no_rhythm`.
     """
     world = World.of(gait, scenario, controller)
     walk = partial(episode, gait, controller, world, seed=np.random.default_rng(seed))
     # A robot of each phase walks until the instant of its phase.
-    caught = _Caught(gait.states.index(gait.initial), grid.n_phases)
-    walk(n_robots=grid.n_phases, n_steps=MOST_STEPS, observers=[caught])
+    caught = _Caught(gait.states.index(gait.initial), n_phases)
+    walk(n_robots=n_phases, n_steps=MOST_STEPS, observers=[caught])
+    shape = n_directions, len(speeds), n_phases
+    direction, speed, phase = np.unravel_index(np.arange(np.prod(shape)), shape)
+    table = pd.DataFrame(
+        {
+            "direction (°)": 360.0 * direction / n_directions,
+            "speed (m/s)": np.array(speeds)[speed],
+            "phase": phase,
+            "survived": False,
+            "end": "no_rhythm",
+        }
+    )
 
     # Robots that walked until then are pushed, each in every direction at every speed.
-    direction, speed, phase = np.unravel_index(np.arange(np.prod(grid.shape)), grid.shape)
     rows = np.flatnonzero(caught.there[phase])
-    survived, failure = np.zeros(len(phase), dtype=bool), np.full(len(phase), -1)
     if len(rows):
         state = caught.state.of_robots(phase[rows])
-        push = horizontal(state.plant, grid.directions[direction[rows]], grid.speeds[speed[rows]])
+        angles = 2.0 * np.pi * direction[rows] / n_directions
+        push = horizontal(state.plant, angles, np.array(speeds)[speed[rows]])
         survival = _Survival(len(rows), n_steps)
         walk(
             n_robots=len(rows),
@@ -97,10 +73,11 @@ def push_everywhere(
             start=state.pushed(push),
             leave_out_every=WATCH,
         )
-        rhythm = survival.served / min(n_steps, LAST_STEPS)
-        survived[rows] = (survival.failure < 0) & (rhythm >= WALKS)
-        failure[rows] = survival.failure
-    return Pushed(survived.reshape(grid.shape), failure.reshape(grid.shape))
+        fell = survival.failure >= 0
+        table.loc[rows[fell], "end"] = np.array(FAILURES)[survival.failure[fell]]
+        walks = rows[~fell & (survival.served / min(n_steps, LAST_STEPS) >= WALKS)]
+        table.loc[walks, "survived"], table.loc[walks, "end"] = True, ""
+    return table
 
 
 class _Caught(Observer):
@@ -144,7 +121,7 @@ class _Caught(Observer):
 
 
 class _Survival(Observer):
-    """Records each robot's first failure, as `Pushed`, and the rhythm served in the last steps."""
+    """Records each robot's first failure, -1 for none, and the rhythm served in the last steps."""
 
     def __init__(self, n_robots: int, n_steps: int) -> None:
         self.failure, self.served = np.full(n_robots, -1), np.zeros(n_robots)
@@ -166,23 +143,3 @@ def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
     rotation = kinematics.rotation_matrix(plant[:, quadruped.QUATERNION])
     angle = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]) + direction
     return speed[:, None] * np.stack([np.cos(angle), np.sin(angle), np.zeros(len(plant))], axis=1)
-
-
-@dataclass(frozen=True)
-class Basin:
-    """The pushes that one policy survives: counts of robots (n_directions, n_speeds), and of the
-    ends of the others."""
-
-    grid: PushGrid
-    survived: Array
-    failures: Mapping[str, int]
-
-    @property
-    def shares(self) -> Array:
-        """Shares of phases in which robots survive (n_directions, n_speeds)."""
-        return self.survived / self.grid.n_phases
-
-    def survived_up_to(self, share: float) -> float:
-        """Returns the greatest speed (m/s) up to which a share of the pushes is survived, or 0."""
-        holds = np.logical_and.accumulate(self.shares.mean(axis=0) >= share)
-        return float(self.grid.speeds[holds].max(initial=0.0))

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping
 
-import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO
@@ -10,7 +9,6 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.reading_cost import READING_COST_TITLES, reading_cost
 from glassgait.studies.common.scores import summarize, wilson_interval
 from glassgait.studies.common.tables import HALF
-from glassgait.studies.evaluation.pushing import Basin
 
 COSTS = {title: title for title in READING_COST_TITLES}
 
@@ -139,45 +137,31 @@ def standalone_table(scores: pd.DataFrame, policies: Mapping[str, Policy]) -> pd
     return table.reset_index(drop=True)
 
 
-def push_summary(basins: Mapping[str, Basin]) -> pd.DataFrame:
+def push_summary(pushes: pd.DataFrame) -> pd.DataFrame:
     """Sums up the pushes that each policy survives, and counts how the others ended."""
     rows = []
-    for policy, basin in basins.items():
-        n_pushes, survived = int(np.prod(basin.grid.shape)), int(basin.survived.sum())
-        weakest = basin.grid.directions[basin.shares.mean(axis=1).argmin()]
-        row = {"policy": policy, "pushes": n_pushes, "survived": survived}
-        row |= _share(survived, n_pushes)
-        row["all survived up to (m/s)"] = basin.survived_up_to(1.0)
-        row["half survived up to (m/s)"] = basin.survived_up_to(0.5)
-        row["weakest direction (°)"] = round(float(np.degrees(weakest)), 6)
-        ends = {name: basin.failures[name] for name in _ends(basins)}
-        rows.append(row | {name.replace("_", " "): count for name, count in ends.items()})
-    return pd.DataFrame(rows)
+    for policy, own in pushes.groupby("policy", sort=False):
+        by_speed = own.groupby("speed (m/s)")["survived"].mean()
+        row = {"policy": policy, **_survival(own["survived"])}
+        for share, title in ((1.0, "all"), (0.5, "half")):
+            held = by_speed.index[(by_speed >= share).cummin()]
+            row[f"{title} survived up to (m/s)"] = max(held, default=0.0)
+        row["weakest direction (°)"] = own.groupby("direction (°)")["survived"].mean().idxmin()
+        rows.append(row)
+    ends = pd.crosstab(pushes["policy"], pushes["end"]).drop(columns="", errors="ignore")
+    ends = ends.rename(columns=lambda name: name.replace("_", " "))
+    return pd.DataFrame(rows).join(ends, on="policy")
 
 
-def _ends(basins: Mapping[str, Basin]) -> list[str]:
-    """Lists the ways in which any robot ended."""
-    counts = [basin.failures for basin in basins.values()]
-    return [name for name in counts[0] if any(own[name] for own in counts)]
-
-
-def push_table(basins: Mapping[str, Basin]) -> pd.DataFrame:
+def push_table(pushes: pd.DataFrame) -> pd.DataFrame:
     """Counts the robots that survive, a row a policy, direction and speed."""
-    rows = [
-        {
-            "policy": policy,
-            "direction (°)": round(float(np.degrees(basin.grid.directions[i])), 6),
-            "speed (m/s)": float(basin.grid.speeds[j]),
-            "robots": basin.grid.n_phases,
-            "survived": int(survived),
-            **_share(int(survived), basin.grid.n_phases),
-        }
-        for policy, basin in basins.items()
-        for (i, j), survived in np.ndenumerate(basin.survived)
-    ]
+    keys = ["policy", "direction (°)", "speed (m/s)"]
+    groups = pushes.groupby(keys, sort=False)["survived"]
+    rows = [dict(zip(keys, place, strict=True)) | _survival(own) for place, own in groups]
     return pd.DataFrame(rows)
 
 
-def _share(survived: int, n_pushes: int) -> dict[str, float]:
-    low, high = wilson_interval(survived, n_pushes)
-    return {"share": survived / n_pushes, "95 % from": low, "95 % to": high}
+def _survival(survived: pd.Series) -> dict[str, float]:
+    low, high = wilson_interval(int(survived.sum()), len(survived))
+    counts = {"pushes": len(survived), "survived": int(survived.sum())}
+    return {**counts, "share": survived.mean(), "95 % from": low, "95 % to": high}

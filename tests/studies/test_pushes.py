@@ -1,7 +1,7 @@
 """Pushing robots: who survives what, how that is reported, and the command."""
 
-import json
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -13,56 +13,42 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.pushing import (
-    Basin,
-    Pushed,
-    PushGrid,
-    horizontal,
-    push_everywhere,
-)
+from glassgait.studies.evaluation.pushing import horizontal, push_everywhere
+from glassgait.studies.evaluation.tables import push_summary
 
 TROT = load_gait("trot")
 WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
-GRID = PushGrid(np.array([0.0, np.pi / 2, np.pi]), np.array([0.2, 8.0]), 2)
+GRID = {"n_directions": 4, "speeds": (0.2, 8.0), "n_phases": 2}
 
 
-def pushed(policy, seed=3, world=WORLD, grid=GRID):
-    return push_everywhere(TROT, policy, world, grid, n_steps=60, seed=seed)
+def pushed(policy, world=WORLD, **grid):
+    return push_everywhere(TROT, policy, world, **{**GRID, **grid}, n_steps=60, seed=3)
 
 
-@pytest.fixture(scope="module")
-def by_expert(expert):
-    return pushed(alone(expert))
-
-
-def test_a_light_push_is_survived_and_a_train_is_not(by_expert):
-    assert by_expert.survived.shape == GRID.shape == (3, 2, 2)
-    assert by_expert.survived[:, 0].all() and not by_expert.survived[:, 1].any()
-    assert (by_expert.failure[:, 0] == -1).all() and (by_expert.failure[:, 1] >= 0).all()
-    counts = by_expert.failure_counts()
-    assert sum(counts.values()) == 6 and counts["no_rhythm"] == 0
+def test_a_light_push_is_survived_and_a_train_is_not(expert):
+    table = pushed(alone(expert))
+    assert len(table) == 16
+    assert (table["survived"] == (table["speed (m/s)"] == 0.2)).all()
+    assert ((table["end"] == "") == table["survived"]).all()
+    assert "no_rhythm" not in set(table["end"])
 
 
 def test_what_ends_by_a_high_foot_alone_is_no_physical_fall(expert):
-    grid = PushGrid(np.linspace(0.0, 2 * np.pi, 6, endpoint=False), np.array([2.0, 8.0]), 2)
     low = replace(WORLD.limits, foot_height=0.15)
     task, physical = (
-        pushed(alone(expert), world=replace(WORLD, limits=limits), grid=grid)
+        pushed(alone(expert), replace(WORLD, limits=limits), n_directions=6, speeds=(2.0, 8.0))
         for limits in (low, PHYSICAL_FALL)
     )
-    assert (physical.survived >= task.survived).all()
-    assert physical.survived[:, 0].sum() > task.survived[:, 0].sum()
-    assert not physical.survived[:, 1].all()
-    counts = physical.failure_counts()
-    assert counts["high_foot"] == counts["low_trunk"] == counts["abrupt_action"] == 0
-    assert counts["body_contact"] + counts["lean"] > 0
+    assert (physical["survived"] >= task["survived"]).all()
+    light = task["speed (m/s)"] == 2.0
+    assert physical["survived"][light].sum() > task["survived"][light].sum()
+    ends = set(physical["end"][~light]) - {""}
+    assert ends & {"body_contact", "lean"}
+    assert not ends & {"high_foot", "low_trunk", "abrupt_action"}
 
 
 def test_a_policy_that_stands_does_not_walk(other_expert):
-    still = pushed(alone(other_expert))
-    assert not still.survived.any()
-    counts = still.failure_counts()
-    assert counts.pop("no_rhythm") == 12 and not any(counts.values())
+    assert set(pushed(alone(other_expert))["end"]) == {"no_rhythm"}
 
 
 def test_a_robot_is_pushed_where_it_faces(standing):
@@ -74,29 +60,42 @@ def test_a_robot_is_pushed_where_it_faces(standing):
     assert (pushes[:, 2] == 0.0).all()
 
 
-def basin(survived, n_phases=4):
-    survived = np.array(survived)
-    directions = 2 * np.pi * np.arange(len(survived)) / len(survived)
-    grid = PushGrid(directions, np.arange(1.0, 1.0 + survived.shape[1]), n_phases)
-    return Basin(grid, survived, {"low_trunk": 3, "high_foot": 0})
+def summary(survived):
+    """Sums up how many of 4 robots survive, by direction and speed (1, 2, … m/s)."""
+    rows = [
+        ("a", 90.0 * i, 1.0 + j, robot < count, "" if robot < count else "lean")
+        for i, counts in enumerate(survived)
+        for j, count in enumerate(counts)
+        for robot in range(4)
+    ]
+    columns = ["policy", "direction (°)", "speed (m/s)", "survived", "end"]
+    return push_summary(pd.DataFrame(rows, columns=columns)).iloc[0]
 
 
-def test_one_direction_that_fails_ends_what_all_survive():
-    own = basin([[4, 4, 4, 0], [4, 4, 3, 0], [4, 4, 4, 4]])
-    assert own.survived_up_to(1.0) == 2.0 and own.survived_up_to(0.5) == 3.0
-    # What is survived beyond a failure does not count.
-    gap = basin([[4, 0, 4], [4, 0, 4], [4, 4, 4]])
-    assert gap.survived_up_to(1.0) == gap.survived_up_to(0.5) == 1.0
-    assert basin([[3, 4], [4, 4], [4, 4]]).survived_up_to(1.0) == 0.0
-    assert basin(np.full((3, 2), 4)).survived_up_to(1.0) == 2.0
+@pytest.mark.parametrize(
+    ("survived", "all_up_to", "half_up_to"),
+    [
+        ([[4, 4, 4, 0], [4, 4, 3, 0], [4, 4, 4, 4]], 2.0, 3.0),
+        # What is survived beyond a failure does not count.
+        ([[4, 0, 4], [4, 0, 4], [4, 4, 4]], 1.0, 1.0),
+        ([[3, 4], [4, 4], [4, 4]], 0.0, 2.0),
+    ],
+)
+def test_one_direction_that_fails_ends_what_all_survive(survived, all_up_to, half_up_to):
+    row = summary(survived)
+    assert row["all survived up to (m/s)"] == all_up_to
+    assert row["half survived up to (m/s)"] == half_up_to
+    assert row["lean"] == row["pushes"] - row["survived"]
+    assert row["weakest direction (°)"] == 90.0 * np.argmin(np.sum(survived, axis=1))
 
 
 def test_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
-    def quickly(gait, policy, scenario, grid, *, n_steps, seed):
+    def quickly(gait, policy, scenario, *, n_directions, speeds, n_phases, n_steps, seed):
         assert n_steps == 50 and scenario.command == FixedCommand(0.3)
-        draws = np.random.default_rng([seed, policy.period]).random(grid.shape)
-        survived = draws > grid.speeds[:, None] / 10.0
-        return Pushed(survived, np.where(survived, -1, 0))
+        rows = list(product(90.0 * np.arange(n_directions), speeds, range(n_phases)))
+        table = pd.DataFrame(rows, columns=["direction (°)", "speed (m/s)", "phase"])
+        survived = table["speed (m/s)"] < 8.0 * policy.period
+        return table.assign(survived=survived, end=np.where(survived, "", "lean"))
 
     monkeypatch.setattr("glassgait.studies.evaluation.pushing.push_everywhere", quickly)
     small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3", "--n-steps", "50"]
@@ -105,12 +104,11 @@ def test_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
     table = pd.read_csv(tmp_path / "summary.csv")
     assert table["policy"].tolist() == ["expert", "formulas"]
     whole = pd.read_csv(tmp_path / "pushes.csv")
-    assert len(whole) == 2 * 4 * 2 and (whole["robots"] == 3).all()
-    share = whole.groupby("policy", sort=False)["survived"].sum() / 24
-    assert table["share"].tolist() == pytest.approx(share.tolist())
-    metrics = json.loads((tmp_path / "metrics.json").read_text())
-    assert [row["survived"] for row in metrics] == table["survived"].tolist()
-    assert (tmp_path / "pushes.png").exists()
+    assert len(whole) == 2 * 4 * 2 and (whole["pushes"] == 3).all()
+    assert (
+        whole.groupby("policy")["survived"].sum() == table.set_index("policy")["survived"]
+    ).all()
+    assert (tmp_path / "metrics.json").exists() and (tmp_path / "pushes.png").exists()
 
 
 @pytest.mark.parametrize(

@@ -109,15 +109,6 @@ def test_a_run_that_is_refused_before_it_made_anything_leaves_nothing(tmp_path):
     assert (folder / CONFIG_NAME).exists() and (folder / "level.safetensors").exists()
 
 
-def test_runs_are_distinguished_by_everything_that_is_not_free(tmp_path):
-    with (
-        opened(tmp_path / "run", Run()) as one,
-        opened(tmp_path / "copy", Run(n_jobs=9)) as copy,
-        opened(tmp_path / "other", Run(seed=1)) as other,
-    ):
-        assert one == copy != other
-
-
 def test_other_results_are_not_written_into_a_run(run, tmp_path):
     with pytest.raises(InputError, match="holds a run"):
         refuse_run(run)
