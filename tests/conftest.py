@@ -25,6 +25,7 @@ from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import ROBOT_DIRECTORY
 from glassgait.models.task.gait import Gait, Transition, load_gait, parse_formula
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
@@ -84,6 +85,21 @@ def forgiving(unforgiving) -> Gait:
     """The same with a way back: the robot starts the trot anew from a stance on all feet."""
     back = Transition("missed", "q0", parse_formula("FL & FR & RL & RR"))
     return replace(unforgiving, name="forgiving", transitions=(*unforgiving.transitions, back))
+
+
+@pytest.fixture
+def write_robot(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a robot that ships under another name, some words of one file replaced."""
+
+    def write(file: str = "", old: str = "", new: str = "", *, like: str = "a1") -> Path:
+        for source in (ROBOT_DIRECTORY / like).iterdir():
+            text = source.read_text().replace(f"name: {like}", "name: dog", 1)
+            assert source.name != file or old in text
+            text = text.replace(old, new, 1) if source.name == file else text
+            (tmp_path / source.name).write_text(text)
+        return tmp_path / "robot.yaml"
+
+    return write
 
 
 @pytest.fixture

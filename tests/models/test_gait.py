@@ -20,15 +20,6 @@ transitions:
 
 
 @pytest.mark.parametrize(
-    ("name", "n_states"),
-    [("trot", 2), ("pace", 2), ("bound", 2), ("walk", 4), ("three_one", 4), ("half_bound", 6)],
-)
-def test_shipped_gaits_have_their_states(name, n_states):
-    gait = load_gait(name)
-    assert (gait.name, gait.n_states) == (name, n_states)
-
-
-@pytest.mark.parametrize(
     ("change", "message"),
     [
         (("FL & RR &", "FX & RR &"), "unknown foot 'FX'"),

@@ -3,7 +3,6 @@
 import copy
 import pickle
 import re
-import shutil
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import ROBOT_DIRECTORY
 
 A1 = load_robot()
 
@@ -48,25 +46,8 @@ def test_joints_are_found_by_name_and_by_index():
             quadruped.joint_index(bad)
 
 
-@pytest.fixture
-def own(tmp_path):
-    """Returns a function that writes a robot of one's own, some words of its files replaced."""
-
-    def write(file="robot.yaml", old="name: a1", new="name: dog"):
-        for part in ("robot.yaml", "a1.urdf"):
-            shutil.copy(ROBOT_DIRECTORY / "a1" / part, tmp_path / part)
-        changes = [("robot.yaml", "name: a1", "name: dog"), ("a1.urdf", 'name="a1"', 'name="dog"')]
-        for part, before, after in [*changes, (file, old, new)]:
-            path = tmp_path / part
-            assert before in path.read_text() or after in path.read_text()
-            path.write_text(path.read_text().replace(before, after, 1))
-        return tmp_path / "robot.yaml"
-
-    return write
-
-
-def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
-    dog = load_robot(own())
+def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(write_robot):
+    dog = load_robot(write_robot())
     assert (dog.name, dog.source) == ("dog", str(dog.path))
     np.testing.assert_array_equal(dog.hip_origin, A1.hip_origin)
     assert load_robot(dog.source) is dog is copy.deepcopy(dog)
@@ -106,6 +87,6 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
         ("a1.urdf", 'mass value="6"', 'mass value="none"', "mass"),
     ],
 )
-def test_bad_files_are_refused_by_key(own, file, old, new, message):
+def test_bad_files_are_refused_by_key(write_robot, file, old, new, message):
     with pytest.raises(InputError, match=re.escape(message)):
-        load_robot(own(file, old, new))
+        load_robot(write_robot(file, old, new))

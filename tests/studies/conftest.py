@@ -13,7 +13,6 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
-from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
@@ -139,14 +138,3 @@ def distilled(
     r2 = distill(tiny_distillation, load_gait("trot"), load_expert("trot"), folder)
     write_r2_table(r2, "trot", folder)
     return folder
-
-
-@pytest.fixture
-def own_robot(tmp_path_factory):
-    """Writes a robot of one's own, the Go2 by another name, and returns its file."""
-    go2, folder = load_robot("go2"), tmp_path_factory.mktemp("mine")
-    file = Path(go2.path).read_text().replace("name: go2", "name: mine")
-    (folder / "robot.yaml").write_text(file.replace("go2.urdf", "my.urdf"))
-    urdf = go2.urdf_path.read_text().replace('name="go2"', 'name="mine"')
-    (folder / "my.urdf").write_text(urdf)
-    return str(folder / "robot.yaml")

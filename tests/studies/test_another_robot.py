@@ -22,20 +22,20 @@ def forge(certificate: dict) -> None:
 
 
 @pytest.mark.slow
-def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch, own_robot):
+def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch, write_robot):
     monkeypatch.chdir(tmp_path)
-    robot = own_robot
+    robot = str(write_robot(like="go2"))
     own = ["--robot", robot, "--policy", "formulas"]
     main(["train", "--robot", robot, "--updates", "3", *TINY])
-    expert_file = tmp_path / "runs" / "train" / "mine" / "trot" / "trot.safetensors"
+    expert_file = tmp_path / "runs" / "train" / "dog" / "trot" / "trot.safetensors"
     expert = load_expert("trot", expert_file, load_robot(robot))
     assert expert.robot is load_robot(robot)
     few = ["--episodes", "5", "--episodes-per-round", "5", "--alone-rounds", "0"]
     few += ["--episode-steps", "100"]
     main(["distill", "--robot", robot, "--students", "formulas", *few])
-    folder = tmp_path / "runs" / "distill" / "mine" / "trot"
+    folder = tmp_path / "runs" / "distill" / "dog" / "trot"
     path = folder / "formulas.formulas"
-    assert "robot: mine\n" in path.read_text()
+    assert "robot: dog\n" in path.read_text()
     assert load_policy(path, expert.robot).robot is expert.robot
     main(["view", *own, "--n-steps", "10", "--output", "seen"])
     main(["explain", "page", *own, "--n-steps", "10", "--output", "explained"])
@@ -46,10 +46,10 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     assert list((tmp_path / "seen").glob("*.html"))
     # Nothing is written where the default robot's runs are.
     kept = [path for path in (tmp_path / "runs").rglob("trot*") if path.is_dir()]
-    assert {path.parent.name for path in kept} == {"mine"}
+    assert {path.parent.name for path in kept} == {"dog"}
     main(["verify", "prove", *own, "--measure", "--n-steps", "20", "--output", "proved"])
     certificate = json.loads((tmp_path / "proved" / "certificate.json").read_text())
-    assert certificate["robot"] == "mine"
+    assert certificate["robot"] == "dog"
     proved = [claim for claim in certificate["claims"] if claim["outcome"] == "proved"]
     assert len(proved) > 5 and certificate["statements"]
     checked = ["verify", "check", "proved", "--policy", str(path)]

@@ -46,12 +46,6 @@ def test_whole_episodes_are_held_out():
     assert {(episode - 1) % 4 for episode in held_out} == {0, 1, 2, 3}
 
 
-def test_starts_are_the_first_steps_of_every_episode():
-    episodes = np.repeat([3, 4, 6], [7, 3, 9])
-    starts = Dataset(np.zeros((19, 2)), np.zeros((19, 12)), episodes).starts
-    assert np.flatnonzero(starts).tolist() == [0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14]
-
-
 def test_rounds_hold_every_episode_once():
     config = DistillationConfig(
         episodes=10, episodes_per_round=4, alone_rounds=2, alone_episodes=4, alone_steps=90

@@ -22,17 +22,13 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
-from glassgait.studies.distillation.students import STUDENTS, default_student, load_students
+from glassgait.studies.distillation.students import default_student, load_students
 
 SHIPPED = [
     pytest.param(gait, kind, marks=() if gait == "trot" else pytest.mark.slow)
     for gait in shipped_experts()
     for kind in shipped_students(gait)
 ]
-
-
-def test_the_trot_ships_with_formulas():
-    assert {"symbolic", "symbolic_per_state"} <= set(shipped_students("trot")) <= set(STUDENTS)
 
 
 @pytest.mark.parametrize(("gait", "kind"), SHIPPED)
