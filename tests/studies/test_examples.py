@@ -15,8 +15,11 @@ from glassgait.studies.examples.train_in_gym import train
 
 EXAMPLES = Path(example).parent
 
-DIAGRAMS = Path(glassgait.diagrams.__file__).with_name("README.md").read_text(encoding="utf-8")
-RECIPES = re.findall(r"#+ ([^\n]+)\n(?:(?!\n#|```).)*```python\n(.*?)```", DIAGRAMS, re.DOTALL)
+PAGES = "\n".join(
+    (folder / "README.md").read_text(encoding="utf-8")
+    for folder in (Path(glassgait.diagrams.__file__).parent, EXAMPLES)
+)
+RECIPES = re.findall(r"#+ ([^\n]+)\n(?:(?!\n#|```).)*```python\n(.*?)```", PAGES, re.DOTALL)
 
 
 @pytest.fixture
@@ -42,23 +45,17 @@ def test_a_recipe_runs_and_its_robot_stays_up(title, recipe, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(recipe, names)
-    assert not names["rollout"].failed
+    if "rollout" in names:
+        assert not names["rollout"].failed
+    if title == "Episodes of many robots":
+        falls = names["falls"].tolist()
+        assert falls[1] == 0 and falls == sorted(falls)
     if title == "A planner":
         assert np.linalg.norm(names["rollout"]["state"][-1, 4:6] - [2.0, 1.5]) < 0.5
 
 
 def test_every_recipe_is_found():
-    assert len(RECIPES) == DIAGRAMS.count("```python") == 7
-
-
-@pytest.mark.slow
-def test_harder_pushes_make_more_robots_fall(printed):
-    rows = printed("push_robots", r"(\S+) m/s: (\d+) of 8 fall, (\S+) degrees")
-    speeds, falls, degrees = rows.T
-    assert speeds.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
-    assert falls.tolist() == sorted(falls)
-    assert falls[1] == 0.0
-    assert degrees[1] > degrees[0] > 0.0
+    assert len(RECIPES) == PAGES.count("```python") == 9
 
 
 @pytest.mark.slow
