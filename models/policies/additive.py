@@ -185,7 +185,8 @@ class AdditivePolicy(Policy):
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:
     if len(rows) == 1:
         # For one row, comparing with all cuts at once beats one search an observation.
-        return np.sum(rows[0][:, None] >= cuts, axis=1)[None, :]
+        # As below, NaN belongs to the last bin.
+        return np.sum(~(rows[0][:, None] < cuts), axis=1)[None, :]
     columns = zip(cuts, rows.T, strict=True)
     bins = [np.searchsorted(edges, values, side="right") for edges, values in columns]
     return np.stack(bins, axis=1)

@@ -169,9 +169,7 @@ def contributions_of_action(
 class Policy(ABC):
     """A callable `observation (..., n) -> action (..., 12)` that names what it observes.
 
-    An observation with an entry that is not finite gives the action NaN, whatever the kind; the
-    limits then keep the joints' targets. Policies are immutable: a systems diagram may share one
-    between contexts and clones.
+    Policies are immutable: a systems diagram may share one between contexts and clones.
     """
 
     kind: ClassVar[str]
