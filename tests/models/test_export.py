@@ -17,11 +17,8 @@ from glassgait.models.export.binding import (
     load_controller,
     write_source,
 )
-from glassgait.models.export.c_language import is_identifier
 from glassgait.models.export.c_source import (
     Interface,
-    machine_cases,
-    state_constants,
     write_controller,
 )
 from glassgait.models.export.contract import (
@@ -342,18 +339,6 @@ def test_policies_that_do_not_fit_are_refused(trot, make_policy, small_expert):
     ]:
         with pytest.raises(InputError, match=said):
             write_controller(trot, alone(policy, expert), **WRITTEN)
-
-
-def test_states_have_names_where_c_can_have_them():
-    assert not any(map(is_identifier, ["", "for", "a b", "2a", "é", "_x"]))
-    assert state_constants(load_gait("half_bound"))[-1] == "STATE_MISSED_LEFT"
-    odd = parse_gait(ODD, name="odd")
-    assert state_constants(odd) == ("STATE_0", "STATE_1", "STATE_2")
-    (formula, condition, target), *_ = machine_cases(odd, "double")[0].exits
-    assert formula == "RL | RR | ~FL"
-    feet = "((now->contact[RL] || now->contact[RR]) || !now->contact[FL])"
-    assert condition == (feet, "&& now->spent >= now->dwell && now->age >= 5")
-    assert target == "STATE_2"
 
 
 @needs_compiler

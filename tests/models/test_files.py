@@ -4,12 +4,14 @@ import errno
 import math
 import os
 import random
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import (
+    beside,
     digest,
     load_arrays,
     read_record,
@@ -124,6 +126,12 @@ def test_yaml_that_is_more_than_plain_values_is_refused(tmp_path, text, why):
         read_yaml(path)
     assert str(raised.value).startswith(f"{path}: ")
     assert "\n" not in str(raised.value)
+
+
+def test_paths_in_a_file_of_settings_are_relative_to_it():
+    values = {"gait": ["trot", "hop.yaml"], "title": "a.yaml", "a": {"robot": "/r.yaml"}}
+    found = {"gait": ["trot", "in/hop.yaml"], "title": "a.yaml", "a": {"robot": "/r.yaml"}}
+    assert beside(Path("in/file.yaml"), values) == found
 
 
 def test_arrays_and_header_come_back(tmp_path):

@@ -1,10 +1,12 @@
 """Policies of every kind: their laws, their files, their explanations, and what is refused."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays as drawn
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
@@ -23,10 +25,11 @@ from glassgait.models.policies.library import (
     EXPERT_DIRECTORY,
     load_expert,
     load_policy,
+    load_student,
 )
 from glassgait.models.policies.linear import LinearPerStatePolicy, LinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy, elu
-from glassgait.models.policies.policy import narrowest
+from glassgait.models.policies.reading_cost import reading_cost
 from glassgait.models.policies.symbolic import SymbolicPerStatePolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
@@ -207,22 +210,6 @@ def arrays_of(policy):
     return {name: getattr(policy, name) for name in policy.array_specs}
 
 
-doubles = st.one_of(st.floats(), st.floats(width=32), st.floats(width=16))
-
-
-@given(
-    st.one_of(
-        drawn(np.float64, st.integers(0, 4), elements=doubles),
-        drawn(np.int64, st.integers(0, 4), elements=st.integers(-(2**63), 2**63 - 1)),
-        drawn(np.int64, st.integers(0, 4), elements=st.integers(-300, 300)),
-    )
-)
-def test_narrowing_keeps_every_value(array):
-    narrow = narrowest(array)
-    np.testing.assert_array_equal(narrow, array)
-    np.testing.assert_array_equal(np.signbit(narrow), np.signbit(array))
-
-
 @given(st.floats(-1e6, 1e6), st.integers(-3, 3), st.sampled_from([-1, 0, 1]))
 def test_cuts_divide_doubles_as_rounding_to_single_precision_does(threshold, ulps, nudge):
     cut = single_precision_cuts(np.array(threshold))
@@ -342,6 +329,17 @@ def test_terms_are_written_as_in_the_file():
     policy = SymbolicPolicy("trot", NAMES, [[formula] * 12], definitions=vocabulary.definitions)
     terms = policy.explain(np.zeros(N), 0).terms
     assert terms == ("late*(0.25*cmd.v)", "-late*(cmd.yaw*2)", "0.125*q.FL_hip")
+    # Six operations a joint, and three of the definition; three numbers, and two of it.
+    assert reading_cost(policy) == (round((6 * 12 + 3) / 12), 3 * 12 + 2)
+
+
+def test_policies_cost_to_read_what_the_page_says():
+    page = (Path(__file__).parents[2] / "models" / "README.md").read_text().replace(",", "")
+    rows = re.findall(r"^\| `(\w+)` \|[^|]+\| (\d\d+) \| (\d+) \|", page, re.MULTILINE)
+    assert len(rows) == 7
+    for kind, *said in rows:
+        policy = load_expert("trot") if kind == "expert" else load_student("trot", kind)
+        assert list(reading_cost(policy)) == list(map(int, said))
 
 
 def test_trees_and_networks_do_not_split_into_contributions(neural, samples):

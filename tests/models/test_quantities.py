@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.errors import InputError
 from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import FormulaMirror
@@ -75,12 +74,6 @@ def test_quantities_are_what_the_robot_is_and_does(robots, message):
         ([f"h.{leg}" for leg in quadruped.LEGS], kinematics.foot_heights(A1, state)),
     ):
         np.testing.assert_allclose(message(*symbols), values, rtol=1e-12, atol=1e-12)
-
-
-def test_unknown_observations_have_no_units():
-    for make in (RobotUnits.of, lambda _, names: Vocabulary(names).symbols, known_definitions):
-        with pytest.raises(InputError, match="Clock"):
-            make(A1, (*NAMES, "Clock"))
 
 
 def test_targets_and_actions_are_each_others_inverse(generator):

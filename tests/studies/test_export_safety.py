@@ -8,7 +8,6 @@ import pytest
 
 from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError
-from glassgait.models.estimation.sensors import UNREAD
 from glassgait.models.export.binding import (
     BAD_INPUT,
     BAD_MEMORY,
@@ -309,18 +308,6 @@ def test_a_command_that_is_not_finite_is_to_step_on_the_spot(
     # Python takes such a command for the same one.
     for part, wanted in zip(sound_command(trot, bad), on_the_spot(trot), strict=True):
         np.testing.assert_array_equal(part, wanted)
-
-
-def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, trot):
-    memory = compiled_page.initial()
-    # No contact sensor was read yet.
-    assert (memory["reading"] == UNREAD).all()
-    assert not memory["action"].any() and not memory["begun"]
-    sensors, command, *_ = random_sequences(A1, trot, 1, 0)[0][0]
-    broken = sensors._replace(joint_position=np.full(12, np.nan))
-    step = compiled_page.step(memory, broken, command)
-    np.testing.assert_array_equal(step.targets, A1.default_stance)
-    assert [int(step.memory[name]) for name in ("state", "iterations", "age")] == [0, 0, 0]
 
 
 def test_a_target_that_is_not_finite_is_held_and_reported(trot, tmp_path):

@@ -132,7 +132,7 @@ def test_a_neural_file_acts_by_itself(tmp_path, other_expert):
 
 @pytest.mark.parametrize("name", ["nonesuch", "linear", "pages/page"])
 def test_a_policy_that_is_not_there_is_refused(name):
-    with pytest.raises(InputError, match="unknown .*policy .*gbm"):
+    with pytest.raises(InputError, match=r"unknown .*policy .*gbm"):
         find_policies(TROT).policy(name)
 
 
