@@ -175,7 +175,7 @@ class _Page:
         for stem, (_, figure) in figures.items():
             save_figure(figure, self.folder / f"{name}_{stem}", ("png",))
         saved = [(own, self.folder / f"{name}_{stem}.png") for stem, (own, _) in figures.items()]
-        self.explanations.append(Section(f"How {name} acts", figures=saved))
+        self.explanations.append(Section("How the policy acts", figures=saved))
         self.write_so_far()
 
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:

@@ -97,8 +97,8 @@ class _Page:
         # Quasar's own blue is too light to read text on.
         ui.colors(primary="#005a8c", negative="#a40000")
         address = await asyncio.wrap_future(self._robot.address)
-        with ui.element("main").classes("row no-wrap").style("width: 100%; gap: 1rem"):
-            with ui.column().style("flex: 1; min-width: 0"):
+        with ui.element("main").classes("row").style("width: 100%; gap: 1rem"):
+            with ui.column().style("flex: 1 1 22rem; min-width: 0"):
                 with ui.element("h1").style("font-size: 1.4rem; line-height: 1.2; margin: 0"):
                     ui.label(f"Studio: {self._gait.name}")
                 scene = ui.element("iframe").style("width: 100%; height: 45vh; border: 0")
@@ -109,7 +109,7 @@ class _Page:
                 self._build_controls()
                 self._status = ui.label().props('role="status"')
                 self._chart = ui.echart(_chart_options()).style("width: 100%; height: 180px")
-            with ui.column().style("flex: 1; min-width: 0"):
+            with ui.column().style("flex: 1 1 22rem; min-width: 0"):
                 self._build_editor()
         self._refresh()
         ui.timer(REFRESH, self._refresh)
@@ -123,7 +123,7 @@ class _Page:
             "control steps in a state": (*gait.dwell, 1, steering.dwell),
         }
         self._sliders = []
-        with ui.grid(columns="12rem 1fr 4rem").style("width: 100%; align-items: center"):
+        with ui.grid(columns="9rem 1fr 3rem").style("width: 100%; align-items: center"):
             for name, (least, most, step, value) in ranges.items():
                 ui.label(name)
                 slider = ui.slider(
