@@ -21,7 +21,6 @@ class Section:
         tables: Tables, each after its heading or "".
         replays: Titles of replays, each with its file in the page's folder.
         figures: Captions, each with its picture (PNG or SVG).
-        texts: Titles of folded texts, each with its text.
     """
 
     title: str
@@ -31,7 +30,6 @@ class Section:
     tables: Sequence[tuple[str, pd.DataFrame]] = ()
     replays: Sequence[tuple[str, str]] = ()
     figures: Sequence[tuple[str, Path]] = ()
-    texts: Sequence[tuple[str, str]] = ()
     wide: bool = False
 
 

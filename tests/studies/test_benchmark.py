@@ -5,24 +5,16 @@ import json
 import pandas as pd
 import pytest
 
-from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.export.binding import has_compiler
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.reproduction import benchmark
-from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 
 @pytest.mark.slow
-def test_training_and_physics_are_timed_over_the_same_steps():
-    config = TrainingConfig(
-        n_robots=4,
-        worlds=DomainRandomization(n_groups=1, fine_steps=()),
-        ppo=PpoConfig(steps_per_update=8),
-    )
-    training, physics = benchmark.throughput(config, n_updates=1, repeats=3)["control steps/s"]
-    assert physics > training > 0
+def test_training_is_timed(tiny_training):
+    assert (benchmark.throughput(tiny_training, 1, 1)["control steps/s"] > 0).all()
 
 
 @pytest.mark.slow
@@ -39,5 +31,5 @@ def test_only_the_named_parts_are_measured(tmp_path, monkeypatch):
     folder = tmp_path / "run"
     main(["reproduce", "benchmark", "--parts", "actions", "--output", str(folder)])
     metrics = json.loads((folder / "metrics.json").read_text())
-    assert set(metrics) == {"actions", "peak_memory_mb"}
+    assert set(metrics) == {"actions"}
     assert (folder / "actions.csv").exists()
