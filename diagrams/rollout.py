@@ -38,7 +38,7 @@ FALL_MONITOR = "fall_monitor"
 _INSTANT_TOLERANCE = 1e-9  # rounding error of times that are sums of control periods (s)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rollout(Mapping[str, Array]):
     """Outputs (n + 1, size) by name, at control instants (n + 1; s), before their updates."""
 
@@ -49,6 +49,9 @@ class Rollout(Mapping[str, Array]):
         if name not in self.outputs:
             raise KeyError(f"{name!r} is not recorded; recorded are {', '.join(self.outputs)}")
         return self.outputs[name]
+
+    def __repr__(self) -> str:
+        return f"Rollout of {len(self.time) - 1} control steps, with {', '.join(self.outputs)}"
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.outputs)

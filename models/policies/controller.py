@@ -38,6 +38,12 @@ class Controller:
     n is the alternation ratio 1/n, 1 the expert without the student, 0 the student without it."""
 
     def __post_init__(self) -> None:
+        for policy in (self.expert, self.student):
+            if not isinstance(policy, Policy | None):
+                raise InputError(
+                    f"the controller is given {shown(policy)}; give a policy, or turn a function "
+                    "into one by FunctionPolicy(function, gait)"
+                )
         if not isinstance(self.period, (int, np.integer)) or self.period < 0:
             raise InputError(
                 f"the alternation period is {shown(self.period)}; give a whole number of control "
@@ -138,6 +144,8 @@ def estimator_in_loop(
 def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
     # The student was distilled with one estimator, and observes by no other.
     name = f"this {student.kind} student of the {student.gait}"
+    if student.gait != expert.gait:
+        raise InputError(f"{name} does not act beside an expert of the {expert.gait}; name another")
     if student.observes_by not in (None, expert.digest()):
         raise InputError(
             f"{name} observes by the estimator of the expert {student.observes_by}, not by that of "

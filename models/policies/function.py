@@ -38,12 +38,13 @@ class FunctionPolicy(Policy):
         shape = (*observation.shape[:-1], quadruped.N_JOINTS)
         try:
             action = np.asarray(answer, dtype=float)
-            if action.shape[-1:] == (quadruped.N_JOINTS,):
-                # One action (12,) is that of all robots.
+            # One action (12,) is that of all robots.
+            if action.shape in (shape, shape[-1:]):
                 return np.broadcast_to(action, shape)
-            found = f"an array of shape {action.shape}"
         except (TypeError, ValueError):
-            found = shown(answer)
+            pass
+        is_array = isinstance(answer, np.ndarray)
+        found = f"an array of shape {answer.shape}" if is_array else shown(answer)
         raise InputError(
             f"the policy's function returned {found} for an observation of shape "
             f"{observation.shape}; return an array of shape {shape}"

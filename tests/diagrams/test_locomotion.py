@@ -152,7 +152,7 @@ def test_policies_that_do_not_fit_are_refused(trot, make_policy, imu_expert):
     for gait, scenario, message in (("tort", CALM, "tort"), (trot, "slope", "unknown scenario")):
         with pytest.raises(InputError, match=message):
             MakeLocomotion(gait, scenario)
-    for answer, message in ((np.zeros(11), r"\(11,\)"), ("no", "'no'"), (0.0, r"\(\)")):
+    for answer, message in ((np.zeros(11), r"\(11,\)"), (None, "None"), (0.0, r"0\.0")):
         diagram = MakeLocomotion(trot, CALM, policy=lambda observation, own=answer: own)
         with pytest.raises(InputError, match=message + r".* return an array of shape \(12,\)"):
             record(make_simulator(diagram), 1)

@@ -84,10 +84,14 @@ def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_pol
             estimator_in_loop(policy)
 
 
-def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_expert):
+def test_other_students_than_the_experts_are_refused(trot, small_expert):
     trees, expert = load_student("trot", "gbm"), load_expert("trot")
     other = small_expert(trot, imu=True, odometry=expert.estimator)
     assert alone(trees, expert).student is trees
     message = f"the expert {expert.digest()}, not by that of {other.digest()}"
     with pytest.raises(InputError, match=message):
         alone(trees, other)
+    with pytest.raises(InputError, match="trot does not act beside an expert of the pace"):
+        alone(trees, load_expert("pace"))
+    with pytest.raises(InputError, match="FunctionPolicy"):
+        Controller(expert, lambda observation: observation[..., :12], 2)
