@@ -22,6 +22,8 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
+from glassgait.studies.common.settings_file import read_settings
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students import default_student, load_students
 
 SHIPPED = [
@@ -54,6 +56,9 @@ def test_shipped_formulas_are_what_their_files_say(gait, kind):
 @pytest.mark.parametrize("gait", shipped_experts())
 def test_records_name_the_expert_that_ships(gait):
     assert recorded_expert(STUDENT_DIRECTORY / gait)[1] == load_expert(gait).digest()
+    for record in (STUDENT_DIRECTORY / gait).glob("*.yaml"):
+        if "study: distill" in record.read_text():
+            assert read_settings(DistillationConfig(), record).gait == gait
     assert load_student(gait, "gbm").observes_by == load_expert(gait).digest()
 
 
