@@ -47,31 +47,30 @@ class Policies:
 
     Attributes:
         place: `shipped`, or the folder of a run.
-        expert_there: The expert; None where there is none, so that only files of formulas that hold
-            odometry can act.
-        expert_place: `shipped`, or the expert's file; where there is none, how to make one.
         files: Files of the students by kind, in the order of tables.
+        expert_there: The expert, and its file; None where there is none, so that only files of
+            formulas that hold odometry can act.
     """
 
     gait: Gait
     robot: Robot
     place: str
-    expert_there: NeuralPolicy | None
-    expert_place: str
     files: dict[str, Path]
+    expert_there: NeuralPolicy | None = None
+    expert_file: Path | None = None
 
     @property
     def expert(self) -> NeuralPolicy:
         """The expert, by whose estimator students observe; an InputError if there is none."""
         if self.expert_there is None:
-            raise InputError(self.expert_place)
+            raise InputError(_lacking(self.gait, self.place, self.robot))
         return self.expert_there
 
     @property
     def origin(self) -> str:
         """A sentence about the policies' origin."""
-        expert = "not found" if self.expert_there is None else self.expert_place
-        return f"{self.gait.name}: policies from {self.place}, the expert {expert}"
+        expert = "" if self.place == SHIPPED else f", the expert {self.expert_file or 'not found'}"
+        return f"{self.gait.name}: policies from {self.place}{expert}"
 
     def output(self, study: str) -> Path:
         """Returns the default folder of a command's run of these policies."""
@@ -84,16 +83,11 @@ class Policies:
 
     def file(self, name: str) -> Path:
         """Returns the file of `expert`, of a kind of student, or the file that a path names."""
-        if name == EXPERT:
-            ships = shipped_expert(self.gait.name, self.expert.robot.name)
-            return ships if self.expert_place == SHIPPED else Path(self.expert_place)
-        if is_file(name):
-            return Path(name)
-        if name in self.files:
-            return self.files[name]
-        if self.expert_there is None:
-            raise InputError(self.expert_place)
-        of = f"--gait {self.gait.name}{self.robot.option}"
+        found = Path(name) if is_file(name) else {EXPERT: self.expert_file, **self.files}.get(name)
+        if found is not None:
+            return found
+        # Without an expert, making one comes first.
+        of = f"--gait {self.gait.name}{self.expert.robot.option}"
         remedy = f"; make it with 'glassgait distill {of} --students {name}'"
         raise unknown_name(
             f"{self.robot.name} {self.gait.name} policy",
@@ -111,7 +105,13 @@ class Policies:
         elif expert is not None:
             policy = load_student_of(expert, path)
         else:
-            policy = self._without_expert(path)
+            policy = load_policy(path, self.robot)
+            if not isinstance(policy.estimator, Odometry):
+                lacking = _lacking(self.gait, self.place, self.robot)
+                raise InputError(f"{path}: needs its expert's estimator. {lacking}")
+            names = ObservationLayout(self.gait.n_states, imu=policy.layout.imu).names
+            with naming(path):
+                policy.check(gait=self.gait, observation_names=names)
         with naming(path):
             policy.refuse_other_machine(self.gait)
         return policy
@@ -134,7 +134,7 @@ class Policies:
     def expert_of(self, name: str) -> NeuralPolicy | None:
         """Returns the expert beside a policy's file, or else the gait's; None if there is none."""
         kept = policy_path(self.file(name).parent, EXPERT)
-        if name == EXPERT or str(kept) == self.expert_place or not kept.exists():
+        if name == EXPERT or kept == self.expert_file or not kept.exists():
             return self.expert_there
         return load_expert(self.gait, kept, self.robot)
 
@@ -151,15 +151,6 @@ class Policies:
         """Replaces `all` by the expert and every student there is."""
         given = tuple(names)
         return (EXPERT, *self.files) if ALL in given else given
-
-    def _without_expert(self, path: Path) -> Policy:
-        policy = load_policy(path, self.robot)
-        if not isinstance(policy.estimator, Odometry):
-            raise InputError(f"{path}: needs its expert's estimator. {self.expert_place}")
-        names = ObservationLayout(self.gait.n_states, imu=policy.layout.imu).names
-        with naming(path):
-            policy.check(gait=self.gait, observation_names=names)
-        return policy
 
 
 def is_file(name: str) -> bool:
@@ -179,17 +170,18 @@ def find_policies(
     if source is not None:
         found = _in_run(gait, source, known if robot else None)
         if found is None:
-            raise InputError(_lacking(gait, source, known))
+            raise InputError(_lacking(gait, str(source), known))
     elif name in shipped_experts(known.name):
         files = _students_in(robot_folder(STUDENT_DIRECTORY, known.name) / name, name)
-        found = Policies(gait, known, SHIPPED, load_expert(gait, robot=known), SHIPPED, files)
+        expert, path = load_expert(gait, robot=known), shipped_expert(name, known.name)
+        found = Policies(gait, known, SHIPPED, files, expert, path)
     else:
         # Students keep their expert beside them, so a distillation is better than a training.
-        trained = default_folder("train", known.name) / name
-        distilled = default_folder("distill", known.name) / name
+        distilled, trained = (
+            default_folder(own, known.name) / name for own in ("distill", "train")
+        )
         found = _in_run(gait, distilled, known) or _in_run(gait, trained, known)
-        if found is None:
-            found = Policies(gait, known, str(trained), None, _lacking(gait, trained, known), {})
+        found = found or Policies(gait, known, str(trained), {})
     if not quiet:
         note(found.origin)
     return found
@@ -215,17 +207,18 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies | None:
     _refuse_other_gait(gait, folder)
 
     # Take an expert that was trained here, or that students keep beside them, or what ships.
-    kept = policy_path(folder, EXPERT)
-    place = next((path for path in (trained, kept) if path.exists()), None)
-    if place is None and gait.name not in shipped_experts(robot.name if robot else DEFAULT_ROBOT):
+    kept, name = policy_path(folder, EXPERT), robot.name if robot else DEFAULT_ROBOT
+    ships = shipped_expert(gait.name, name)
+    path = next((path for path in (trained, kept, ships) if path.exists()), None)
+    if path is None:
         raise InputError(
             f"{folder}: the students' expert is not found; put its file there as {kept}"
         )
-    expert = load_expert(gait, place, robot)
-    return Policies(gait, expert.robot, str(folder), expert, str(place or SHIPPED), files)
+    expert = load_expert(gait, path, robot)
+    return Policies(gait, expert.robot, str(folder), files, expert, path)
 
 
-def _lacking(gait: Gait, folder: Path, robot: Robot) -> str:
+def _lacking(gait: Gait, folder: str, robot: Robot) -> str:
     # A gait that does not ship is named by its file.
     of = f"--gait {gait.name}{'' if gait.name in gait_names() else '.yaml'}{robot.option}"
     return (
@@ -238,13 +231,13 @@ def _refuse_other_gait(gait: Gait, folder: Path) -> None:
     # Policies refuse changes of built-in gaits themselves.
     record = folder / CONFIG_NAME
     found = read_yaml(record) if record.exists() and gait.name not in gait_names() else None
-    inputs = found.get("inputs") if isinstance(found, dict) else None
-    made_for = inputs.get("gait") if isinstance(inputs, dict) else None
-    if isinstance(made_for, str) and made_for != gait.digest():
-        raise InputError(
-            f"{record}: its policies were made for another {gait.name} than the gait is now (key "
-            "'inputs.gait'); undo what was edited, or give the gait another name and train it"
-        )
+    match found:
+        case {"inputs": {"gait": str(made_for)}} if made_for != gait.digest():
+            raise InputError(
+                f"{record}: its policies were made for another {gait.name} than the gait is now "
+                "(key 'inputs.gait'); undo what was edited, or give the gait another name and "
+                "train it"
+            )
 
 
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:

@@ -90,7 +90,7 @@ def test_the_default_folders_hold_the_policies_of_a_gait_that_does_not_ship(own_
     keep(load_expert("trot"), folder, "expert", "prance")
     found = find_policies(own_gait)
     assert found.place == "runs/distill/prance"
-    assert found.expert_place == "runs/distill/prance/expert.safetensors"
+    assert str(found.expert_file) == "runs/distill/prance/expert.safetensors"
     assert found.controller("symbolic").expert.gait == "prance"
 
 
