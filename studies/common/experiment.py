@@ -1,16 +1,7 @@
 """Experiments: policies are measured in scenarios, case by case, and reported.
 
-    @checked
-    class Mine(Experiment):
-        title: ClassVar[str] = "mine"
-
-        def measure(self, case: Case) -> pd.DataFrame: ...
-
-        def report(self, table: pd.DataFrame) -> Report: ...
-
-`Mine().run()` measures every policy in every scenario with every seed, and writes the report;
-`run_from_command_line(Mine)` takes the settings from the command line. Heavy libraries are imported
-in the functions that need them, so that `--help` does not wait for Drake and PyTorch.
+A subclass of `Experiment` gives `title`, `measure` and `report`. Heavy libraries are imported in
+the functions that need them, so that `--help` does not wait for Drake and PyTorch.
 """
 
 from __future__ import annotations
@@ -135,31 +126,24 @@ def run_cases(
 ) -> pd.DataFrame:
     """Measures cases in parallel, except those whose tables the folder holds already.
 
-    The tables come with their labels, in the order of the cases; an InputError says if one that
-    the folder holds is damaged.
+    Returns their rows with labels, in the order of the cases.
     """
     import pandas as pd
 
-    # Measure the missing cases; each is written before it is reported as done.
-    paths = [folder / f"{case.name}.json" for case in cases]
-    pending = [(case, path) for case, path in zip(cases, paths, strict=True) if not path.exists()]
-    work = (delayed(_measure)(measure, case, path) for case, path in pending)
+    paths = {folder / f"{case.name}.json": case for case in cases}
+    pending = {path: case for path, case in paths.items() if not path.exists()}
+    work = (delayed(_measure)(measure, case, path) for path, case in pending.items())
     with progress_bar(len(cases), len(cases) - len(pending)) as (progress, bar):
         for name in run_parallel(work, in_order=False):
             progress.update(bar, advance=1, text=name)
-
     # Read all tables back, so that resumed runs and whole ones give the same bytes.
-    tables = []
-    for case, path in zip(cases, paths, strict=True):
-        table = pd.DataFrame(read_record(path))
-        for position, (name, value) in enumerate(case.labels.items()):
-            table.insert(position, name, value)
-        tables.append(table)
-    return pd.concat(tables, ignore_index=True)
+    return pd.concat([pd.DataFrame(read_record(path)) for path in paths], ignore_index=True)
 
 
 def _measure(measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) -> str:
-    write_record(path, measure(case).to_dict(orient="list"))
+    table = measure(case)
+    labels = {name: [value] * len(table) for name, value in case.labels.items()}
+    write_record(path, labels | table.to_dict(orient="list"))
     return case.name
 
 
@@ -182,8 +166,7 @@ class Report:
 
         for name, table in self.tables.items():
             write_table(table, folder / name)
-        if self.metrics is not None:
-            write_metrics(self.metrics, folder / "metrics.json")
+        write_metrics(self.metrics, folder / "metrics.json")
         for name, figure in self.figures.items():
             save_figure(figure, folder / name)
         for name, text in self.files.items():
@@ -255,16 +238,13 @@ class Experiment(PolicySource):
         refuse_to_report(seeds)
         for scenario, gait in product(self.scenarios.values(), self.gaits):
             scenario.command.check(gait)
-        names = sorted(self.scenarios, key=lambda name: self.scenarios[name].max_robots or math.inf)
+        by_cost = sorted(self.scenarios.items(), key=lambda named: named[1].max_robots or math.inf)
         return [
             Case(
                 {"gait": gait.name, "policy": policy, "scenario": name, "seed": seed},
-                gait,
-                controller,
-                self.scenarios[name],
-                seed,
+                *(gait, controller, scenario, seed),
             )
-            for name, gait in product(names, self.gaits)
+            for (name, scenario), gait in product(by_cost, self.gaits)
             for policy, controller in self.controllers[gait.name].items()
             for seed in seeds
         ]
@@ -273,9 +253,8 @@ class Experiment(PolicySource):
         """Runs the experiment of each gait, and writes and prints its report."""
         names = gaits_named(self.gait)
         for one in (replace(self, gait=(name,)) for name in names):
-            folder = self.output or one.default_output()
-            several = self.output is not None and len(names) > 1
-            one.run_in(folder / one.gaits[0].name if several else folder)
+            within = self.output and (self.output / one.gaits[0].name if names[1:] else self.output)
+            one.run_in(within or one.default_output())
 
     def run_in(self, folder: Path) -> None:
         """Runs the experiment of all gaits together, in a folder."""
@@ -286,16 +265,14 @@ class Experiment(PolicySource):
         # Record digests of what the run reads; a resumed run must read the same.
         acting = (policy for case in cases for policy in case.controller.policies.values())
         read = {"gait": self.gaits, "scenario": self.scenarios.values(), "policy": acting}
-        inputs = {
-            name: " ".join(dict.fromkeys(part.digest() for part in parts))
-            for name, parts in read.items()
-        }
+        digests = {name: [part.digest() for part in parts] for name, parts in read.items()}
+        inputs = {name: " ".join(dict.fromkeys(several)) for name, several in digests.items()}
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
-
-        # Processes are sent a copy without the policies that this one has found.
         with open_run(folder, **run), self.workers.pool():
-            table = run_cases(self.prepared(cases), replace(self).measure, folder / "cases")
-            report = self.report(table)
+            # Processes are sent a copy without the policies that this one has found.
+            report = self.report(
+                run_cases(self.prepared(cases), replace(self).measure, folder / "cases")
+            )
             report.write(folder)
         report.show()
         console.print(f"written to {folder}")
@@ -319,10 +296,10 @@ class Experiment(PolicySource):
         """The scenarios by name."""
         from glassgait.diagrams.scenario import load_scenarios
 
-        return {
-            name: replace(scenario, limits=PHYSICAL_FALL) if self.falls == "physical" else scenario
-            for name, scenario in load_scenarios(self.scenario).items()
-        }
+        found = load_scenarios(self.scenario)
+        if self.falls == "task":
+            return found
+        return {name: replace(own, limits=PHYSICAL_FALL) for name, own in found.items()}
 
     @cached_property
     def policies(self) -> dict[str, Policies]:
@@ -336,23 +313,19 @@ class Experiment(PolicySource):
     def controllers(self) -> dict[str, dict[str, Controller]]:
         """Each policy without the expert, by the gait's name and the policy's."""
         found = {}
-        # Of several gaits, and of the default policies, missing ones are left out.
-        some = len(self.gaits) > 1 or self.policy == type(self).policy
         for gait, policies in self.policies.items():
             names = policies.named(self.policy)
-            there = [name for name in names if name in ("expert", *policies.files)]
-            found[gait] = policies.controllers(there if some else names)
+            # Of several gaits, and of the default policies, missing ones are left out.
+            if len(self.gaits) > 1 or self.policy == type(self).policy:
+                names = [name for name in names if name in ("expert", *policies.files)]
+            found[gait] = policies.controllers(names)
         if not any(found.values()):
             raise InputError(f"--policy {' '.join(self.policy)}: no gait has such a policy")
         return found
 
-    @property
-    def acting(self) -> dict[str, dict[str, Policy]]:
-        """The policies of `controllers`."""
-        return {
-            gait: {name: controller.policy for name, controller in found.items()}
-            for gait, found in self.controllers.items()
-        }
+    def acting(self, gait: str) -> dict[str, Policy]:
+        """Returns the policies of a gait."""
+        return {name: controller.policy for name, controller in self.controllers[gait].items()}
 
     def refuse_several_scenarios(self) -> None:
         """Raises an InputError if there are several scenarios, for studies of one."""

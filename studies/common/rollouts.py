@@ -21,12 +21,11 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.settings import Count, Range, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import Event, Observer, episode
 from glassgait.studies.common.experiment import REPORTED_SEEDS
 from glassgait.studies.common.jobs import Seeds
-from glassgait.studies.common.observers import Log, RolloutLog, forward_and_yaw, joint_power
+from glassgait.studies.common.observers import Log, RolloutLog, forward_and_yaw
 from glassgait.studies.common.scores import score_rollouts
 
 
@@ -82,7 +81,7 @@ def roll_out(
     scenario = config.commanding(scenario)
     if scenario.accuracy is not None:
         return _roll_out_diagrams(gait, controller, scenario, config)
-    log = Log(controller, scenario)
+    log = Log()
     episode(
         gait,
         controller,
@@ -100,8 +99,7 @@ def score(
     gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
 ) -> pd.DataFrame:
     """Rolls out the robots of the first seed, and returns their scores, a row a robot."""
-    log = roll_out(gait, controller, scenario, config)
-    return score_rollouts(log, controller.robot.mass + scenario.station.payload)
+    return score_rollouts(roll_out(gait, controller, scenario, config))
 
 
 def play(
@@ -159,23 +157,17 @@ def _roll_out_diagrams(
             diagram, state=state, seed=config.seed * n + index, accuracy=scenario.accuracy
         )
         rollout = record(simulator, config.n_steps)
-        logs.append(_to_log(rollout, config.n_steps, controller, scenario))
+        logs.append(_to_log(rollout).padded(config.n_steps))
     return RolloutLog.stacked(logs, axis=1)
 
 
-def _to_log(
-    rollout: Rollout, n_steps: int, controller: Controller, scenario: Scenario
-) -> RolloutLog:
-    acts = expert_acts(np.arange(len(rollout.time) - 1), controller.period)
-    log = RolloutLog(
+def _to_log(rollout: Rollout) -> RolloutLog:
+    return RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
-        power=joint_power(controller, scenario, rollout["state"][1:], rollout["action"][:-1]),
         action=rollout["action"][:-1],
-        expert_acts=np.asarray(acts),
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],
         served_dwell=rollout["served_dwell"][1:, 0],
         failures=rollout["failures"][1:] > 0.5,
     )
-    return log.padded(n_steps)

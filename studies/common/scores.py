@@ -23,20 +23,14 @@ SCORES = (
     "rhythm",
     "going_speed_error",
     "yaw_rate_error",
-    "way",
-    "cost_of_transport",
 )
 
 PHYSICAL = "fell_physically"
 """Column of scores: whether a robot falls physically, where both kinds of fall are counted."""
 
-GRAVITY = 9.81  # acceleration by which energy is made comparable (m/s²)
 
-
-def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
+def score_rollouts(log: RolloutLog) -> pd.DataFrame:
     """Scores every robot up to its first failure, a row a robot.
-
-    The mass is that of the robot with its load (kg).
 
     Columns:
         steps: Control steps survived.
@@ -45,14 +39,10 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
         not_finite: Joint whose action was not finite, if there was one.
         return, plain_return: Sums of the rewards with and without the reward machine's factor.
         rhythm: Share of the commanded rhythm that it kept.
-        expert_share: Share of steps at which the expert acted.
         going_speed_error, yaw_rate_error: Means over seconds of the absolute difference between a
             second's average and the command (m/s, rad/s). The first second after a new command is
             left out and, for the speed, seconds in which the robot is commanded to stand: standing
             is easy, and drawn commands below `DEAD_BAND` ask for it. NaN if nothing is left.
-        way: Share of the commanded way that it goes, where it is commanded to go.
-        cost_of_transport: The joints' absolute work per weight and distance, where it is commanded
-            to go.
     """
     n_steps, n_robots = log.reward.shape
     failed = np.any(log.failures, axis=2)
@@ -62,12 +52,10 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
         fell = bool(failed[:, i].any())
         steps = int(np.argmax(failed[:, i])) + 1 if fell else n_steps
         alive = slice(0, steps)
-        velocity, command = log.velocity[alive, i], log.command[alive, i]
-        going = command[:, 0] != 0.0
-        way = (velocity[:, 0] * np.sign(command[:, 0]))[going].sum()
-        distance, work = np.abs(velocity[going, 0]).sum(), log.power[alive, i][going].sum()
         not_finite = first_not_finite(log.action[alive, i])
-        speed_error, yaw_rate_error = _tracking_errors(velocity, command)
+        speed_error, yaw_rate_error = _tracking_errors(
+            log.velocity[alive, i], log.command[alive, i]
+        )
         rows.append(
             {
                 "robot": i,
@@ -78,11 +66,8 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
                 "return": log.reward[alive, i].sum(),
                 "plain_return": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,
-                "expert_share": log.expert_acts[alive, i].mean(),
                 "going_speed_error": speed_error,
                 "yaw_rate_error": yaw_rate_error,
-                "way": _ratio(way, np.abs(command[going, 0]).sum()),
-                "cost_of_transport": _ratio(work, mass * GRAVITY * distance),
             }
         )
     return pd.DataFrame(rows)

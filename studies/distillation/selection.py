@@ -17,8 +17,8 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.terrain import Terrain
 from glassgait.studies.common.experiment import SELECTION_SEEDS
 from glassgait.studies.common.jobs import run_parallel
-from glassgait.studies.common.rollouts import RolloutConfig, roll_out
-from glassgait.studies.common.scores import score_rollouts, summarize
+from glassgait.studies.common.rollouts import RolloutConfig, score
+from glassgait.studies.common.scores import summarize
 
 WORTH_A_FALL = 0.97
 """Share of the best student's return that one must earn to be preferred because it falls less."""
@@ -54,12 +54,12 @@ def rank_alone(
     runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]
     # Roll out all candidates in both scenarios, some at once.
     work = (
-        delayed(roll_out)(gait, alone(candidates[label], expert), world, replace(config, seed=seed))
+        delayed(score)(gait, alone(candidates[label], expert), world, replace(config, seed=seed))
         for label, seed, world in runs
     )
     scores = [
-        score_rollouts(log, expert.robot.mass + world.station.payload).assign(candidate=label)
-        for (label, _, world), log in zip(runs, run_parallel(work), strict=True)
+        table.assign(candidate=label)
+        for (label, _, _), table in zip(runs, run_parallel(work), strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
     return means.sort_values("return", ascending=False, ignore_index=True, kind="stable")

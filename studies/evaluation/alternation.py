@@ -77,7 +77,7 @@ class Alternation(Experiment):
     def report(self, table: pd.DataFrame) -> Report:
         """Reports return and falls by ratio, and of the students without the expert."""
         name = self.gaits[0].name
-        return alternation_report(table, name, self.acting[name])
+        return alternation_report(table, name, self.acting(name))
 
 
 def alternation_scores(

@@ -66,7 +66,7 @@ class Scenarios(Experiment):
         titles = {name: scenario.title for name, scenario in self.scenarios.items()}
         outside = [own.title for own in self.scenarios.values() if outside_training(own)]
         falls = {
-            str(gait): with_reading_cost(fall_table(scores, titles), self.acting[str(gait)])
+            str(gait): with_reading_cost(fall_table(scores, titles), self.acting(str(gait)))
             for gait, scores in table.groupby("gait", sort=False)
         }
         titled = {gait: titled_table(own) for gait, own in falls.items()}

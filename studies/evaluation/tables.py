@@ -32,9 +32,7 @@ TITLES = {
     "return": "return",
     "return_ci": f"return{HALF}",
     "plain_return": "plain return",
-    "way": "share of the commanded way",
     "rhythm": "rhythm",
-    "cost_of_transport": "cost of transport",
     **COSTS,
 }
 """Titles of the columns of `summarize` and `with_reading_cost`, in the order of tables."""

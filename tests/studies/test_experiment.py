@@ -82,7 +82,7 @@ def test_each_of_several_gaits_has_its_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("settings", "key"),
     [
-        ({"gait": ("three_one",), "policy": ("formulas",)}, "--policy 'formulas'"),
+        ({"gait": ("three_one",), "policy": ("formulas",)}, "policy 'formulas'"),
         ({"gait": ("gallop",)}, "unknown gait 'gallop'"),
         ({"scenario": ("mars",)}, "mars"),
         ({"seed": 500}, "500 to 509 chose among candidates"),

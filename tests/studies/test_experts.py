@@ -55,7 +55,7 @@ def test_experts_stay_up_and_keep_their_gait(gait, scenario):
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7)
     policy = alone(load_expert(gait))
     log = roll_out(load_gait(gait), policy, load_scenario(scenario), config)
-    scores = score_rollouts(log, policy.robot.mass)
+    scores = score_rollouts(log)
     assert not scores["fell"].any()
     # Over five seeds the half-bound keeps 0.90 of its rhythm, every other gait more than 0.95; of
     # six robots and five seconds, the start included, it keeps 0.84.

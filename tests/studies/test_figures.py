@@ -64,7 +64,7 @@ HOSTILE = r"a$\frac$b"
 def titled_figures(curve):
     """Draws every figure that takes a title from tables with hostile names."""
     measures = {"return": 9.0, "plain_return": 9.0, "rhythm": 1.0, "going_speed_error": 0.1}
-    measures |= {"yaw_rate_error": 0.1, "way": 1.0, "cost_of_transport": 1.0, "fell": False}
+    measures |= {"yaw_rate_error": 0.1, "fell": False}
     who = [("expert", 1.0), ("linear", 0.5), ("linear", 0.0)]
     scores = pd.DataFrame(who, columns=pd.Index(["policy", "ratio"])).assign(**measures)
     world = {"policy": "expert", "scenario": "nominal", "world": HOSTILE, "robots": 2}
