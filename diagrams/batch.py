@@ -41,7 +41,7 @@ class BatchStep(NamedTuple):
 
 
 class _Moved(NamedTuple):
-    """Result of a control period of physics; robots that are lost stay as they were."""
+    """Result of a control period of physics; lost robots keep their state."""
 
     plant: Array
     touching: BoolArray
@@ -94,7 +94,7 @@ class BatchSimulator:
         self._state = state
 
     def change_ground(self, physics: Physics) -> None:
-        """Goes on with other physics of as many groups of robots, which stand on its ground."""
+        """Replaces the physics by one of as many groups; robots are put on its ground."""
         self._stand_on(physics)
         self.physics.set_friction(self.friction)
         plant = self._state.plant
@@ -146,7 +146,7 @@ class BatchSimulator:
         return self.control.proprioception(s.memory, s.sensors(), s.command)
 
     def body_state(self) -> Array:
-        """Returns the true values of what the estimator estimates (n, 7)."""
+        """Returns the true body state (n, 7)."""
         return body_state(self.task.robot, self._state.plant, self._ground)
 
     def observe(self) -> Array:
@@ -155,7 +155,7 @@ class BatchSimulator:
         return self.control.observation(s.memory, s.sensors(), s.command, body)
 
     def limited(self, action: Array) -> Array:
-        """Returns what the controllers' limits leave of actions (n, 12) that are asked for now."""
+        """Returns actions (n, 12) within the controllers' limits."""
         return self.control.limited(self._state.memory, self._state.sensors(), action)
 
     def step(self, action: Array) -> BatchStep:
@@ -163,8 +163,8 @@ class BatchSimulator:
         s, task = self._state, self.task
         moved = self._moved(s, self.limited(action), np.isfinite(action).all(axis=1))
 
-        # Draw what the next instant brings. A new command holds from the end of the step on, for
-        # the machine too.
+        # Draw noise, pushes and commands of the next instant. A new command holds from the end of
+        # the step on, for the machine too.
         steps = s.steps + 1
         joint_noise = self._joint_errors(s.bias)
         push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
@@ -176,7 +176,7 @@ class BatchSimulator:
         reward = self._rewarded(s, moved, command, feet)
         plain = np.where(moved.lost, 0.0, reward.plain)
 
-        # Sense what the push has left. The machine follows the contacts.
+        # Sense the state after the push. The machine follows the contacts.
         after = s._replace(
             plant=moved.plant,
             command=command,
@@ -284,7 +284,7 @@ class BatchSimulator:
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
         if len(due) and not self._is_commanded:
             drawn = self._draw_commands(len(due))
-            return map_arrays(lambda own, new: put(own, due, new), state.command, drawn)
+            return map_arrays(lambda values, new: put(values, due, new), state.command, drawn)
         return state.command
 
     def _draw_commands(self, count: int) -> Command:
@@ -312,7 +312,7 @@ class BatchSimulator:
         ground = self._ground.of_robots(index)
         feet = sense_feet(task.robot, plant, no_legs > 0.0, ground=ground)
 
-        # Draw what is wrong with the sensors.
+        # Draw the errors of the sensors.
         wrong = randomization.wrong_contacts(count, self.generator)
         stuck = randomization.stuck_contacts(count, self.generator)
         bias = randomization.biases(count, self.generator)
@@ -322,7 +322,7 @@ class BatchSimulator:
         if self.control.needs_imu:
             imu[:] = self._read_imu(plant, plant, bias, index)[:, None]
 
-        # Take the first look at them.
+        # Read them for the first time.
         reading = read_contacts(feet.touching, wrong, stuck)
         memory, _ = self.control.sense(
             None,

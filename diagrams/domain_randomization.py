@@ -35,7 +35,7 @@ HARSH = Randomization(
 
 @checked
 class TerrainRanges(Settings):
-    """Ranges from which the ground of each group of robots is drawn."""
+    """Ranges of the grounds of groups of robots."""
 
     title: ClassVar[str] = "terrains"
 
@@ -85,7 +85,7 @@ class TerrainRanges(Settings):
 
 @checked
 class GroupRanges(Settings):
-    """Ranges from which the station of each group of robots is drawn.
+    """Ranges of the stations of groups of robots.
 
     Every range is cut into as many parts as there are groups, and each group draws from another
     part, so that few groups cover the ranges.
@@ -99,13 +99,13 @@ class GroupRanges(Settings):
     motor_strength: Range = (0.8, 1.2)  # factor on torque
     gains: Range = (0.8, 1.2)  # factors on stiffness and damping, each drawn by itself
     armature: Range = (0.0, 0.01)  # inertia of the rotors (kg·m²)
-    relaxation_time: Range = (0.005, 0.03)  # in which a contact lets penetration relax (s)
+    relaxation_time: Range = (0.005, 0.03)  # of contacts (s)
     terrains: TerrainRanges = field(default_factory=TerrainRanges)
 
     def draw(
         self, robot: Robot, station: StationConfig, count: int, generator: np.random.Generator
     ) -> list[StationConfig]:
-        """Draws the stations of `count` groups of a robot, which are else as `station` is."""
+        """Draws the stations of `count` groups of a robot, as variations of `station`."""
 
         def spread(least: float, greatest: float) -> list[float]:
             shares = (generator.permutation(count) + generator.random(count)) / count
@@ -138,7 +138,7 @@ class GroupRanges(Settings):
 
 @checked
 class DomainRandomization(Settings):
-    """The randomised stations of groups of robots, and what is drawn for each robot."""
+    """The randomised stations of groups of robots, and the differences between robots."""
 
     title: ClassVar[str] = "domain randomization"
 

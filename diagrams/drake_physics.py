@@ -20,7 +20,7 @@ FEW_ROBOTS = 2
 
 
 class DrakeEngine(Engine):
-    """Steps the states of many stations in parallel; each group has a station of its own."""
+    """Steps the states of many stations in parallel; each group has its station."""
 
     def __init__(
         self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
@@ -93,7 +93,7 @@ class _Group:
                 moved = self._advance(moved, targets, stop - start, parallelism)
             return moved
         except RuntimeError:
-            # Drake does not say which robot it cannot advance: halve until it stands alone.
+            # Drake does not say which robot it cannot advance: halve until one is left.
             if len(states) == 1:
                 return np.full_like(states, np.nan)
             half = len(states) // 2
@@ -109,7 +109,7 @@ class _Group:
         desired[:, : quadruped.N_JOINTS] = targets[:, self._actuator_order]
         if not self._in_batch or parallelism is None or len(states) <= FEW_ROBOTS:
             pairs = zip(states, desired, strict=True)
-            return np.array([self._advance_one(state, own, n_steps) for state, own in pairs])
+            return np.array([self._advance_one(state, wanted, n_steps) for state, wanted in pairs])
         return BatchEvalUniquePeriodicDiscreteUpdate(
             self._diagram,
             self._context,
@@ -128,7 +128,7 @@ class _Group:
 
 
 class _Clock:
-    """Advances a context by steps of its plant, from any state, whatever its time is."""
+    """Advances a context by steps of its plant, from any state and at any time."""
 
     def __init__(self, diagram: Diagram, context: Context, time_step: float) -> None:
         self._diagram, self._context, self._time_step = diagram, context, time_step

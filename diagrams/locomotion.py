@@ -43,7 +43,7 @@ from glassgait.systems.sensors import (
 if TYPE_CHECKING:
     from glassgait.models.policies.controller import Controller, Estimator
 
-Ports = dict[str, OutputPort]  # output ports by what they give
+Ports = dict[str, OutputPort]  # output ports by name
 
 OUTPUTS = (
     *("action", "observation", "reward", "plain_reward", "reward_terms", "failures"),
@@ -112,8 +112,8 @@ def MakeLocomotion(  # noqa: N802
     robot, law = scenario.robot_of(controller), scenario.joint_law(controller)
     layout = ObservationLayout(gait.n_states, imu=controller.expert.layout.imu)
 
-    # What is added first draws first in a random context: a seed gives the same commands and the
-    # same noise, whatever comes after.
+    # Systems draw in the order in which they are added: a seed gives the same commands and the same
+    # noise, whatever systems come after.
     ports = AddCommand(builder, gait, scenario.command, meshcat)
     needs_imu = layout.imu or isinstance(estimator, Odometry) or law.limits is not None
     errors = _add_sensor_errors(builder, scenario, imu=needs_imu)
@@ -211,7 +211,7 @@ def _add_sensors(
     *,
     imu: bool,
 ) -> Ports:
-    """Adds sensors of joints, feet and trunk; returns what they measure."""
+    """Adds sensors of joints, feet and trunk; returns their outputs."""
     add = partial(_add, builder)
     joints = JointSensor(scenario.sensor_noise)
     noise, bias = errors.get("sensor_noise"), errors.get("encoder_bias")
@@ -267,8 +267,8 @@ def _add_observation(
         **({"imu": ports["imu"]} if layout.imu else {}),
     )
 
-    # The body state, and the foot heights by which contacts and the machine go. Imported here:
-    # where the true body state is observed, nothing is estimated.
+    # The body state, and the foot heights that contacts and the machine read. Imported here: where
+    # the true body state is observed, nothing is estimated.
     from glassgait.models.estimation.odometry import Odometry  # noqa: PLC0415
     from glassgait.systems.estimation import OdometrySystem, StateEstimator  # noqa: PLC0415
 
@@ -335,7 +335,7 @@ def _add_policies(
 def _add_task(
     builder: DiagramBuilder, robot: Robot, scenario: Scenario, law: JointLaw, ports: Ports
 ) -> Ports:
-    """Adds the reward and the fall monitor; returns what they find."""
+    """Adds the reward and the fall monitor; returns their outputs."""
     moved = {
         "state": ports["state"],
         "action": ports["held_action"],

@@ -25,7 +25,7 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 class MujocoEngine(Engine):
-    """Steps the states of many robots in parallel; every group has a model of its own."""
+    """Steps the states of many robots in parallel; every group has its model."""
 
     def __init__(
         self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
@@ -109,7 +109,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
-    # What it cannot advance MuJoCo would set back to the start, as if nothing had been.
+    # MuJoCo silently resets a robot that it cannot advance.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     spec.option.gravity = station.terrain.gravity
 

@@ -30,12 +30,12 @@ class Physics:
     def __init__(self, robot: Robot, engines: Sequence[Engine]) -> None:
         """Takes the engines of the first groups, of the next ones, and so on."""
         self.robot, self._engines = robot, engines
-        self._terrains = [own.terrain for engine in engines for own in engine.stations]
+        self._terrains = [station.terrain for engine in engines for station in engine.stations]
         self.n_groups = len(self._terrains)
         self._friction: Array | None = None
 
     def __deepcopy__(self, memo: dict[int, object]) -> "Physics":
-        # What engines hold of C++ cannot be copied, and they remember nothing but the friction.
+        # Engines hold C++ objects that cannot be copied, and remember only the friction.
         stations = [station for engine in self._engines for station in engine.stations]
         made = make_physics(self.robot, *stations)
         if self._friction is not None:

@@ -209,8 +209,8 @@ def find_locomotion(diagram: Diagram) -> Diagram:
     found = list(_locomotions(diagram))
     if len(found) != 1:
         raise InputError(
-            f"locomotion: diagram {diagram.get_name()!r} holds {len(found)} of what MakeLocomotion "
-            "builds; give one that holds exactly one"
+            f"diagram {diagram.get_name()!r} holds {len(found)} of what MakeLocomotion builds; "
+            "give one that holds exactly one"
         )
     return found[0]
 
@@ -250,8 +250,8 @@ def recenter(diagram: Diagram, context: Context) -> None:
     if np.isfinite(away).all() and away.any():
         moved = kinematics.moved_by(state, -away)
         robot.plant.SetPositionsAndVelocities(robot.plant_context, moved)
-        own = robot.world.GetMyMutableContextFromRoot(context)
-        robot.world.set_away(own, robot.world.away(own) + away)
+        world = robot.world.GetMyMutableContextFromRoot(context)
+        robot.world.set_away(world, robot.world.away(world) + away)
 
 
 def push(diagram: Diagram, context: Context, velocity: Array) -> None:

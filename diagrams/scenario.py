@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from glassgait.models.policies.controller import Controller
     from glassgait.models.policies.policy import Policy
 
-NOMINAL_SCENARIO = "nominal"  # name of the scenario that is meant where none is named
+NOMINAL_SCENARIO = "nominal"  # the default
 
 SCENARIO_DIRECTORY = Path(__file__).resolve().parent / "scenarios"
 
@@ -69,7 +69,7 @@ class Scenario(Disturbances):
         return f"scenario {shown(self.title)}"
 
     def _problem(self) -> str | None:
-        """Returns what does not fit together."""
+        """Returns the first contradiction between settings, if there is one."""
         step, both = self.station.time_step, {*self.stuck_open} & {*self.stuck_closed}
         if not (self.title.isprintable() and 0 < len(self.title.strip()) <= LONGEST_TITLE):
             return f"title is not of 1 to {LONGEST_TITLE} printable characters"
@@ -118,7 +118,7 @@ class Scenario(Disturbances):
 
     def randomization(self) -> Randomization:
         """Returns the differences between the robots of an evaluation."""
-        shared = {own.name: getattr(self, own.name) for own in fields(Disturbances)}
+        shared = {key.name: getattr(self, key.name) for key in fields(Disturbances)}
         friction, latency = self.station.friction, self.latency
         return replace(NOMINAL, friction=(friction, friction), latency=(latency, latency), **shared)
 
@@ -134,7 +134,7 @@ def scenario_names(group: str = "all") -> tuple[str, ...]:
 
 
 def scenario_name(scenario: str | Path) -> str:
-    """Returns what a scenario is called: one that ships by its name, a file by its own."""
+    """Returns the name of a scenario, or of the one in a file."""
     return _path(scenario).stem
 
 
@@ -154,8 +154,7 @@ def load_scenario(scenario: str | Path) -> Scenario:
     shipped = _shipped(path.stem)
     if shipped and path.resolve() != shipped and loaded != load_scenario(path.stem):
         raise InputError(
-            f"{path}: is called like the scenario {path.stem!r} that ships, and differs from it; "
-            "give the file another name"
+            f"{path}: name {path.stem!r} is taken by a built-in scenario; rename the file"
         )
     return loaded
 
@@ -196,7 +195,7 @@ def _parse(values: Any, path: Path) -> Scenario:
     values = {"title": path.stem} | beside(path, values)
     if "command" not in values:
         return Scenario.from_plain(values, str(path))
-    # Three kinds of settings stand under one key, and their own keys decide which.
+    # Three kinds of settings stand under one key; their keys tell them apart.
     given = values.pop("command")
     command = _command_kind(given).from_plain(given, f"{path}: key 'command'")
     return replace(Scenario.from_plain(values, str(path)), command=command)
@@ -204,7 +203,7 @@ def _parse(values: Any, path: Path) -> Scenario:
 
 def _command_kind(values: Any) -> type[FixedCommand | DrawnCommands | SliderCommand]:
     for kind in (DrawnCommands, SliderCommand):
-        if isinstance(values, dict) and any(own.name in values for own in fields(kind)):
+        if isinstance(values, dict) and any(key.name in values for key in fields(kind)):
             return kind
     return FixedCommand
 

@@ -106,7 +106,7 @@ class StationConfig(Settings):
     engine: Literal["drake", "mujoco"] = "drake"
     # Normal force above which a foot touches (N), for MuJoCo; in Drake it does where inside.
     contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = 1e-3
-    # Time constant (s), for MuJoCo. By its own 0.02 s feet sink in by 7 mm.
+    # Time constant (s), for MuJoCo. With its default, 0.02 s, feet sink in by 7 mm.
     contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
 
     def __post_init__(self) -> None:
@@ -116,10 +116,10 @@ class StationConfig(Settings):
                 "step such as 0.002, or leave engine out"
             )
         others, owner = (OF_MUJOCO, "MuJoCo") if self.engine == "drake" else (OF_DRAKE, "Drake")
-        for own in fields(self):
-            if own.name in others and getattr(self, own.name) != own.default:
+        for key in fields(self):
+            if key.name in others and getattr(self, key.name) != key.default:
                 raise InputError(
-                    f"{self.title}: {own.name} is {owner}'s, and engine is {self.engine!r}; leave "
+                    f"{self.title}: {key.name} is {owner}'s, and engine is {self.engine!r}; leave "
                     "one of them out"
                 )
 
@@ -256,8 +256,8 @@ def set_friction(
         is_patch = inspector.GetName(geometry).startswith(PATCH)
         wanted = terrain.patch_friction if is_patch else friction
         # Two bodies have twice the product of their frictions over the sum.
-        own = wanted * feet / (2.0 * feet - wanted) if wanted else 0.0
-        return CoulombFriction(own, own)
+        ground_share = wanted * feet / (2.0 * feet - wanted) if wanted else 0.0
+        return CoulombFriction(ground_share, ground_share)
 
     where = () if context is None else (context,)
     _set_material(plant, scene_graph, "coulomb_friction", of, where)
@@ -315,7 +315,7 @@ def _limit_collisions(
     plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, *, feet_only: bool
 ) -> None:
     bodies = map(plant.get_body, plant.GetBodyIndices(instance))
-    geometries = [own for body in bodies for own in plant.GetCollisionGeometriesForBody(body)]
+    geometries = [one for body in bodies for one in plant.GetCollisionGeometriesForBody(body)]
     none_within = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
     scene_graph.collision_filter_manager().Apply(none_within)
     for geometry in geometries if feet_only else ():
@@ -340,7 +340,7 @@ def _set_compliance(plant: MultibodyPlant, scene_graph: SceneGraph, config: Stat
     ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
     set_material = partial(_set_material, plant, scene_graph)
     relaxation_time, stiffness = config.relaxation_time, config.ground_stiffness
-    set_material("relaxation_time", lambda own: 0.0 if own in ground else relaxation_time)
+    set_material("relaxation_time", lambda one: 0.0 if one in ground else relaxation_time)
     if stiffness is not None:
         # Like two springs in a row.
         set_material("point_contact_stiffness", lambda _: 2.0 * stiffness)

@@ -1,4 +1,4 @@
-"""The task that the batch simulator plays, and what it remembers of every robot."""
+"""The task of the batch simulator, and the state of every robot in it."""
 
 from dataclasses import field
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -75,12 +75,12 @@ class TaskConfig(Settings):
 
 
 class TaskState(NamedTuple):
-    """All that the task remembers of each robot between two control steps; a value."""
+    """State of each robot between two control steps; a value."""
 
-    # Arrays are never written to: whatever changes gives another state.
+    # Arrays are never written to: a change gives another state.
     plant: Array  # states x (n, 37)
     command: Command  # velocities (n, 2; m/s, rad/s), dwells (n,; control steps)
-    memory: Memory  # what the controllers remember, with the last step's action
+    memory: Memory  # of the controllers, with the last step's action
     touching: BoolArray  # feet (n, 4)
     air_time: Array  # of each foot (n, 4; s)
     tracked: Array  # speeds compared with the command (n, 2; m/s, rad/s)
@@ -110,7 +110,7 @@ class TaskState(NamedTuple):
         return map_arrays(lambda values, new: put(values, index, new), self, others)
 
     def sensors(self, touching: BoolArray | None = None) -> Sensors:
-        """Returns what the controllers read; contacts (n, 4) are the last ones by default."""
+        """Returns the controllers' readings; contacts (n, 4) are the last ones by default."""
         read = self.memory.trust.reading == 1 if touching is None else touching
         return measured(self.plant, self.joint_noise, read, self.imu)
 

@@ -15,7 +15,7 @@ N = quadruped.N_JOINTS
 
 
 class ContactTrustSystem(MealySystem):
-    """Finds which feet touch, whatever a stuck contact sensor reads; see `ContactTrust`.
+    """Finds which feet touch, even where a contact sensor is stuck; see `ContactTrust`.
 
     .. pydrake_system::
 

@@ -19,7 +19,7 @@ from glassgait.models.task.observation import JOINT_NOISE, N_ESTIMATED
 from glassgait.models.task.randomization import Randomization, seed_of
 from glassgait.systems.base import STATE, FunctionSystem, MealySystem, Outputs
 
-SOUND_SENSORS = stuck_sensors((), ())  # contact sensors of which none is stuck (4)
+SOUND_SENSORS = stuck_sensors((), ())  # contact sensors (4)
 
 
 class JointSensor(FunctionSystem):
@@ -201,7 +201,7 @@ class SensorBias(FunctionSystem):
 
 
 class BodyStateSensor(FunctionSystem):
-    """Gives the true values of what an estimator estimates.
+    """Gives the true body state, which an estimator would estimate.
 
     .. pydrake_system::
 

@@ -112,7 +112,7 @@ def controller_of(
 
 
 def alone(policy: Policy, expert: Policy | None = None) -> Controller:
-    """Returns the controller in which one policy acts; the expert observes for a student."""
+    """Returns the controller in which one policy acts; a student may observe by its expert."""
     if expert is None or expert is policy:
         return Controller(policy)
     has_odometry = isinstance(policy.estimator, Odometry)
@@ -158,7 +158,7 @@ def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> 
     estimator, law = student.estimator, student.joint_law.over(expert.joint_law)
     robot, theirs, differs = expert.robot, expert.joint_law, None
     if isinstance(estimator, Odometry) and estimator != expert.estimator:
-        differs = "has odometry of its own, which is not the estimator of"
+        differs = "has odometry, which is not the estimator of"
     elif law.gains_of(robot) != theirs.gains_of(robot):
         differs = f"moves joints of gains {law.gains_of(robot)}, not {theirs.gains_of(robot)} as"
     elif law.limits != theirs.limits:

@@ -19,7 +19,7 @@ class Stopping(Experiment):
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls the robots of a case out, and returns a row a robot."""
-        walk, stand = (FixedCommand(own, dwell=case.gait.dwell[0]) for own in (self.speed, 0.0))
+        walk, stand = (FixedCommand(speed, dwell=case.gait.dwell[0]) for speed in (self.speed, 0.0))
         config = RolloutConfig(self.n_robots, 250, case.seed)
         events = [give(0, walk), give(150, stand)]
         log = roll_out(case.gait, case.controller, case.scenario, config, events=events)
