@@ -105,7 +105,8 @@ class Urdf:
                 self._refuse(f"the origin of {self._called(joint)} has an rpy; give it none")
             places.append(pose[:3, 3].tolist())
         link = self._links[self._bodies[f"{leg}_calf"]]
-        spheres = link.findall("collision/geometry/sphere/../..")
+        shapes = link.findall("collision")
+        spheres = [own for own in shapes if own.find("geometry/sphere") is not None]
         if len(spheres) != 1:
             self._refuse(f"{self._called(link)} has {len(spheres)} collision spheres; give it one")
         spheres[0].set("name", f"{leg}_foot")
@@ -140,10 +141,11 @@ class Urdf:
         """Moves shapes and inertia of fixed links to the links that move."""
         masses, left = [], set(self._links)
         for body in self._bodies.values():
-            whole, parts, link = np.zeros((4, 4)), self._parts(body), self._links[body]
+            parts, link = self._parts(body), self._links[body]
             if twice := {*parts} - left:
                 self._refuse(f"link {min(twice)} is fixed to two moving links; leave one joint")
             left -= {*parts}
+            whole = np.zeros((4, 4))
             for name, pose in parts.items():
                 inertia = self._inertia(self._links[name])
                 masses.append(float(inertia[3, 3]))
@@ -152,25 +154,28 @@ class Urdf:
                     if shape.tag in ("collision", "visual"):
                         _write_pose(shape, pose @ self._pose(shape))
                         link.append(shape)
-            mass = float(whole[3, 3])
-            centre = whole[:3, 3] / (mass or 1.0)
-            spread = whole[:3, :3] - mass * np.outer(centre, centre)
-            # Of no body is one moment of inertia above the sum of the others.
-            least = float(np.linalg.eigvalsh(spread)[0])
-            moments = np.trace(spread) * np.eye(3) - spread
-            low, middle, high = np.linalg.eigvalsh(moments)
-            if mass < LIGHTEST or low < LEAST_MOMENT or least < -TOLERANCE * high:
-                self._refuse(
-                    f"{self._called(link)} moves with {mass:g} kg and principal moments of inertia "
-                    f"of {low:.3g}, {middle:.3g} and {high:.3g} kg·m², as no body does; mend its "
-                    "inertial"
-                )
-            if len(parts) > 1:
-                _write_inertial(link, mass, centre, moments)
+            self._set_inertia(link, whole, written=len(parts) == 1)
             self._check_shapes(link)
         if left:
             self._refuse(f"link {min(left)} is not joined to the robot; remove it")
         self._mass = math.fsum(masses)
+
+    def _set_inertia(self, link: Element, whole: Array, *, written: bool) -> None:
+        """Gives a link its inertia (see `_inertia`), unless it is written there, digit by digit."""
+        mass = float(whole[3, 3])
+        centre = whole[:3, 3] / (mass or 1.0)
+        spread = whole[:3, :3] - mass * np.outer(centre, centre)
+        moments = np.trace(spread) * np.eye(3) - spread
+        low, middle, high = np.linalg.eigvalsh(moments)
+        # Of no body is one moment of inertia above the sum of the others.
+        possible = high <= (low + middle) * (1.0 + TOLERANCE)
+        if mass < LIGHTEST or low < LEAST_MOMENT or not possible:
+            self._refuse(
+                f"{self._called(link)} moves with {mass:g} kg and principal moments of inertia of "
+                f"{low:.3g}, {middle:.3g} and {high:.3g} kg·m², as no body does; mend its inertial"
+            )
+        if not written:
+            _write_inertial(link, mass, centre, moments)
 
     def _parts(self, body: str) -> dict[str, Array]:
         """Returns the poses (4, 4) of the links that are fixed to a body, itself first."""
