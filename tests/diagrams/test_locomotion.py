@@ -1,5 +1,7 @@
 """The closed loop as a diagram; `tests/agreement` compares it with the batch simulator."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -215,3 +217,14 @@ def test_every_part_is_computed_once_a_control_step(trot, make_policy, monkeypat
         simulator.AdvanceTo(0.02 * n_steps)
     assert counts.pop("sample_commands") == 1  # A command holds for longer.
     assert set(counts.values()) == {n_steps + recorded}
+
+
+@pytest.mark.parametrize(
+    ("names", "most"), [("models", 2), ("models.policies.library", 16), ("diagrams.locomotion", 36)]
+)
+def test_imports_stay_few(names, most):
+    code = f"import sys, glassgait.{names}; print(*sys.modules, sep='\\n')"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = set(found.stdout.split())
+    assert sum(name.partition(".")[0] == "glassgait" for name in modules) <= most
+    assert not modules & {"torch", "pandas", "matplotlib", *["pydrake"] * (most < 36)}

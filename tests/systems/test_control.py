@@ -5,16 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import InputPortIndex
 
 from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.systems.action import (
-    ActionHold,
-    AlternationSchedule,
-    JointTargets,
-)
+from glassgait.systems.action import ActionHold, JointTargets
 from glassgait.systems.observation import ContactTrustSystem, RewardMachineSystem
 
 A1 = load_robot()
@@ -71,17 +66,6 @@ def test_the_reward_machine_shows_this_instants_propositions(trot, fix_inputs, l
     half = RewardMachineSystem(replace(trot, transitions=(replace(first, dwell=0.5), *others)))
     context = fix_inputs(half, **FL_RR, commanded_dwell=2)
     assert half.GetOutputPort("served_dwell").Eval(context) == [1.0]
-
-
-@pytest.mark.parametrize(("period", "acts"), [(1, "EEEEEE"), (3, "ESSESS"), (0, "SSSSSS")])
-def test_the_expert_acts_every_nth_control_step(period, acts):
-    expert, student = InputPortIndex(1), InputPortIndex(2)
-    system = AlternationSchedule(period, expert, student)
-    context, chosen = system.CreateDefaultContext(), ""
-    for step in range(6):
-        context.SetTime(step * 0.02)
-        chosen += {expert: "E", student: "S"}[system.get_output_port().Eval(context)]
-    assert chosen == acts
 
 
 def test_actions_are_held_from_the_control_instant_on(fix_inputs):
