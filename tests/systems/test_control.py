@@ -18,14 +18,6 @@ FL_RR = {
     "foot_contact": np.array([1.0, 0, 0, 1]),
     "foot_height": np.array([0.0, 0.04, 0.04, 0]),
 }
-OBSERVED = {
-    "joints": np.linspace(-1.0, 1.0, 24),
-    "command": np.array([0.5, -0.2]),
-    "commanded_dwell": 9,
-    "previous_action": np.arange(12.0),
-    "rm_state": np.eye(4)[2],
-    "rm_iterations": 3,
-}
 
 
 def test_stuck_sensors_give_way_to_heights_until_they_change(fix_inputs, latch):
