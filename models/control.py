@@ -11,7 +11,6 @@ exported controller has them as sections.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -53,21 +52,9 @@ class Memory(NamedTuple):
     estimate: Array  # the body state (..., 7; m/s, m); zeros without an estimator
     action: Array  # the one that the joints follow (..., 12)
 
-    def is_sound(self) -> BoolArray:
-        """Returns whether odometry and estimate (...) are finite and within `LARGEST_SOUND`."""
-        velocity, footholds, _, turning = self.odometry
-        flat = footholds.reshape(*footholds.shape[:-2], -1)
-        return _are_sound(velocity, flat, turning, self.estimate)
-
 
 def _are_sound(*values: Array) -> BoolArray:
     return np.asarray((np.abs(np.concatenate(values, axis=-1)) <= LARGEST_SOUND).all(axis=-1))
-
-
-def _where(condition: BoolArray, now: Array, before: Array) -> Array:
-    """Chooses rows of robots (..., k)."""
-    axes = (1,) * (np.ndim(now) - condition.ndim)
-    return np.where(condition.reshape(condition.shape + axes), now, before)
 
 
 @dataclass(frozen=True)
@@ -101,21 +88,21 @@ class ControlStep:
         nothing changes. One whose policy asks for such an action keeps its targets.
         """
         # Readings that are not sound are replaced, so that the others are computed undisturbed.
-        readings = sensors.joint_position, sensors.joint_velocity
-        sound = _are_sound(*readings, *([sensors.imu] if self.needs_imu else []))[..., None]
-        read = Sensors(
-            np.where(sound, sensors.joint_position, self.robot.default_stance),
-            np.where(sound, sensors.joint_velocity, 0.0),
-            sensors.touching,
-            np.where(sound, sensors.imu, 0.0),
-        )
-        last = self.initial(read.joint_position) if before is None else before
+        position, velocity, touching, imu = sensors
+        sound = _are_sound(position, velocity, *([imu] if self.needs_imu else []))
+        position = np.where(sound[..., None], position, self.robot.default_stance)
+        velocity, imu = (np.where(sound[..., None], one, 0.0) for one in (velocity, imu))
+        read = Sensors(position, velocity, touching, imu)
 
         memory, _ = self.sense(before, read, command)
         action = policy(self.observation(memory, read, command))
         memory = memory._replace(action=self.limited(memory, read, action))
-        sound = sound[..., 0] & memory.is_sound()
-        memory = map_arrays(partial(_where, sound), memory, last)
+
+        # Keep the memory of the step before where something is not sound.
+        odometry, last = memory.odometry, self.initial(position) if before is None else before
+        feet = odometry.footholds.reshape(*sound.shape, -1)
+        sound &= _are_sound(odometry.velocity, feet, odometry.turning, memory.estimate)
+        memory = map_arrays(lambda now, was: np.where(sound.T, now.T, was.T).T, memory, last)
         return self.joint_targets(memory.action), memory
 
     def sense(

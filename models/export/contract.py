@@ -17,13 +17,13 @@ from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import Interface, reads_imu
 from glassgait.models.files import digest, read_yaml
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import robot_of
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import ObservationEntry
 
 CONTRACT = "deploy.yaml"
 VERSION = 5
@@ -68,6 +68,8 @@ def contract_of(
     """Returns the contract of an exported file, which must exist, by key."""
     policy, robot = controller.policy, controller.robot
     stiffness, damping = controller.joint_law.gains_of(robot)
+    units = RobotUnits.of(robot, policy.observation_names)
+    affine = units.offset.tolist(), units.scale.tolist()
     contract = {
         # What was exported.
         "version": VERSION,
@@ -96,9 +98,8 @@ def contract_of(
         },
         "targets": TARGETS,
         "observations": [
-            {"name": entry.name, "unit": entry.unit}
-            | {"offset": _offset(entry, robot), "scale": entry.scale(robot)}
-            for entry in policy.layout.entries
+            {"name": entry.name, "unit": entry.unit, "offset": offset, "scale": scale}
+            for entry, offset, scale in zip(policy.layout.entries, *affine, strict=True)
         ],
     }
     return {**contract, "digest": _digest(contract)}
@@ -178,14 +179,6 @@ def interface_of(contract: dict[str, Any]) -> Interface:
         has_imu="gravity" in contract["sensors"],
         has_odometry=contract["estimator"] == "odometry",
     )
-
-
-def _offset(entry: ObservationEntry, robot: Robot) -> float:
-    # Joints and their targets count from the stance.
-    if entry.group not in ("joint position", "previous action"):
-        return 0.0
-    _, joint = entry.symbol.rsplit(".", 1)
-    return float(robot.default_stance[quadruped.joint_index(joint)])
 
 
 def _digest(contract: dict[str, Any]) -> str:

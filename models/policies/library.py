@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,15 @@ POLICY_SUFFIXES = (Policy.suffix, FORMULAS)
 EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
 STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
 
+_CLASSES = {
+    "neural": ("neural", "NeuralPolicy"),
+    "linear": ("linear", "LinearPolicy"),
+    "linear_per_state": ("linear", "LinearPerStatePolicy"),
+    "boosted_trees": ("boosting", "BoostedTreesPolicy"),
+    "additive": ("additive", "AdditivePolicy"),
+}
+"""Module and class by kind; programs that load one kind need not import the others."""
+
 RECORDS = ("distillation.yaml", "config.yaml")
 """Files beside students that may name their expert: of shipped ones, and in a run's folder."""
 
@@ -31,25 +41,6 @@ def policy_path(folder: Path, name: str) -> Path:
     """Returns the file of a policy in a folder, or the one that it would have."""
     paths = [folder / f"{name}{suffix}" for suffix in POLICY_SUFFIXES]
     return next((path for path in paths if path.exists()), paths[0])
-
-
-def policy_class(kind: str) -> type[Policy] | None:
-    """Returns the class of a kind of safetensors files, among all imported ones."""
-    # Imported here: programs that load one kind do not need the others.
-    match kind:
-        case "neural":
-            import glassgait.models.policies.neural  # noqa: PLC0415
-        case "linear" | "linear_per_state":
-            import glassgait.models.policies.linear  # noqa: PLC0415
-        case "boosted_trees":
-            import glassgait.models.policies.boosting  # noqa: PLC0415
-        case "additive":
-            import glassgait.models.policies.additive  # noqa: F401, PLC0415
-    classes: list[type[Policy]] = [Policy]
-    for one in classes:
-        classes.extend(one.__subclasses__())
-    found = [one for one in classes if vars(one).get("kind") == kind and one.suffix != FORMULAS]
-    return found[-1] if found else None
 
 
 def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
@@ -67,12 +58,10 @@ def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
     # All other policies are arrays, with a header.
     arrays, header = load_arrays(path)
     _check_header(path, header)
-    found = policy_class(header["kind"])
-    if found is None:
-        raise InputError(
-            f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew, or "
-            "import the class of that kind first"
-        )
+    if (kind := header["kind"]) not in _CLASSES:
+        raise InputError(f"{path}: holds an unknown kind of policy, {shown(kind)}; make it anew")
+    module, name = _CLASSES[kind]
+    found = getattr(import_module(f"glassgait.models.policies.{module}"), name)
     names = {"gait": header["gait"], "observation_names": tuple(header["observation_names"])}
     robot = robot_of(path, header.get("robot"), robot)
     with naming(path):

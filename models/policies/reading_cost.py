@@ -1,13 +1,12 @@
-"""The cost of reading a policy by hand: two numbers, counted alike for every kind.
+"""The cost of reading a policy: two numbers, counted alike for every kind.
 
-They measure readability. Both leave out what all policies share: scaling the observation, odometry,
-the reward machine and the limits of targets.
+They leave out what all policies share: units of the observation, odometry, reward machine, limits.
 
-- `operations`: scalar operations of one control step divided by the twelve joints: multiplications,
-  additions, comparisons and calls of functions. A definition counts once a step. Of a policy with
-  formulas or weights for each RM state, only the state that acts counts; states are averaged.
+- `operations`: multiplications, additions, comparisons and calls of functions of a control step,
+  divided by the twelve joints. A definition counts once. Where each RM state has its formulas or
+  weights, one state acts; states are averaged.
 - `numbers`: the numeric parameters that decide what the policy does. Mirror images that its file
-  leaves out, and what only describes the fit, do not count.
+  leaves out do not count.
 """
 
 from collections.abc import Iterable
@@ -37,7 +36,7 @@ class ReadingCost(NamedTuple):
 
 @singledispatch
 def reading_cost(policy: Policy) -> ReadingCost:
-    """Returns the operations per action and the numbers of a policy; NaN of unknown kinds."""
+    """Counts operations per action and numbers to read; NaN for a function of Python."""
     return ReadingCost(np.nan, np.nan)
 
 

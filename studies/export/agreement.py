@@ -9,7 +9,6 @@ import pandas as pd
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task import TaskState
 from glassgait.models import GRAVITY
-from glassgait.models.arrays import Array
 from glassgait.models.control import ControlStep, Sensors
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import LoadedController
@@ -117,27 +116,16 @@ def compare_controllers(
 
 def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
     """Draws sensors at random; in every other step a transition of the gait fires."""
-    generator, of_trunk = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    generator = np.random.default_rng(seed)
     counts = [min(SEQUENCE_STEPS, n_steps - k) for k in range(0, n_steps, SEQUENCE_STEPS)]
-    return [
-        list(_random_moments(robot, gait, _random_readings(count, of_trunk), generator))
-        for count in counts
-    ]
-
-
-def _random_readings(count: int, generator: np.random.Generator) -> Array:
-    """Draws readings of an IMU (count, 9)."""
-    turning, change, down = generator.normal(size=(3, count, 3))
-    down /= np.sqrt(np.sum(np.square(down), axis=1, keepdims=True))
-    change *= CONTROL_PERIOD * GRAVITY
-    return np.concatenate([turning, change - CONTROL_PERIOD * GRAVITY * down, down], axis=1)
+    return [list(_random_moments(robot, gait, count, generator)) for count in counts]
 
 
 def _random_moments(
-    robot: Robot, gait: Gait, readings: Array, generator: np.random.Generator
+    robot: Robot, gait: Gait, count: int, generator: np.random.Generator
 ) -> Iterator[Moment]:
     tables = np.array([transition.when.table for transition in gait.transitions])
-    for step, imu in enumerate(readings):
+    for step in range(count):
         if step % COMMAND_STEPS == 0:
             drawn = sample_commands(gait, 1, generator)
             command = Command(drawn.velocity[0], drawn.dwell[0])
@@ -147,6 +135,9 @@ def _random_moments(
             touching = STANCES[generator.choice(codes)]
         position = generator.uniform(robot.lower_limits, robot.upper_limits)
         velocity = generator.uniform(-robot.velocity, robot.velocity)
+        turning, change, down = generator.normal(size=(3, 3))
+        down /= np.linalg.norm(down)
+        imu = np.concatenate([turning, CONTROL_PERIOD * GRAVITY * (change - down), down])
         yield Moment(Sensors(position, velocity, touching, imu), command)
 
 
