@@ -19,7 +19,7 @@ from annotated_types import MinLen
 from joblib import delayed
 
 from glassgait.models.errors import InputError
-from glassgait.models.files import read_record, write_atomically, write_record
+from glassgait.models.files import read_record, write_record
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, checked
 from glassgait.models.task.termination import PHYSICAL_FALL, Falls
 from glassgait.studies.common.console import console, note, progress_bar, report_errors, say
@@ -157,10 +157,9 @@ class Report:
     figures: Mapping[str, Figure] = field(default_factory=dict)
     shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     lines: Sequence[str] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
-        """Writes tables as CSV and Markdown, figures as PNG and PDF, metrics and files."""
+        """Writes tables as CSV and Markdown, figures as PNG and PDF, and metrics."""
         from glassgait.studies.common.figures import save_figure
         from glassgait.studies.common.tables import write_metrics, write_table
 
@@ -169,8 +168,6 @@ class Report:
         write_metrics(self.metrics, folder / "metrics.json")
         for name, figure in self.figures.items():
             save_figure(figure, folder / name)
-        for name, text in self.files.items():
-            write_atomically(folder / name, text)
 
     def show(self) -> None:
         """Prints the tables that are shown, and the sentences."""

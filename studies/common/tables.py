@@ -73,11 +73,6 @@ def to_markdown(frame: pd.DataFrame) -> str:
     return "".join(f"| {' | '.join(row)} |\n" for row in escaped)
 
 
-def to_latex(frame: pd.DataFrame) -> str:
-    """Formats a table in LaTeX, for booktabs."""
-    return joined(frame).map(format_cell).to_latex(index=False, escape=True)
-
-
 def format_cell(value: Any) -> str:
     """Formats a cell for reading."""
     if not isinstance(value, float):

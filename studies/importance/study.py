@@ -17,7 +17,6 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import symbols_of
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.scores import interval
-from glassgait.studies.common.tables import to_latex
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students import StudentKind, samples_folder
@@ -112,9 +111,7 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
     tables["top_observations"] = top = pd.concat(tops, ignore_index=True)
     return Report(
         tables=tables,
-        metrics={"importances": tables["importances"].to_dict(orient="records")},
         figures=figures,
-        files={"top_observations.tex": to_latex(top)},
         shown={f"{gait}: the most important observations": top},
     )
 

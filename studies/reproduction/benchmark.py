@@ -1,13 +1,12 @@
-"""`glassgait reproduce benchmark`: measures training throughput and the time of one action."""
+"""`glassgait reproduce benchmark`: measures the time of one action."""
 
 import subprocess
 import tempfile
-import time
-from collections.abc import Callable
+import timeit
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -16,68 +15,44 @@ from glassgait.models.export.binding import FLAGS, compile_c, has_compiler, writ
 from glassgait.models.export.c_source import write_controller
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
-from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT
-from glassgait.models.settings import Count, checked
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.settings import checked
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import OneGait
 from glassgait.studies.common.figures import page_template
 from glassgait.studies.common.policies import ALL, Policies
 from glassgait.studies.common.run import default_folder, refuse_run
-from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
+from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.export.command import controller_name
 from glassgait.studies.reproduction.page import TEMPLATES
-from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.run import TrainingRun
-
-Part = Literal["throughput", "actions"]
-
-PARTS: dict[Part, str] = {"throughput": "Throughput", "actions": "One action, one robot"}
-"""What can be measured, with the headings of the tables."""
 
 STEPS = 20_000  # steps of a controller in C that are timed
 
 
 @checked
 class Benchmark(OneGait):
-    """Measure training throughput and the time of one action.
+    """Measure the time of one action of each policy, in Python and in C.
 
     Attributes:
-        parts: What to measure: training, and actions of policies in Python and in C.
-        updates: Updates that are timed at once.
-        repeats: Number of timings; medians are reported.
         output: Folder of the results; runs/reproduce/benchmark by default.
     """
 
     title: ClassVar[str] = "reproduce benchmark"
 
-    parts: tuple[Part, ...] = tuple(PARTS)
-    updates: Count = 4
-    repeats: Count = 5
     output: Path | None = None
 
     def run(self) -> None:
-        """Measures, and writes tables."""
-        robot = self.robot or DEFAULT_ROBOT
-        folder = self.output or default_folder(self.title, load_robot(robot).name)
+        """Measures, and writes the table."""
+        found = self.policies()
+        folder = self.output or default_folder(self.title, found.robot.name)
         refuse_run(folder)
-        metrics: dict[str, Any] = {}
-        for part in dict.fromkeys(self.parts):
-            say(f"timing {part}")
-            if part == "throughput":
-                config = TrainingConfig(gait=self.gait, robot=robot)
-                table = throughput(config, self.updates, self.repeats)
-            else:
-                table = action_times(self.policies())
-            write_table(table, folder / part)
-            print_table(PARTS[part], table)
-            metrics[part] = json_records(table)
-        write_metrics(metrics, folder / "metrics.json")
+        table = action_times(found)
+        write_table(table, folder / "actions")
+        print_table("One action, one robot", table)
         console.print(f"written to {folder}")
 
 
-def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
+def action_times(found: Policies) -> pd.DataFrame:
     """Times an action of each policy in Python, and a whole control step in C if it compiles."""
     if not has_compiler():
         say("there is no C compiler here, cc: controllers in C are not timed")
@@ -85,17 +60,16 @@ def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
     for kind, controller in found.controllers([ALL]).items():
         n_observed = len(controller.policy.observation_names)
         observation = np.random.default_rng(0).normal(size=(1, n_observed))
-        action = partial(controller.policy, observation)
-        times = [_seconds(action) for _ in range(300)]
+        times = timeit.repeat(partial(controller.policy, observation), repeat=300, number=1)
         row: dict[str, Any] = {"policy": kind}
         row["action in Python (µs)"] = round(1e6 * float(np.median(times)), 1)
         if has_compiler():
-            row |= _step_times(found.gait, controller, kind, steps)
+            row |= _step_times(found.gait, controller, kind)
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> dict[str, float]:
+def _step_times(gait: Gait, controller: Controller, kind: str) -> dict[str, float]:
     """Compiles a controller, and times its step on random sensors, several times."""
     written = write_controller(
         gait,
@@ -111,7 +85,7 @@ def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> di
         harness = page_template(TEMPLATES, "step_times.c").render(
             name=written.name,
             real=written.real,
-            count=steps,
+            count=STEPS,
             speed=0.5 * gait.max_speed,
             dwell=gait.dwell[0],
             has_imu=written.has_imu,
@@ -129,21 +103,3 @@ def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> di
         "step in C, 99.9 % (µs)": late,
         "C file (kB)": round(size / 1000),
     }
-
-
-def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataFrame:
-    """Times updates of PPO: the median (control steps/s)."""
-    with tempfile.TemporaryDirectory() as temporary:
-        run = TrainingRun(config, load_gait(config.gait), Path(temporary))
-    # The first update warms caches and is not timed.
-    run.update()
-    seconds = [_seconds(lambda: [run.update() for _ in range(n_updates)]) for _ in range(repeats)]
-    n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
-    rate = round(n_steps / float(np.median(seconds)))
-    return pd.DataFrame([{"robots": config.n_robots, "control steps/s": rate}])
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start

@@ -31,10 +31,9 @@ def find_barriers():
 
     def find(browser, part="body"):
         browser.set_script_timeout(120)
-        # Meshcat's own controls have no labels.
         run = (
             "const [part, done] = arguments;"
-            "axe.run({include: [part], exclude: ['.dg']},"
+            "axe.run({include: [part]},"
             "{resultTypes: ['violations'], iframes: false})"
             ".then((found) => done(found.violations))"
         )
@@ -61,8 +60,8 @@ def faults_of(browser, find_barriers):
             screen = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
             browser.get(page.as_uri())
-            # Replays load after their page.
-            time.sleep(2.0)
+            # Replays load after their page, and then label their controls.
+            time.sleep(5.0)
             browser.execute_script(UNFOLD)
             across = browser.execute_script("return document.documentElement.scrollWidth")
             found += [f"{width}: {across} pixels wide"] if across > width else []
