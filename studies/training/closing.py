@@ -8,7 +8,7 @@ import pandas as pd
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.console import say
+from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import ALL, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, score
 from glassgait.studies.common.tables import print_table
@@ -29,5 +29,6 @@ def show_result(gait: str, folder: Path, robot: str) -> None:
     print_table(title, pd.DataFrame(rows))
     best = max(rows[1:] or rows, key=lambda row: row["return"])
     of = f"--gait {quote(gait)}{found.robot.option} --source {quote(str(folder))}"
-    say(f"watch: glassgait view {of} --policy {best['policy']}")
-    say(f"score: glassgait evaluate scenarios {of}")
+    # Not wrapped, so that they can be copied.
+    console.print(f"watch: glassgait view {of} --policy {best['policy']}", soft_wrap=True)
+    console.print(f"score: glassgait evaluate scenarios {of}", soft_wrap=True)

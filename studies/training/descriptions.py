@@ -49,7 +49,7 @@ class ShowGait:
             write_atomically(self.output, f"```mermaid\n{to_mermaid(gait)}```\n")
             console.print(f"drawn in {self.output}")
         elif gait.name not in gait_names():
-            console.print(f"train it with 'glassgait train --gait {quote(self.gait)}'")
+            console.print(f"train: glassgait train --gait {quote(self.gait)}", soft_wrap=True)
 
 
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))

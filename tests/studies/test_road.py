@@ -82,5 +82,6 @@ def test_a_robot_of_others_goes_the_whole_road(tmp_path, monkeypatch, capsys):
     main(["train", *robot, "--updates", "2", *few])
     distilled = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "40"]
     main(["distill", *robot, "--students", "linear", *distilled])
+    assert "watch: glassgait view --gait trot --robot" in capsys.readouterr().out
     main(["evaluate", "scenarios", *robot, *SMALL])
     assert len(list(Path("runs").glob("*/**/laikago/trot"))) == 3
