@@ -54,7 +54,7 @@ SENSES: Final = {"true": (False, None), "odometry": (False, Odometry()), "imu": 
 class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     """Many robots in the batch simulator.
 
-    Observations (n, 47 + n_states), 6 more where an IMU is observed, follow `ObservationLayout`.
+    Observations (n, 53 + n_states) are those of the shipped experts, see `ObservationLayout`.
     Actions (n, 12) are scaled offsets of the joint targets, as the policies' are. Rewards and ends
     are (n,). `info` has the `failures` by name, the `plain_reward` without the machine's factor,
     and the `command` (2; m/s, rad/s) of each robot.
@@ -75,14 +75,15 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         robot: str | Path = DEFAULT_ROBOT,
         stations: Sequence[StationConfig] | None = None,
         randomization: Randomization | None = None,
-        senses: str = "true",
+        senses: str = "imu",
         max_episode_steps: int = EPISODE_STEPS,
     ) -> None:
         """Takes gait and robot as names or files, and a station for each group of robots.
 
         Args:
-            senses: "true" to observe the true velocity and heights of the feet, "odometry" for
-                their estimates, "imu" for that, gravity's direction and the angular velocity.
+            senses: "imu" to observe what shipped experts do: gravity's direction, the angular
+                velocity, and the odometry's estimates of velocity and foot heights. "odometry" is
+                without the first two; "true" is without them and has true values.
         """
         if senses not in SENSES:
             raise InputError(

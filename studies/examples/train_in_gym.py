@@ -21,9 +21,7 @@ gymnasium.register_envs(glassgait.diagrams.gym)
 
 def train(seconds: float = 45.0, num_envs: int = 32) -> tuple[float, float, float]:
     """Trains for a time (s), and prints mean rewards of a step: before, after, the expert's."""
-    envs = gymnasium.make_vec(
-        "glassgait/Locomotion-v0", num_envs=num_envs, gait="trot", senses="imu"
-    )
+    envs = gymnasium.make_vec("glassgait/Locomotion-v0", num_envs=num_envs, gait="trot")
     expert = load_expert("trot")
 
     def with_one(observations):
