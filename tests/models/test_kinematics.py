@@ -9,8 +9,6 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 
 A1 = load_robot()
-
-
 TOLERANCE = 1e-12
 
 

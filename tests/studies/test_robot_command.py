@@ -29,12 +29,9 @@ def test_robots_that_ship_stand_in_both_physics(name, capsys):
     [
         (r"stiffness: .*", "stiffness: 4", "give more stiffness"),
         (r"R([LR]): \[[^\]]*\]", r"R\1: [0.1, 1.9, -1.0]", "leans"),
-        (r"stiffness: .*", "mass: 3.0", "'mass'"),
     ],
 )
-def test_a_robot_that_does_not_stand_or_contradicts_its_urdf_is_refused(
-    write_robot, refused, old, new, why
-):
+def test_a_robot_that_does_not_stand_is_refused(write_robot, refused, old, new, why):
     dog = write_robot()
     dog.write_text(re.sub(old, new, dog.read_text()))
     assert why in refused(["robot", str(dog)])
