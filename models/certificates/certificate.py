@@ -5,23 +5,59 @@ Numbers are in the robot's units. The checker shares no code with this file.
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import fields
+import re
+from collections.abc import Iterable
+from dataclasses import field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from glassgait.models.certificates.box import ObservationBox, operating_box, physical_box
 from glassgait.models.certificates.claims import Claim
-from glassgait.models.certificates.maximum import Maximum, Tree
-from glassgait.models.certificates.prover import Outcome, Place, Prover, Verdict
-from glassgait.models.certificates.targets import Query
-from glassgait.models.files import digest
-from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.certificates.prover import Outcome, Prover, Verdict
+from glassgait.models.errors import InputError, shown
+from glassgait.models.files import digest, read_text
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots.library import load_robot, robot_folder
+from glassgait.models.settings import Range, Settings, checked
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.symmetry import mirrored_states
+
+if TYPE_CHECKING:
+    from glassgait.models.certificates.checker import Decision
+
+DECIDED = ("outcome", "splits", "witnesses")
+"""Keys of a claim in a certificate that say how it was decided."""
 
 SHIPPED = Path(__file__).parent / "shipped"
 
 OUTCOME_WORDS: dict[Outcome, str] = {"proved": "proved", "refuted": "refuted", "undecided": "open"}
+
+
+@checked
+class _Certificate(Settings):
+    title: ClassVar[str] = "certificate"
+
+    format: Literal[3]
+    policy: dict[Literal["file", "sha256"], str]
+    gait: str
+    robot: str
+    numbers: dict[str, float]
+    mirror: tuple[int, ...] | None
+    operating: dict[str, Range]
+    physical: dict[str, Range]
+    claims: tuple[dict[str, Any], ...]
+    sha256: str
+
+
+@checked
+class _Decision(Settings):
+    title: ClassVar[str] = "claim"
+
+    outcome: Outcome
+    splits: dict[str, list[Any]] = field(default_factory=dict)
+    witnesses: tuple[dict[str, float], ...] = ()
 
 
 def shipped_certificates() -> tuple[Path, ...]:
@@ -31,18 +67,97 @@ def shipped_certificates() -> tuple[Path, ...]:
 
 def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) -> dict[str, Any]:
     """Returns the certificate of a policy, from its prover, the decided claims and its file."""
-    robot, gait, images = prover.policy.robot.name, prover.gait, mirrored_states(prover.gait)
     content = {
-        "format": 2,
-        **({} if robot == DEFAULT_ROBOT else {"robot": robot}),
-        "gait": gait.name,
-        "mirror": None if images is None else list(images),
+        "format": 3,
         "policy": {"file": policy_file.name, "sha256": digest(policy_file)},
-        "box": prover.boxes["operating"].ranges,
+        **assumptions(prover.policy, prover.gait, prover.boxes["operating"]),
         "claims": [_verdict(verdict) for verdict in verdicts],
-        "statements": [_statement(*own, prover.symbols) for own in prover.proofs.items()],
     }
     return {**content, "sha256": content_digest(content)}
+
+
+def assumptions(policy: Policy, gait: Gait, operating: ObservationBox) -> dict[str, Any]:
+    """Returns what a certificate assumes of the robot, the machine and what robots sense."""
+    robot, images = policy.robot, mirrored_states(gait)
+    stiffness, damping = policy.joint_law.gains_of(robot)
+    numbers = {"torque": float(robot.effort.min()), "stiffness": stiffness, "damping": damping}
+    return {
+        "gait": gait.name,
+        "robot": robot.name,
+        "numbers": {**numbers, "action_scale": robot.action_scale},
+        "mirror": None if images is None else list(images),
+        "operating": operating.ranges,
+        "physical": physical_box(gait, operating).ranges,
+    }
+
+
+def check_certificate(path: Path, policy: Path | None = None, robot: Path | None = None) -> str:
+    """Checks a certificate, and that what it assumes is so; reports what holds, a claim in a line.
+
+    By default policy and robot are those that ship under the certificate's names.
+    """
+    # Imported here: no other command needs what the checker computes with.
+    try:
+        from glassgait.models.certificates.checker import RefusedError, check  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            "checking needs python-flint; install it with pip install 'glassgait[certify]'"
+        ) from error
+
+    # Find the policy, and read it as robots do.
+    try:
+        content = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"{path}: is no certificate; 'glassgait verify prove' writes one"
+        ) from error
+    said = _Certificate.from_plain(content, str(path))
+    names = said.robot, said.gait, said.policy["file"]
+    if policy is None and re.fullmatch(r"\w+/\w+/\w+\.formulas", "/".join(names)):
+        policy = robot_folder(STUDENT_DIRECTORY, names[0]) / names[1] / names[2]
+    if policy is None or not policy.exists():
+        raise InputError(f"{path}: no policy {shown(names[2])} ships; name its file by --policy")
+    read = load_policy(policy, load_robot(robot) if robot else None)
+    if not isinstance(read, FormulaPolicy) or read.machine is None:
+        raise InputError(f"{policy}: holds no formulas, or no machine; name the certified file")
+
+    # Its parts must be what they must be, and what it assumes must be so.
+    if content_digest(content) != said.sha256:
+        raise InputError(f"{path}: was changed, for its digest is of other contents; prove anew")
+    for own in said.claims:
+        claimed = {key: value for key, value in own.items() if key not in DECIDED}
+        Claim.from_plain(claimed, str(path)).refuse_unknown(read.machine, imu=read.layout.imu)
+        _Decision.from_plain({key: own[key] for key in own if key in DECIDED}, str(path))
+    box = ObservationBox.of_ranges(read.robot, read.observation_names, said.operating)
+    for key, value in assumptions(read, read.machine, box).items():
+        if content[key] != value:
+            raise InputError(f"{path}: key {key!r} is not what {policy} and its robot have")
+
+    # Decide the claims.
+    try:
+        found = check(path, policy)
+    except RefusedError as error:
+        raise InputError(f"{path}: {error}") from error
+    outcomes = [decision.outcome for decision in found]
+    counts = ", ".join(f"{outcomes.count(own)} {word}" for own, word in OUTCOME_WORDS.items())
+    try:
+        ships = operating_box(read.machine, read.robot).ranges == box.ranges
+    except InputError:
+        ships = False
+    trusted = "is the one that ships" if ships else "is taken on trust"
+    lines = (_described(one) for one in found)
+    return "\n  ".join([f"{counts}; its operating box {trusted}", *lines])
+
+
+def _described(decision: "Decision") -> str:
+    """Returns a claim in a line: a shipped one by name, another one with all that it says."""
+    said = {key: own for key, own in decision.said.items() if decision.foreign and key != "name"}
+    if decision.said["kind"] != "mirror":
+        said["most"] = f"{decision.most:g}"
+    words = ["not a claim that ships"] if decision.foreign else []
+    words += [f"{key} {json.dumps(own)}".replace('"', "") for key, own in said.items()]
+    shown_as = f" ({', '.join(words)})" if words else ""
+    return f"{OUTCOME_WORDS[decision.outcome]}: {decision.said['name']}{shown_as}"
 
 
 def content_digest(content: dict[str, Any]) -> str:
@@ -65,29 +180,9 @@ def certificate_text(content: dict[str, Any]) -> str:
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:
-    """Returns a claim's keys that are given, and its outcome."""
-    said = {own.name: getattr(verdict.claim, own.name) for own in fields(Claim)}
-    said = {key: value for key, value in said.items() if value not in ((), None, {})}
-    return said | {own.name: getattr(verdict, own.name) for own in fields(Verdict)[1:]}
-
-
-def _statement(key: tuple[Query, Place], found: Maximum, symbols: Sequence[str]) -> dict[str, Any]:
-    query, place = key
-    written: dict[str, Any] = {"of": query.of, "state": query.state}
-    written |= {"joint": quadruped.JOINTS[query.joint], "sign": query.sign}
-    written |= {"box": place.box, "bound": found.bound}
-    # Leave out what says nothing.
-    if query.observation >= 0:
-        written["observation"] = symbols[query.observation]
-    if place.stuck:
-        written["stuck"] = [symbols[index] for index in place.stuck]
-    if found.splits:
-        written["splits"] = _splits(found.splits, [*symbols, "other"])
-    return written
-
-
-def _splits(tree: Tree, symbols: Sequence[str]) -> list[Any]:
-    if not tree:
-        return []
-    index, cut, below, above = tree
-    return [symbols[index], cut, _splits(below, symbols), _splits(above, symbols)]
+    """Returns a claim as its file says it, its outcome, and what shows it."""
+    defaults = {own.name: own.default for own in fields(Claim)} | {"changes": {}}
+    said = {name: getattr(verdict.claim, name) for name in defaults}
+    said = {name: value for name, value in said.items() if value != defaults[name]}
+    shown = {"splits": verdict.splits, "witnesses": verdict.witnesses}
+    return said | {"outcome": verdict.outcome} | {key: own for key, own in shown.items() if own}

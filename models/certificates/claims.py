@@ -1,7 +1,7 @@
 """Claims about a policy as data: what it shall never do, read from a YAML file."""
 
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -10,12 +10,10 @@ from annotated_types import MaxLen, MinLen
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
+from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.settings import DISTINCT, FEW, Positive, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.termination import TerminationLimits
 
 DEFAULT_CLAIMS = Path(__file__).parent / "claims.yaml"
 
@@ -30,11 +28,11 @@ Names = Annotated[tuple[str, ...], FEW, DISTINCT]
 ClaimKind = Literal["limits", "never", "effect", "mirror", "change"]
 
 _KEYS: dict[ClaimKind, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "limits": ((), ("least", "most", "stuck")),
+    "limits": (("least", "most"), ("stuck",)),
     "never": (("observations", "never"), ("most", "limit", "stuck")),
     "effect": (("observations",), ("most", "limit", "stuck")),
     "mirror": ((), ()),
-    "change": (("changes",), ("most",)),
+    "change": (("changes", "most"), ()),
 }
 """Keys that a claim of each kind must have, and those that it may have."""
 
@@ -44,19 +42,18 @@ class Claim(Settings):
     """A statement about a policy's targets before limits, over all observations of a box.
 
     Attributes:
-        kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
+        kind: `limits`: targets stay from `least` to `most` rad.
             `never`: a target never rises (or falls) as an observation rises, or by `most` rad for
             each of its units at most. `effect`: one observation moves a target by `most` rad at
             most. `mirror`: left and right are treated alike. `change`: where observations change
-            by `changes`, the squared change of the action stays within `most`, by default the
-            bound beyond which an episode ends.
+            by `changes`, the squared change of the action stays within `most`.
         joints: The joints; all by default.
         states: Names of the machine's states; all by default.
         box: The `operating` box that robots were measured in, or the `physical` one.
         stuck: Observations, by symbol, that may be anywhere in the physical box instead.
         observations: The observations by symbol; `q.own`, `dq.own` and `a.own` are the joint's.
-        limit: The robot's quantity that replaces the number `most`: the `torque` of the joints'
-            weakest motor or the `damping` of the servos, each divided by the servos' stiffness.
+        limit: The robot's quantity that replaces the number `most`: the `torque` of its weakest
+            motor or the `damping` of the servos, each divided by the servos' stiffness.
         changes: Greatest change of each observation, or of each of a kind such as `dq`, in the
             robot's units.
     """
@@ -104,14 +101,12 @@ class Claim(Settings):
     def refused_as(self) -> str:
         return f"claim {shown(self.name)}"
 
-    def of(self, robot: Robot, law: JointLaw) -> "Claim":
-        """Returns the claim with the number that its `limit` stands for."""
+    def number(self, robot: Robot, law: JointLaw) -> float:
+        """Returns the number that the claim's `most` or `limit` stands for."""
         if self.limit is None:
-            return self
-        torque = float(min(robot.effort[joint] for joint in self.joint_indices()))
+            return self.most or 0.0
         stiffness, damping = law.gains_of(robot)
-        greatest = torque if self.limit == "torque" else damping
-        return replace(self, most=greatest / stiffness, limit=None)
+        return (float(robot.effort.min()) if self.limit == "torque" else damping) / stiffness
 
     def joint_indices(self) -> tuple[int, ...]:
         return tuple(quadruped.joint_index(joint) for joint in self.joints or quadruped.JOINTS)
@@ -122,16 +117,6 @@ class Claim(Settings):
     def observations_of(self, joint: int, symbols: Sequence[str]) -> tuple[int, ...]:
         """Returns the indices of the claim's observations, for a joint."""
         return tuple(symbols.index(_of_joint(name, joint)) for name in self.observations)
-
-    def range_of(self, robot: Robot, joint: int) -> tuple[float, float]:
-        """Returns the least and greatest target of a claim of limits (rad)."""
-        low, high = float(robot.lower_limits[joint]), float(robot.upper_limits[joint])
-        return low if self.least is None else self.least, high if self.most is None else self.most
-
-    @property
-    def squared_change(self) -> float:
-        """Greatest squared change of the action, of a claim of changes."""
-        return TerminationLimits().action_change if self.most is None else self.most
 
     def change_of(self, symbol: str) -> float:
         """Returns how much an observation may change, in the robot's units."""
@@ -176,21 +161,19 @@ def claim_files(*, imu: bool) -> tuple[Path, ...]:
     return (DEFAULT_CLAIMS, IMU_CLAIMS) if imu else (DEFAULT_CLAIMS,)
 
 
-def load_claims(
-    path: Path, robot: Robot | None = None, law: JointLaw = OWN_LAW
-) -> tuple[Claim, ...]:
-    """Loads the claims that a YAML file lists, about a robot whose joints follow a law."""
+def load_claims(path: Path) -> tuple[Claim, ...]:
+    """Loads the claims that a YAML file lists."""
     found = read_yaml(path)
     listed = found.get("claims") if isinstance(found, dict) else None
     if not isinstance(listed, list) or not listed or len(found) > 1:
         raise InputError(f"{path}: must hold the key 'claims' with a list of claims, and no other")
-    about, claims = robot or load_robot(), []
+    claims = []
     for index, values in enumerate(listed):
         name = values.get("name") if isinstance(values, dict) else None
         where = f"{path}: claim {shown(name) if isinstance(name, str) else index + 1}"
         if isinstance(values, dict) and "name" not in values:
             raise InputError(f"{where}: needs the key 'name'; add it")
-        claims.append(Claim.from_plain(values, where).of(about, law))
+        claims.append(Claim.from_plain(values, where))
     names = [claim.name for claim in claims]
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"{path}: two claims are called {shown(twice[0])}; rename one")

@@ -6,11 +6,11 @@ polynomials. Coefficients are fractions: nothing is rounded, and terms that canc
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -119,30 +119,20 @@ def product(left: Polynomial, right: Polynomial) -> Polynomial:
 Element = tuple[int, int]
 """A factor and its power: what a relaxation takes for a variable of its own."""
 
-MOST_TOGETHER, BLOCK, ROUNDING = 10, 200_000, 2.0**-52
-"""Elements whose ends are combined in all ways, numbers of an array that is worked on at once, and
-the error of an operation."""
+MOST_BOUNDED, MOST_TRIED, ROUNDING = 2000, 10, 2.0**-52
+"""Monomials that are bounded, elements of which both ends are tried, and error of an operation."""
 
-Scope = tuple[Element, ...]
-"""The elements that a table has an axis of, in order."""
-
-
-class Step(NamedTuple):
-    """Adds up tables by number, maximises over one element, and numbers the rest next."""
-
-    element: Element
-    tables: tuple[int, ...]
-    scope: Scope
+Terms = Mapping[frozenset[Element], Array]
+"""Coefficients (m) of products of elements."""
 
 
 class Relaxation:
     """Bounds a polynomial over boxes of quantities from above.
 
     If powers of factors, its *elements*, were independent, the polynomial would be affine in each,
-    and greatest at ends of all. Monomials are tables over these ends, which are added up and
-    maximised over one element after the other (variable elimination, Bertelè and Brioschi,
-    Nonserial Dynamic Programming, 1972); where more than `MOST_TOGETHER` elements meet, apart
-    (mini-buckets, Dechter and Rish 2003). Boxes that are narrow in `shared` quantities lose little.
+    and greatest at ends of all. Both ends are tried of one element after the other, and monomials
+    that share nothing are maximised apart. What holds several elements once `MOST_TRIED` were tried
+    is bounded monomial by monomial. Boxes that are narrow in `shared` quantities lose little.
 
     Attributes:
         used: Quantities that the polynomial is of.
@@ -152,16 +142,13 @@ class Relaxation:
 
     def __init__(self, ring: PolynomialRing, polynomial: Polynomial) -> None:
         self._ring = ring
-        # An order that another program finds as well, whatever it calls the factors.
-        self._elements = sorted(
-            {element for monomial in polynomial for element in monomial}, key=self._key
-        )
-        place = {element: index for index, element in enumerate(self._elements)}
-        self._monomials: dict[Scope, float] = {
-            tuple(sorted(monomial, key=place.__getitem__)): float(coefficient)
-            for monomial, coefficient in polynomial.items()
-        }
-        self._steps = eliminated(list(self._monomials), self._elements)
+        if len(polynomial) > MOST_BOUNDED:
+            raise InputError(
+                f"a formula has more than {MOST_BOUNDED} terms when it is multiplied out; write a "
+                "simpler one"
+            )
+        self._elements = sorted({element for monomial in polynomial for element in monomial})
+        self._terms = {frozenset(own): float(value) for own, value in polynomial.items()}
         of_elements = (ring.variables[number] for number, _ in self._elements)
         self.used = sorted(frozenset[int]().union(*of_elements))
         self.curved, self.shared = list[int](), list[int]()
@@ -177,33 +164,19 @@ class Relaxation:
 
         Bounds are rounded up, and infinite where there is none.
         """
-        together = max((len(step.scope) for step in self._steps), default=0)
-        size = max(1, BLOCK >> together)
-        blocks = (slice(i, i + size) for i in range(0, len(lower), size))
-        return np.concatenate([self._upper(lower[own], upper[own]) for own in blocks])
-
-    def _upper(self, lower: Array, upper: Array) -> Array:
         ranges, m = self._ranges(lower, upper), len(lower)
-        # Add tables up, and maximise them; what has no value becomes NaN.
+        # What has no value becomes NaN.
         with np.errstate(invalid="ignore", over="ignore"):
-            ends = {own: np.stack([span.lower, span.upper]) for own, span in ranges.items()}
-            tables = [_product(scope, c, ends, m) for scope, c in self._monomials.items()]
-            scopes = list(self._monomials)
-            for step in self._steps:
-                whole = sum(_spread(tables[i], scopes[i], step.scope) for i in step.tables)
-                axis = step.scope.index(step.element)
-                tables.append(np.max(whole, axis=axis))
-                scopes.append(step.scope[:axis] + step.scope[axis + 1 :])
-            done = [table for table, scope in zip(tables, scopes, strict=True) if not scope]
-            found = sum(done, np.zeros(m)) + self._rounding(ranges, m)
+            terms = {own: np.full(m, value) for own, value in self._terms.items()}
+            found = best(terms, ranges, np.zeros(m), MOST_TRIED) + self._rounding(ranges, m)
         return np.where(np.isnan(found), np.inf, found)
 
     def _rounding(self, ranges: dict[Element, Interval], m: int) -> Array:
         """Bounds what rounding can do: each of k operations is off by a share of 2^-53."""
-        operations = 8 + len(self._monomials) + 2 * max(map(len, self._monomials), default=0)
+        operations = 8 + len(self._terms) + 2 * max(map(len, self._terms), default=0)
         sizes = (
             math.prod([ranges[element].magnitude for element in monomial], start=abs(coefficient))
-            for monomial, coefficient in self._monomials.items()
+            for monomial, coefficient in self._terms.items()
         )
         return operations * ROUNDING * np.asarray(sum(sizes, np.zeros(m)))
 
@@ -227,11 +200,6 @@ class Relaxation:
 
         return {(factor, power): of_factor(factor).power(power) for factor, power in self._elements}
 
-    def _key(self, element: Element) -> tuple[list[int], str, int, Element]:
-        number, power = element
-        function = self._ring.factors[number].function
-        return sorted(self._ring.variables[number]), function, power, element
-
     def _is_loose(self, number: int) -> bool:
         """Returns whether a function's bounds may be wider than its values."""
         argument = self._ring.factors[number].argument
@@ -243,56 +211,31 @@ class Relaxation:
         )
 
 
-def eliminated(scopes: Sequence[Scope], elements: Sequence[Element]) -> list[Step]:
-    """Plans the elimination of tables with these scopes: first where fewest elements meet."""
-    tables, steps, of = list(scopes), [], {}
-    for element in elements:
-        of[element] = {i for i, scope in enumerate(scopes) if element in scope}
-    meeting = {element: _joined(tables[i] for i in of[element]) for element in elements}
-    while of:
-        element = min(of, key=lambda own: len(meeting[own]))
-        for bucket in _buckets(element, of.pop(element), tables):
-            # What a step leaves is a table of the other elements.
-            together = _joined(tables[i] for i in bucket)
-            scope = tuple(own for own in elements if own in together)
-            steps.append(Step(element, bucket, scope))
-            tables.append(tuple(own for own in scope if own != element))
-            for own in tables[-1]:
-                of[own] = of[own] - {*bucket} | {len(tables) - 1}
-        for own in meeting[element] - {element}:
-            meeting[own] = _joined(tables[i] for i in of[own])
-    return steps
+def best(terms: Terms, ranges: Mapping[Element, Interval], none: Array, left: int) -> Array:
+    """Bounds a polynomial from above, (m,) like `none`, given the ranges of its elements."""
+    most, rest = terms.get(frozenset(), none), {term for term in terms if term}
+    while rest:
+        # Gather the terms that share elements, directly or through others.
+        part, found = set[frozenset[Element]](), {next(iter(rest))}
+        while found:
+            part, rest = part | found, rest - found
+            met = frozenset().union(*found)
+            found = {term for term in rest if term & met}
 
-
-def _buckets(
-    element: Element, numbers: Collection[int], tables: Sequence[Scope]
-) -> list[tuple[int, ...]]:
-    """Groups an element's tables such that at most `MOST_TOGETHER` elements meet in each."""
-    groups: list[tuple[list[int], set[Element]]] = []
-    for number in sorted(numbers, key=lambda i: (-len(tables[i]), i)):
-        for group, together in groups:
-            if len(together.union(tables[number])) <= MOST_TOGETHER:
-                group.append(number)
-                together.update(tables[number])
-                break
-        else:
-            groups.append(([number], {element, *tables[number]}))
-    return [tuple(group) for group, _ in groups]
-
-
-def _joined(scopes: Iterable[Scope]) -> frozenset[Element]:
-    return frozenset().union(*scopes)
-
-
-def _product(scope: Scope, coefficient: float, ends: dict[Element, Array], m: int) -> Array:
-    """Returns a monomial at the ends of its elements, (2, ..., 2, m)."""
-    whole = np.full((1,) * len(scope) + (m,), coefficient)
-    for element in scope:
-        whole = whole * _spread(ends[element], (element,), scope)
-    return whole
-
-
-def _spread(table: Array, scope: Scope, wider: Scope) -> Array:
-    """Gives a table an axis of length 1 for each element that it does not depend on."""
-    at = tuple(slice(None) if element in scope else None for element in wider)
-    return table[at]
+        # Try both ends of the element that most of them hold.
+        if left == 0:
+            for term in part:
+                value = Interval(terms[term], terms[term])
+                most = most + math.prod((ranges[own] for own in term), start=value).upper
+            continue
+        counts = Counter(element for term in part for element in term)
+        element = max(sorted(counts), key=counts.__getitem__)
+        tried = []
+        for end in (ranges[element].lower, ranges[element].upper):
+            fixed: dict[frozenset[Element], Array] = {}
+            for term in part:
+                value = terms[term] * end if element in term else terms[term]
+                fixed[term - {element}] = fixed.get(term - {element}, none) + value
+            tried.append(best(fixed, ranges, none, left - 1))
+        most = most + np.maximum(*tried)
+    return most

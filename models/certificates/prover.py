@@ -1,7 +1,7 @@
 """Deciding claims: each is proved, refuted by a witness, or left undecided with its best bounds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import product
 from typing import Literal, NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.box import ObservationBox, operating_box, physical_box
 from glassgait.models.certificates.claims import Claim
-from glassgait.models.certificates.maximum import Maximum
+from glassgait.models.certificates.maximum import Maximum, Tree
 from glassgait.models.certificates.targets import FormulaTargets, Query
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
@@ -46,7 +46,8 @@ Observed = dict[str, float]
 class Verdict:
     """The outcome of a claim: the `worst` bound or value of a witness, what is `claimed` there.
 
-    Witnesses refute it: an observation, or two where a change does.
+    Splits of its box by bound show that it holds. Witnesses refute it: an observation, or two where
+    a change does.
     """
 
     claim: Claim
@@ -54,6 +55,7 @@ class Verdict:
     worst: float
     claimed: float
     where: str
+    splits: dict[str, list] = field(default_factory=dict)
     witnesses: tuple[Observed, ...] = ()
 
 
@@ -65,7 +67,7 @@ class Place(NamedTuple):
 
 
 class Prover:
-    """Proves and refutes claims about one policy of formulas, and keeps the bounds as `proofs`."""
+    """Proves and refutes claims about one policy of formulas."""
 
     def __init__(self, policy: Policy, gait: Gait, operating: ObservationBox | None = None) -> None:
         # The policy, its machine and the box must belong together.
@@ -85,7 +87,6 @@ class Prover:
         # Bounds and errors are kept, for claims ask for the same ones.
         self.policy, self.gait = policy, gait
         self.boxes = {"operating": operating, "physical": physical_box(gait, operating)}
-        self.proofs: dict[tuple[Query, Place], Maximum] = {}
         self.symbols = symbols_of(policy.observation_names)
         self._found: dict[tuple[Query, Place], Maximum] = {}
         self._error = cache(self._rounding)
@@ -140,7 +141,7 @@ class Prover:
             for query, limit in self._queries(claim, place, state, joint)
         ]
         if not found:
-            return Verdict(claim, "proved", 0.0, claim.most or 0.0, "no target depends on it")
+            return Verdict(claim, "proved", 0.0, self._most(claim), "no target depends on it")
 
         # A witness refutes it; otherwise the bound closest to its limit decides.
         query, bound, limit = max(found, key=lambda one: one[1].reached - one[2])
@@ -149,16 +150,16 @@ class Prover:
         query, bound, limit = max(found, key=lambda one: one[1].bound - one[2])
         if bound.bound > limit:
             return self._verdict(claim, "undecided", bound.bound, limit, query)
-        self.proofs |= {(query, place): bound for query, bound, _ in found}
-        return self._verdict(claim, "proved", bound.bound, limit, query)
+        splits = {self._key(query): self._named(bound.splits) for query, bound, _ in found}
+        verdict = self._verdict(claim, "proved", bound.bound, limit, query)
+        return replace(verdict, splits={key: tree for key, tree in splits.items() if tree})
 
     def _queries(
         self, claim: Claim, place: Place, state: int, joint: int
     ) -> list[tuple[Query, float]]:
         """Lists the quantities that a claim bounds, each with its limit."""
         if claim.kind == "limits":
-            low, high = claim.range_of(self.policy.robot, joint)
-            ends = ((1, high), (-1, -low))
+            ends = ((1, self._most(claim)), (-1, -(claim.least or 0.0)))
             return [(Query("target", state, joint, sign), end) for sign, end in ends]
         of = "slope" if claim.kind == "never" else "effect"
         sign = -1 if claim.never == "falls" else 1
@@ -167,10 +168,26 @@ class Prover:
             box = self._box(place, state)
             used &= frozenset(np.flatnonzero(box.lower < box.upper).tolist())
         return [
-            (Query(of, state, joint, sign, index), claim.most or 0.0)
+            (Query(of, state, joint, sign, index), self._most(claim))
             for index in claim.observations_of(joint, self.symbols)
             if index in used
         ]
+
+    def _most(self, claim: Claim) -> float:
+        return claim.number(self.policy.robot, self.policy.joint_law)
+
+    def _key(self, query: Query) -> str:
+        """Names a bound as certificates do."""
+        of = self.symbols[query.observation] if query.observation >= 0 else None
+        of = of or ("most" if query.sign > 0 else "least")
+        return f"{quadruped.JOINTS[query.joint]} {query.state} {of}"
+
+    def _named(self, tree: Tree) -> list:
+        """Names the quantities of a tree of splits."""
+        if not tree:
+            return []
+        index, cut, below, above = tree
+        return [[*self.symbols, "other"][index], cut, self._named(below), self._named(above)]
 
     def _verdict(
         self,
@@ -188,7 +205,8 @@ class Prover:
             # An effect has the other value of the observation behind all quantities.
             witnesses.append({**witnesses[0], where[-1]: float(witness[n])})
         value, limit = query.sign * value, query.sign * limit + 0.0
-        return Verdict(claim, outcome, value, limit, ", ".join(where), tuple(witnesses))
+        found = tuple(witnesses)
+        return Verdict(claim, outcome, value, limit, ", ".join(where), witnesses=found)
 
     def _observed(self, quantities: Array) -> Observed:
         """Names the quantities of an observation (n), counts whole in spite of rounding."""
@@ -213,13 +231,13 @@ class Prover:
         worst, where = float(difference[row, joint]), f"{quadruped.JOINTS[joint]} and its image"
         if worst > FINE:
             witness = self._observed(quantities[row])
-            return Verdict(claim, "refuted", worst, 0.0, where, (witness,))
+            return Verdict(claim, "refuted", worst, 0.0, where, witnesses=(witness,))
         return Verdict(claim, "undecided", worst, 0.0, where)
 
     def _changed(self, claim: Claim) -> Verdict:
         """Decides a claim about the squared change of the action."""
         # Bound the change in each state, then look for one that is too great.
-        most, joints = claim.squared_change, claim.joint_indices()
+        most, joints = self._most(claim), claim.joint_indices()
         changes = np.array([claim.change_of(symbol) for symbol in self.symbols])
         place, bounds, reached = Place(claim.box), {}, {}
         for state in claim.state_indices(self.gait):
@@ -232,7 +250,7 @@ class Prover:
             reached[value] = f"state {self.gait.states[state]}", map(self._observed, pair)
         if (value := max(reached)) > most:
             where, witnesses = reached[value]
-            return Verdict(claim, "refuted", value, most, where, tuple(witnesses))
+            return Verdict(claim, "refuted", value, most, where, witnesses=tuple(witnesses))
         return Verdict(claim, "undecided", bound, most, bounds[bound])
 
     def _squared_change(self, state: int, joint: int, changes: Array, place: Place) -> float:

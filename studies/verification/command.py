@@ -24,6 +24,7 @@ from glassgait.models.certificates.certificate import (
     OUTCOME_WORDS,
     certificate,
     certificate_text,
+    check_certificate,
     shipped_certificates,
 )
 from glassgait.models.certificates.claims import Claim, claim_files, load_claims
@@ -115,9 +116,9 @@ class Prove(OnePolicy):
         console.print(f"written to {folder}")
 
     def _claims(self, gait: Gait, policy: Policy) -> tuple[Claim, ...]:
-        imu, about = policy.layout.imu, (policy.robot, policy.joint_law)
-        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path, *about)]
-        further = load_claims(self.claims, *about) if self.claims else ()
+        imu = policy.layout.imu
+        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path)]
+        further = load_claims(self.claims) if self.claims else ()
         for claim in further:
             if claim.name in {one.name for one in shipped}:
                 name = f"{self.claims}: {claim.refused_as()}"
@@ -215,11 +216,6 @@ class Check(Settings):
 
     def run(self) -> None:
         """Checks each, and reports what holds."""
-        try:
-            # Imported here: no other command needs what the checker computes with.
-            from glassgait.models.certificates.checker import RefusedError, check  # noqa: PLC0415
-        except ImportError as error:
-            raise InputError(str(error)) from error
         for option, file in {"--policy": self.policy, "--robot": self.robot}.items():
             if file and len(self.certificates) != 1:
                 raise InputError(f"{option}: is of one certificate; name one")
@@ -232,9 +228,6 @@ class Check(Settings):
         with progress_bar(len(paths)) as (progress, bar):
             for path in paths:
                 progress.update(bar, text=f"checking {path.name}")
-                try:
-                    found = check(path, self.policy, self.robot)
-                except RefusedError as error:
-                    raise InputError(f"{path}: {error}") from error
+                found = check_certificate(path, self.policy, self.robot)
                 console.print(f"{path}: {found}")
                 progress.update(bar, advance=1)

@@ -9,10 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.certificates.box import ObservationBox, operating_box
-from glassgait.models.certificates.certificate import SHIPPED
 from glassgait.models.certificates.checker.bounds import Polynomials
 from glassgait.models.certificates.checker.certificate import Check
-from glassgait.models.certificates.checker.certificate import Query as Asked
 from glassgait.models.certificates.checker.policy import FormulaFile
 from glassgait.models.certificates.targets import FormulaTargets, Query
 from glassgait.models.formulas.quantities import Readings, RobotUnits
@@ -169,7 +167,7 @@ def test_no_observation_of_a_box_breaks_a_bound(formula, seed):
     policy, sign = policy_of(formula), (1, -1)[seed % 2]
     region = _region({"q.FL_hip": angle, "v.x": speed})
     along = SYMBOLS.index("v.x")
-    checker = _checked(policy)
+    checker, formulas = _checked(policy)
     box = dict(zip(SYMBOLS, zip(region.lower, region.upper, strict=True), strict=True))
     drawn = generator.uniform(region.lower, region.upper, (200, len(SYMBOLS)))
     other = drawn.copy()
@@ -185,9 +183,8 @@ def test_no_observation_of_a_box_breaks_a_bound(formula, seed):
         assert found.reached <= found.bound + 1e-9
         ours = found.witness[: len(SYMBOLS)]
         assert (ours >= region.lower).all() and (ours <= region.upper).all()
-        name = None if of == "target" else "v.x"
-        asked = Asked(of, 0, "FL_hip", sign, name)
-        bound = checker.bound(asked, box, _named(found.splits))
+        name, splits = "" if of == "target" else "v.x", _named(found.splits)
+        bound = checker.greatest(sign * formulas[of], box, box, name, of == "slope", splits)
         assert bound <= found.bound + 1e-9
         assert (sign * values <= float(bound.upper()) + 1e-9).all()
 
@@ -210,12 +207,14 @@ def _named(splits: list) -> list:
     return [[*SYMBOLS, "other"][index], cut, _named(below), _named(above)]
 
 
-def _checked(policy: FormulaPolicy) -> Check:
-    """Returns a check whose policy is another than that of its certificate."""
-    own = Check(SHIPPED / "trot_formulas.json", None, None)
-    own.file, own.targets = FormulaFile(policy.with_machine(TROT).to_text()), {}
-    own.polynomials = Polynomials(own.file.names)
-    return own
+def _checked(policy: FormulaPolicy) -> tuple[Check, dict[str, Any]]:
+    """Returns a check of a policy, and its first target, effect and slope by v.x."""
+    own, text = Check.__new__(Check), policy.with_machine(TROT).to_text()
+    own.file, own.polynomials = FormulaFile(text, SYMBOLS), Polynomials(SYMBOLS)
+    target = own.file.evaluate(own.polynomials, "FL_hip", 0)
+    moved = own.file.evaluate(own.polynomials.moving("v.x"), "FL_hip", 0)
+    slope = own.polynomials.slope(target, "v.x")
+    return own, {"target": target, "effect": target - moved, "slope": slope}
 
 
 def test_a_sensor_stuck_beyond_its_range_moves_a_target_as_far_as_its_end():

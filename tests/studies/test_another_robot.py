@@ -51,13 +51,11 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     certificate = json.loads((tmp_path / "proved" / "certificate.json").read_text())
     assert certificate["robot"] == "dog"
     proved = [claim for claim in certificate["claims"] if claim["outcome"] == "proved"]
-    assert len(proved) > 5 and certificate["statements"]
+    assert len(proved) > 5
     checked = ["verify", "check", "proved", "--policy", str(path)]
     checked += ["--robot", robot]
     main(checked)
-    lowered = certificate["statements"][0]
-    lowered["bound"] -= 1e-3
-    forge(certificate)
+    forge(certificate | {"numbers": certificate["numbers"] | {"torque": 1e3}})
     with pytest.raises(SystemExit, match="2"):
         main(checked)
     forge({key: value for key, value in certificate.items() if key != "robot"})
