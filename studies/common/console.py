@@ -5,15 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import MofNCompleteColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
 from glassgait.models.errors import InputError
@@ -39,13 +31,8 @@ def say(line: str) -> None:
 @contextmanager
 def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, TaskID]]:
     """Shows a bar with the time left; its task's `text` field is the study's line."""
-    columns = (
-        BarColumn(bar_width=30),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[text]}", markup=False),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
+    _, *columns = Progress.get_default_columns()
+    columns += [MofNCompleteColumn(), TextColumn("{task.fields[text]}", markup=False)]
     with Progress(*columns, console=console, refresh_per_second=2) as progress:
         yield progress, progress.add_task("", total=total, completed=done, text="")
 

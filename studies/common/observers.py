@@ -18,7 +18,6 @@ class RolloutLog:
     Attributes:
         velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
         command: Commanded forward speed and yaw rate (T, n, 2; m/s, rad/s).
-        action: Actions (T, n, 12); 0 after a failure.
         reward: Reward with the machine's factor (T, n).
         plain_reward: Reward without it (T, n).
         served_dwell: Control steps of rhythm served by transitions (T, n).
@@ -27,7 +26,6 @@ class RolloutLog:
 
     velocity: Array
     command: Array
-    action: Array
     reward: Array
     plain_reward: Array
     served_dwell: Array
@@ -57,7 +55,6 @@ class Log(Observer):
         seen = RolloutLog(
             velocity=forward_and_yaw(step.after.plant),
             command=step.before.command.velocity,
-            action=step.action,
             reward=outcome.reward,
             plain_reward=outcome.plain_reward,
             served_dwell=outcome.served_dwell,

@@ -165,7 +165,6 @@ def _to_log(rollout: Rollout) -> RolloutLog:
     return RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
-        action=rollout["action"][:-1],
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],
         served_dwell=rollout["served_dwell"][1:, 0],

@@ -8,8 +8,6 @@ import pandas as pd
 from scipy import stats
 
 from glassgait.models.arrays import Array
-from glassgait.models.policies.policy import first_not_finite
-from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.observers import RolloutLog
@@ -36,7 +34,6 @@ def score_rollouts(log: RolloutLog) -> pd.DataFrame:
         steps: Control steps survived.
         fell: Whether it failed before the end, by any of the task's terminations.
         failure: Names of the terminations.
-        not_finite: Joint whose action was not finite, if there was one.
         return, plain_return: Sums of the rewards with and without the reward machine's factor.
         rhythm: Share of the commanded rhythm that it kept.
         going_speed_error, yaw_rate_error: Means over seconds of the absolute difference between a
@@ -52,7 +49,6 @@ def score_rollouts(log: RolloutLog) -> pd.DataFrame:
         fell = bool(failed[:, i].any())
         steps = int(np.argmax(failed[:, i])) + 1 if fell else n_steps
         alive = slice(0, steps)
-        not_finite = first_not_finite(log.action[alive, i])
         speed_error, yaw_rate_error = _tracking_errors(
             log.velocity[alive, i], log.command[alive, i]
         )
@@ -62,7 +58,6 @@ def score_rollouts(log: RolloutLog) -> pd.DataFrame:
                 "steps": steps,
                 "fell": fell,
                 "failure": " ".join(np.array(FAILURES)[log.failures[steps - 1, i]]),
-                "not_finite": quadruped.JOINTS[not_finite[1]] if not_finite else "",
                 "return": log.reward[alive, i].sum(),
                 "plain_return": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,
@@ -152,18 +147,3 @@ def paired_share(values: pd.Series, reference: pd.Series) -> tuple[float, float]
     part, whole = values.to_numpy(dtype=float), reference.to_numpy(dtype=float)
     share = part.mean() / whole.mean()
     return share, interval(pd.Series(part - share * whole)) / abs(whole.mean())
-
-
-def not_finite_lines(scores: pd.DataFrame) -> list[str]:
-    """Reports policies that gave no finite action, which counts as a fall, a sentence each."""
-    lines = []
-    lost = scores[scores["not_finite"] != ""]
-    labels = list(scores.columns[: scores.columns.get_loc("robot")])
-    for keys, group in lost.groupby(labels, sort=False):
-        first = group.sort_values("steps").iloc[0]
-        lines.append(
-            f"{' '.join(map(str, keys))}: the action of {first['not_finite']} is not finite at "
-            f"control step {first['steps'] - 1}, robot {first['robot']}; so it is for "
-            f"{len(group)} robots, which count as fallen"
-        )
-    return lines

@@ -114,7 +114,6 @@ def alternation_scores(
 
 def alternation_report(scores: pd.DataFrame, title: str, policies: Mapping[str, Policy]) -> Report:
     """Reports scores, a row a robot, by their columns `policy` and `ratio`."""
-    from glassgait.studies.common.scores import not_finite_lines
     from glassgait.studies.common.tables import json_records
     from glassgait.studies.evaluation.figures import return_figure
     from glassgait.studies.evaluation.tables import (
@@ -129,7 +128,6 @@ def alternation_report(scores: pd.DataFrame, title: str, policies: Mapping[str, 
         metrics=json_records(ratios),
         figures={"return": return_figure(scores, title)},
         shown={f"{title}: students alone": alone},
-        lines=not_finite_lines(scores),
     )
 
 

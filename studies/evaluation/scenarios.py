@@ -52,7 +52,6 @@ class Scenarios(Experiment):
         """Reports the scores of each policy and scenario, and draws the map of falls."""
         import pandas as pd
 
-        from glassgait.studies.common.scores import not_finite_lines
         from glassgait.studies.common.tables import json_records
         from glassgait.studies.evaluation.figures import fall_map
         from glassgait.studies.evaluation.tables import (
@@ -82,7 +81,6 @@ class Scenarios(Experiment):
             figures={"scenarios": fall_map(falls, outside)},
             shown={f"{gait}: falls": own for gait, own in shown.items()},
             lines=[
-                *not_finite_lines(table),
                 f"drawn speeds below {DEAD_BAND:g} m/s are commands to stand, which the speed "
                 "error leaves out",
             ],

@@ -93,7 +93,7 @@ def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str
     paper = PAPER_TOP[method].get(gait, {})
     rows = []
     for kind, places in top_observations(importances, names).items():
-        row = {"gait": gait, "joint type": kind}
+        row: dict[str, str | float] = {"gait": gait, "joint type": kind}
         theirs = paper.get(kind, [[]] * N_TOP)
         for title, ours, known in zip(("1st", "2nd", "3rd"), places, theirs, strict=True):
             row[title] = ", ".join(name + ("*" if name in known else "") for name in ours)

@@ -109,8 +109,8 @@ def test_what_experts_do_not_learn_in_is_found_from_the_settings():
     outside = {name: outside_training(own) for name, own in scenarios.items()}
     inside = ("nominal", "mujoco", "push_2.0", "slope_25", "latency_30ms", "payload_4kg", "up_5cm")
     assert not any(outside[name] for name in inside)
-    assert outside["up_10cm"] == ["terrain.height"]
-    assert outside["soft_ground"] == ["station.ground_stiffness"]
+    assert outside["up_10cm"] == ["height"]
+    assert outside["soft_ground"] == ["ground_stiffness"]
     assert outside["true_body_state"] == ["true_body_state"]
 
 

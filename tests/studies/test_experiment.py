@@ -29,11 +29,7 @@ class Count(Experiment):
         return pd.DataFrame({"value": [value, float("nan")], "text": ["", "b"]})
 
     def report(self, table):
-        return Report(
-            tables={"values": table},
-            metrics=table["value"].dropna().tolist(),
-            files={"note.txt": "n"},
-        )
+        return Report(tables={"values": table}, metrics=table["value"].dropna().tolist())
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +44,6 @@ def test_every_policy_meets_every_scenario_and_seed(tmp_path):
     assert table.columns.tolist() == ["gait", "policy", "scenario", "seed", "value", "text"]
     assert set(table["seed"]) == {7000, 7001}
     assert len(json.loads((tmp_path / "run" / "metrics.json").read_text())) == 8
-    assert (tmp_path / "run" / "note.txt").read_text() == "n"
 
 
 def test_a_run_that_was_interrupted_measures_only_what_is_missing(tmp_path, monkeypatch):
