@@ -150,15 +150,6 @@ def test_a_replay_has_its_settings_beside_it(tmp_path):
     assert kept["command"]["speed"] == 0.3
 
 
-def test_a_ratio_has_one_name_however_it_is_written(tmp_path):
-    command = ["view", "--policy", "symbolic", "--n-steps", "10", "--output", str(tmp_path)]
-    main([*command, "--ratio", "1/4"])
-    before = {path.name for path in tmp_path.iterdir()}
-    main([*command, "--ratio", "0.25"])
-    assert {path.name for path in tmp_path.iterdir()} == before
-    assert "symbolic_1-4.html" in before
-
-
 def test_the_folder_of_a_run_and_a_file_are_refused(tmp_path, refused):
     (tmp_path / "config.yaml").write_text("study: train\nsettings: {}\n")
     assert "holds a run" in refused(["view", "--output", str(tmp_path)])
