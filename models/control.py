@@ -19,6 +19,7 @@ from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.estimation.odometry import Odometry, OdometryState
 from glassgait.models.estimation.sensors import (
     N_IMU,
+    UNREAD,
     BoolArray,
     ContactTrust,
     ImuReading,
@@ -94,6 +95,9 @@ class ControlStep:
         velocity, imu = (np.where(sound[..., None], one, 0.0) for one in (velocity, imu))
         read = Sensors(position, velocity, touching, imu)
 
+        # A robot whose first readings were not sound begins now.
+        if before is not None and (before.trust.reading == UNREAD).all():
+            before = None
         memory, _ = self.sense(before, read, command)
         action = policy(self.observation(memory, read, command))
         memory = memory._replace(action=self.limited(memory, read, action))
