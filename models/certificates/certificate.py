@@ -27,12 +27,16 @@ from glassgait.models.task.symmetry import mirrored_states
 if TYPE_CHECKING:
     from glassgait.models.certificates.checker import Decision
 
-DECIDED = ("outcome", "splits", "witnesses")
-"""Keys of a claim in a certificate that say how it was decided."""
-
 SHIPPED = Path(__file__).parent / "shipped"
 
 OUTCOME_WORDS: dict[Outcome, str] = {"proved": "proved", "refuted": "refuted", "undecided": "open"}
+
+
+@checked
+class _Decided(Claim):
+    outcome: Outcome = "undecided"
+    splits: dict[str, list[Any]] = field(default_factory=dict)
+    witnesses: tuple[dict[str, float], ...] = ()
 
 
 @checked
@@ -47,17 +51,8 @@ class _Certificate(Settings):
     mirror: tuple[int, ...] | None
     operating: dict[str, Range]
     physical: dict[str, Range]
-    claims: tuple[dict[str, Any], ...]
+    claims: tuple[_Decided, ...]
     sha256: str
-
-
-@checked
-class _Decision(Settings):
-    title: ClassVar[str] = "claim"
-
-    outcome: Outcome
-    splits: dict[str, list[Any]] = field(default_factory=dict)
-    witnesses: tuple[dict[str, float], ...] = ()
 
 
 def shipped_certificates() -> tuple[Path, ...]:
@@ -124,10 +119,8 @@ def check_certificate(path: Path, policy: Path | None = None, robot: Path | None
     # Its parts must be what they must be, and what it assumes must be so.
     if content_digest(content) != said.sha256:
         raise InputError(f"{path}: was changed, for its digest is of other contents; prove anew")
-    for own in said.claims:
-        claimed = {key: value for key, value in own.items() if key not in DECIDED}
-        Claim.from_plain(claimed, str(path)).refuse_unknown(read.machine, imu=read.layout.imu)
-        _Decision.from_plain({key: own[key] for key in own if key in DECIDED}, str(path))
+    for claim in said.claims:
+        claim.refuse_unknown(read.machine, imu=read.layout.imu)
     box = ObservationBox.of_ranges(read.robot, read.observation_names, said.operating)
     for key, value in assumptions(read, read.machine, box).items():
         if content[key] != value:

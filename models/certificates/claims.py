@@ -93,10 +93,7 @@ class Claim(Settings):
         if self.kind != "limits" and self.most is not None and self.most < 0.0:
             raise InputError(f"most is {self.most:g}; give 0 or more")
         if self.least is not None and self.most is not None and self.least > self.most:
-            raise InputError(
-                f"least is {self.least:g} and most is {self.most:g}; give the least, then the "
-                "greatest"
-            )
+            raise InputError("least is above most; give the least, then the greatest")
 
     def refused_as(self) -> str:
         return f"claim {shown(self.name)}"
@@ -131,22 +128,16 @@ class Claim(Settings):
                 f"{self.refused_as()}: the {gait.name} has no state {shown(unknown[0])}; its "
                 f"states are {', '.join(gait.states)}"
             )
-        entries = ObservationLayout(gait.n_states, imu=imu).entries
-        states = {entry.symbol for entry in entries if entry.group == "machine state"}
-        if claimed := sorted({*self.observations, *self.stuck, *self.changes} & states):
-            raise InputError(
-                f"{self.refused_as()}: {claimed[0]} is a state of the machine, and each state is "
-                "decided separately; name other observations"
-            )
 
         # Observations must be those of the robot, and have slopes where these are claimed.
+        entries = ObservationLayout(gait.n_states, imu=imu).entries
         counted = {entry.symbol for entry in entries if "iterations" in entry.group}
         if self.kind == "never" and (sloped := sorted({*self.observations} & counted)):
             raise InputError(
                 f"{self.refused_as()}: {sloped[0]} counts control steps and has no slope; claim an "
                 "effect of it"
             )
-        symbols = {entry.symbol for entry in entries} - states
+        symbols = {entry.symbol for entry in entries if entry.group != "machine state"}
         kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}
         named = {_of_joint(name, 0) for name in self.observations} | {*self.stuck}
         if unknown := sorted((named - symbols) | ({*self.changes} - symbols - kinds)):

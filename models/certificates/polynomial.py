@@ -26,8 +26,6 @@ Monomial = tuple[tuple[int, int], ...]
 
 Polynomial = Mapping[Monomial, Fraction]
 
-_POWERS = {"square": 2, "cube": 3}
-
 
 @dataclass(frozen=True)
 class Factor:
@@ -64,11 +62,10 @@ class PolynomialRing:
                 return product(left, right)
             case "div", [left, right]:
                 return product(left, self._inverse(right))
-            case operator, [inner] if operator in _POWERS:
-                whole = inner
-                for _ in range(_POWERS[operator] - 1):
-                    whole = product(whole, inner)
-                return whole
+            case "square", [inner]:
+                return product(inner, inner)
+            case "cube", [inner]:
+                return product(product(inner, inner), inner)
             case operator, [inner]:
                 return self._of_factor(Factor(operator, argument=tuple(sorted(inner.items()))))
         raise AssertionError(formula.operator)

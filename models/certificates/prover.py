@@ -205,8 +205,7 @@ class Prover:
             # An effect has the other value of the observation behind all quantities.
             witnesses.append({**witnesses[0], where[-1]: float(witness[n])})
         value, limit = query.sign * value, query.sign * limit + 0.0
-        found = tuple(witnesses)
-        return Verdict(claim, outcome, value, limit, ", ".join(where), witnesses=found)
+        return Verdict(claim, outcome, value, limit, ", ".join(where), {}, tuple(witnesses))
 
     def _observed(self, quantities: Array) -> Observed:
         """Names the quantities of an observation (n), counts whole in spite of rounding."""

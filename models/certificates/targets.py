@@ -186,6 +186,10 @@ def formula_error(formula: Expression, joint: int, read: Region, units: RobotUni
                 values = Interval(np.asarray(low), np.asarray(high))
                 shift = abs(float(units.offset[node.variable]))
                 return values, 4.0 * UNIT * (_size(values) + shift)
+        if node.operator == "cube":
+            # The first product is rounded, too.
+            (base,) = node.operands
+            return ranged(Expression("mul", (Expression("square", (base,)), base)))
         parts = [ranged(operand) for operand in node.operands]
         if node.operator == "neg":
             return -parts[0][0], parts[0][1]
@@ -218,12 +222,7 @@ def _propagated(operator: str, *operands: Ranged) -> float:
         case "add" | "sub":
             return first[1] + last[1]
         case "mul" | "square":
-            return _product_error(first, last)
-        case "cube":
-            # The first product is rounded, too.
-            squared, error = first[0] * first[0], _product_error(first, first)
-            error += 2.0 * UNIT * (_size(squared) + error)
-            return _product_error((squared, error), first)
+            return _size(first[0]) * last[1] + _size(last[0]) * first[1] + first[1] * last[1]
         case "div":
             away = float(max(last[0].lower, -last[0].upper))
             if not away > last[1]:
@@ -233,10 +232,6 @@ def _propagated(operator: str, *operands: Ranged) -> float:
         case "sin" | "cos" | "tanh":
             return first[1]
     raise InputError(f"a formula holds {operator}; claims are proved of + - * / sin cos tanh only")
-
-
-def _product_error(a: Ranged, b: Ranged) -> float:
-    return _size(a[0]) * b[1] + _size(b[0]) * a[1] + a[1] * b[1]
 
 
 def _size(values: Interval) -> float:

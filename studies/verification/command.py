@@ -223,8 +223,6 @@ class Check(Settings):
         # A run's folder holds its certificate.
         named = self.certificates or shipped_certificates()
         paths = [path / CERTIFICATE_NAME if path.is_dir() else path for path in named]
-        if missing := [path for path in paths if not path.exists()]:
-            raise InputError(f"{missing[0]}: no such file; 'glassgait verify prove' writes one")
         with progress_bar(len(paths)) as (progress, bar):
             for path in paths:
                 progress.update(bar, text=f"checking {path.name}")

@@ -71,7 +71,7 @@ def test_every_policy_of_formulas_that_ships_has_a_certificate_of_less_than_a_me
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"kind": "effect"', '"kind": "never"', "was changed"),
+        ('"kind": "effect"', '"kind": "never"', "needs the key"),
         ("0.0", "0.00001", "was changed"),
         ('"format": 3', '"format": true', "format"),
         ('"claims": [', '"claim": [', "'claim'"),

@@ -243,10 +243,9 @@ def check(certificate: Path, policy: Path) -> list[Decision]:
 
     What does not hold, or cannot be read, raises a `RefusedError`.
     """
+    unreadable = OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError
     try:
         content = read_json(certificate)
         return [*Check(content, policy).decisions(content["claims"])]
-    except (OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+    except (*unreadable, SyntaxError, RecursionError, MemoryError) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
-    except (SyntaxError, RecursionError, MemoryError) as error:
-        raise RefusedError(f"cannot be read ({type(error).__name__})") from error
