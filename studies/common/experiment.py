@@ -22,7 +22,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import read_record, write_record
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, checked
 from glassgait.models.task.termination import PHYSICAL_FALL, Falls
-from glassgait.studies.common.console import console, note, progress_bar, report_errors, say
+from glassgait.studies.common.console import console, note, progress_bar, report_errors
 from glassgait.studies.common.jobs import (
     Gaits,
     Seeds,
@@ -149,14 +149,12 @@ def _measure(measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) ->
 
 @dataclass(frozen=True)
 class Report:
-    """The results of an experiment: what is written, by file name, and tables by title and lines
-    that are printed."""
+    """The results of an experiment: files by their names, and tables to print by their titles."""
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     metrics: Any = None
     figures: Mapping[str, Figure] = field(default_factory=dict)
     shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
-    lines: Sequence[str] = ()
 
     def write(self, folder: Path) -> None:
         """Writes tables as CSV and Markdown, figures as PNG and PDF, and metrics."""
@@ -170,13 +168,11 @@ class Report:
             save_figure(figure, folder / name)
 
     def show(self) -> None:
-        """Prints the tables that are shown, and the sentences."""
+        """Prints the tables that are shown."""
         from glassgait.studies.common.tables import print_table
 
         for title, table in self.shown.items():
             print_table(title, table)
-        for line in self.lines:
-            say(line)
 
 
 @checked

@@ -115,18 +115,13 @@ def alternation_scores(
 def alternation_report(scores: pd.DataFrame, title: str, policies: Mapping[str, Policy]) -> Report:
     """Reports scores, a row a robot, by their columns `policy` and `ratio`."""
     from glassgait.studies.common.tables import json_records
-    from glassgait.studies.evaluation.figures import return_figure
-    from glassgait.studies.evaluation.tables import (
-        alternation_table,
-        standalone_table,
-        titled_table,
-    )
+    from glassgait.studies.evaluation import figures, tables
 
-    ratios, alone = alternation_table(scores), standalone_table(scores, policies)
+    ratios, alone = tables.alternation_table(scores), tables.standalone_table(scores, policies)
     return Report(
-        tables={"robots": scores, "ratios": titled_table(ratios), "standalone": alone},
+        tables={"robots": scores, "ratios": tables.titled_table(ratios), "standalone": alone},
         metrics=json_records(ratios),
-        figures={"return": return_figure(scores, title)},
+        figures={"return": figures.return_figure(scores, title)},
         shown={f"{title}: students alone": alone},
     )
 

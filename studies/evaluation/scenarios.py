@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 from glassgait.models.settings import Count, checked
 from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.command import DEAD_BAND
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.common.experiment import Case, Experiment, Report, ScenarioNames
 
@@ -53,24 +52,24 @@ class Scenarios(Experiment):
         import pandas as pd
 
         from glassgait.studies.common.tables import json_records
-        from glassgait.studies.evaluation.figures import fall_map
-        from glassgait.studies.evaluation.tables import (
-            fall_table,
-            titled_table,
-            with_reading_cost,
-            worst_table,
-        )
+        from glassgait.studies.evaluation import figures, tables
         from glassgait.studies.evaluation.training_ranges import outside_training
 
         titles = {name: scenario.title for name, scenario in self.scenarios.items()}
         outside = [own.title for own in self.scenarios.values() if outside_training(own)]
         falls = {
-            str(gait): with_reading_cost(fall_table(scores, titles), self.acting(str(gait)))
+            str(gait): tables.with_reading_cost(
+                tables.fall_table(scores, titles), self.acting(str(gait))
+            )
             for gait, scores in table.groupby("gait", sort=False)
         }
-        titled = {gait: titled_table(own) for gait, own in falls.items()}
-        small = len(self.scenarios) == 1
-        shown = titled if small else {gait: worst_table(own) for gait, own in falls.items()}
+        titled = {gait: tables.titled_table(own) for gait, own in falls.items()}
+        shown = {
+            gait: tables.worst_table(own)
+            if len(titles) > 1
+            else tables.titled_table(own, tables.STANDALONE)
+            for gait, own in falls.items()
+        }
         records = [own.assign(gait=gait) for gait, own in falls.items()]
         return Report(
             tables={
@@ -78,10 +77,6 @@ class Scenarios(Experiment):
                 "scenarios": pd.concat(titled, names=["gait"]).reset_index("gait"),
             },
             metrics={"scenarios": json_records(pd.concat(records))},
-            figures={"scenarios": fall_map(falls, outside)},
+            figures={"scenarios": figures.fall_map(falls, outside)},
             shown={f"{gait}: falls": own for gait, own in shown.items()},
-            lines=[
-                f"drawn speeds below {DEAD_BAND:g} m/s are commands to stand, which the speed "
-                "error leaves out",
-            ],
         )

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.task.alternation import parse_ratio
 from glassgait.studies.cli import COMMANDS, command_class, main
 from glassgait.studies.common.console import report_errors
 from glassgait.studies.common.run import default_folder
@@ -109,11 +108,6 @@ def test_ctrl_c_ends_in_a_sentence(capsys):
 
 def test_a_refusal_is_one_line_whatever_a_path_holds(refused):
     assert "\\n\\x1b" in refused(["view", "--policy", "a\n\x1b[2J.formulas"])
-
-
-@pytest.mark.parametrize(("text", "period"), [("1", 1), ("1/4", 4), ("0", 0), ("0.5", 2)])
-def test_ratios(text, period):
-    assert parse_ratio(text) == period
 
 
 def test_cells_and_markdown():

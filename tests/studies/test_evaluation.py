@@ -6,18 +6,15 @@ import pytest
 from scipy import stats
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
-from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
-from glassgait.models.task.observation import ITERATIONS_SCALE
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.observers import RolloutLog
-from glassgait.studies.common.rollouts import RolloutConfig, roll_out, score
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import (
     interval,
     paired_share,
@@ -123,20 +120,6 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
     assert values.reward.shape == (800, 3)
     assert scores["steps"].max() < 100
     np.testing.assert_array_equal(values.reward[200:], np.repeat(values.reward[199:200], 600, 0))
-
-
-def test_a_policy_without_an_action_has_fallen(expert):
-    names = expert.observation_names
-    # Of no value at the third control step in a state of the machine.
-    bad = f"1e-3 / (x{names.index('RM Iters')} - {3 * ITERATIONS_SCALE / ITERATIONS_SCALE!r})"
-    texts = [f"{target!r}" for target in A1.default_stance.tolist()]
-    texts[2] = bad
-    formulas = [parse_expression(text, variable_names(len(names))) for text in texts]
-    student = SymbolicPolicy("trot", names, [formulas])
-    config = RolloutConfig(n_robots=3, n_steps=10)
-    scores = score(load_gait("trot"), alone(student, expert), Scenario(), config)
-    assert scores["failure"].tolist() == ["not_finite"] * 3
-    assert scores["steps"].tolist() == [3] * 3
 
 
 def test_shares_compare_robot_with_robot(generator):
