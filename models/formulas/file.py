@@ -11,21 +11,8 @@
     state 0
     FL_hip = 0.0412 + 0.52*q.FL_hip - 0.013*dq.FL_hip + late*(0.1 - 0.2*cmd.yaw)
 
-The header is YAML. Everything below is formulas: definitions first, then the targets.
-
-| key | meaning |
-|---|---|
-| `format` | 2 |
-| `gait`, `robot` | names; the robot may be left out where it is the default one |
-| `states` | number of states of the gait's reward machine |
-| `senses` | imu, if formulas may hold gravity's direction and the angular velocity |
-| `mirror` | state that each state is in a mirror that exchanges left and right |
-| `gains` | stiffness (N·m/rad) and damping (N·m·s/rad) of the joints, where not the robot's |
-| `limited` | whether targets are clipped to the joints' ranges |
-| `limits` | stiffness (N·m/rad), margin (rad) and lean (degrees) of the limits that come last |
-| `odometry` | gain of the odometry that estimates velocity and foot heights |
-| `machine` | the gait itself, as in a gait file |
-| `readings` | range in which formulas read a quantity, of all legs at once |
+The header is YAML; `models/README.md` lists its keys. Everything below is formulas: definitions
+first, then the targets.
 
 A formula is a joint's target in rad. Its names are those of the robot's quantities, in SI units
 except for times, which are in control steps, and those of the definitions. A definition uses only

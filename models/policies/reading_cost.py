@@ -85,9 +85,8 @@ def _(policy: FormulaPolicy) -> ReadingCost:
         for row in policy.formulas_by_state
     ]
     written = list(policy.to_file().written().values())
-    numbers = map(numbers_of, chain(written, _definitions(policy, written)))
-    count = sum(1 for _ in chain.from_iterable(numbers))
-    return ReadingCost(round(float(np.mean(operations)) / N_JOINTS), count)
+    numbers = chain(*map(numbers_of, chain(written, _definitions(policy, written))))
+    return ReadingCost(round(float(np.mean(operations)) / N_JOINTS), len([*numbers]))
 
 
 def _definitions(policy: FormulaPolicy, formulas: Iterable[Expression]) -> list[Expression]:

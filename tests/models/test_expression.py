@@ -24,7 +24,6 @@ from glassgait.models.formulas.expression import (
     numbers_of,
     refuse_unfit,
     variable,
-    with_numbers,
 )
 from glassgait.models.formulas.grammar import parse_expression, variable_names
 
@@ -204,13 +203,6 @@ def test_formulas_that_are_too_large_or_of_no_known_operator_are_refused():
     ):
         with pytest.raises(InputError, match=message):
             refuse_unfit(formula, N)
-
-
-def test_numbers_stand_from_left_to_right():
-    formula = read("0.5 - 0.25 * x0 + tanh(2.0 * x1 - 3.0)")
-    assert [*numbers_of(formula)] == [0.5, 0.25, 2.0, 3.0]
-    again = canonical(with_numbers(formula, iter([0.5, -0.25, 2.0, 3.0])))
-    assert again == canonical(read("0.5 + 0.25 * x0 + tanh(2.0 * x1 - 3.0)"))
 
 
 @pytest.mark.parametrize(

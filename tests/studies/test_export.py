@@ -21,7 +21,6 @@ from glassgait.studies.export.agreement import (
     random_sequences,
     recorded_sequences,
 )
-from glassgait.studies.export.command import controller_name
 
 A1 = load_robot()
 WRITTEN = {"name": "tested", "policy_name": "tested", "version": "0"}
@@ -114,13 +113,6 @@ def test_bad_arguments_are_refused_and_nothing_is_written(
     monkeypatch.chdir(tmp_path)
     assert said in refused(["export", *arguments])
     assert list(tmp_path.iterdir()) == []
-
-
-def test_names_are_made_valid_in_c():
-    assert controller_name("trot", "formulas") == "trot_formulas"
-    assert controller_name("My gait-2", "übung") == "my_gait_2_bung"
-    assert controller_name("2nd", "x" * 90).startswith("gait_2nd_xxx")
-    assert len(controller_name("2nd", "x" * 90)) == 40
 
 
 # ---- ONNX ------------------------------------------------------------------------------------
