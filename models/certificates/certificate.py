@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 SHIPPED = Path(__file__).parent / "shipped"
 
-OUTCOME_WORDS: dict[Outcome, str] = {"proved": "proved", "refuted": "refuted", "undecided": "open"}
+OUTCOME_WORDS: dict[str, str] = {"proved": "proved", "refuted": "refuted", "undecided": "open"}
 
 
 @checked

@@ -222,7 +222,7 @@ def best(terms: Terms, span: Callable[[Factor], Span], left: int) -> arb:
 
         # Try both ends of the factor that most of them hold.
         if left == 0:
-            spans = (reduce(multiplied, map(span, own), (terms[own],) * 2) for own in part)
+            spans = (reduce(multiplied, map(span, own), (terms[own], terms[own])) for own in part)
             most += sum((high for _, high in spans), arb(0))
             continue
         counts = Counter(factor for term in part for factor in term)
@@ -258,6 +258,7 @@ def image(function: str, low: arb, high: arb) -> Span:
     if function in ("sin", "cos"):
         # Crests and troughs are where this is whole, and turn about.
         half = fmpq(function == "sin", 2)
-        first, last = (int((end / arb.pi() - half).floor().unique_fmpz()) for end in (low, high))
+        turns: Any = [(end / arb.pi() - half).floor().unique_fmpz() for end in (low, high)]
+        first, last = map(int, turns)
         ends += [arb((-1) ** (turn % 2)) for turn in range(first + 1, last + 1)[:2]]
     return hull(ends)

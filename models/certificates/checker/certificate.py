@@ -26,8 +26,7 @@ LARGEST_ERROR, ROUNDING = 1e-9, 2e-9
 """Error of a target in double precision beyond which nothing is certified, and by how much a
 refutation must exceed its limit: more than the errors of two targets (rad)."""
 
-DECIDED = {"outcome", "splits", "witnesses"}
-"""Keys of a claim that say how it was decided, not what it claims."""
+DECIDED = {"outcome", "splits", "witnesses"}  # how a claim was decided, not what it claims
 
 Claim = dict[str, Any]
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from .files import refuse_unless
+from .files import RefusedError, refuse_unless
 
 LEGS, PARTS = ("FL", "FR", "RL", "RR"), ("hip", "thigh", "calf")
 JOINTS = [f"{leg}_{part}" for leg in LEGS for part in PARTS]
@@ -45,7 +45,7 @@ def image_of(name: str, image: list[int]) -> tuple[str, int]:
 def worked_out(node: ast.expr, algebra: Any, named: Callable[[str], Any]) -> Any:
     """Works a formula out in an algebra, given the values of names."""
     match node:
-        case ast.Constant(value=number) if type(number) in (int, float):
+        case ast.Constant(value=int(number) | float(number)) if type(number) is not bool:
             return algebra.number(float(number))
         case ast.Name() | ast.Attribute():
             return named(ast.unparse(node))
@@ -53,7 +53,7 @@ def worked_out(node: ast.expr, algebra: Any, named: Callable[[str], Any]) -> Any
             return SIGNS[type(op)](worked_out(inner, algebra, named))
         case ast.Call(func=ast.Name(id=function), args=[inner]) if function in FUNCTIONS:
             return algebra.function(function, worked_out(inner, algebra, named))
-        case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=power)):
+        case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int(power))):
             return reduce(algebra.product, [worked_out(base, algebra, named)] * power)
         case ast.BinOp(left=left, op=op, right=right):
             operations = {ast.Add: operator.add, ast.Sub: operator.sub}
@@ -84,8 +84,8 @@ class FormulaFile:
             lines = re.sub(r"\n+ ", " ", COMMENT.sub("", body)).split("\n")
             for line in filter(None, lines):
                 found = STATEMENT.fullmatch(line)
-                known = found and FORMULA.fullmatch(found[2])
-                refuse_unless(known, f"{line[:60]!r} holds what does not belong in a formula")
+                if found is None or FORMULA.fullmatch(found[2]) is None:
+                    raise RefusedError(f"{line[:60]!r} holds what does not belong in a formula")
                 formula = ast.parse(found[2].strip(), mode="eval").body
                 for state in [int(title[6:])] if title[:6] == "state " else range(len(self.states)):
                     once = (found[1], state) not in self.formulas
@@ -114,8 +114,8 @@ class FormulaFile:
                 other, sign = image_of(name, self.mirror)
                 sign = sign if name in JOINTS else 1
                 name, state, mirrored = other, self.mirror[state], not mirrored
-            formula = self.formulas.get((name, state))
-            refuse_unless(formula, f"{name[:40]!r} does not belong in a formula")
+            if (formula := self.formulas.get((name, state))) is None:
+                raise RefusedError(f"{name[:40]!r} does not belong in a formula")
             found = worked_out(formula, algebra, lambda inner: named(inner, state, mirrored))
             return found if sign > 0 else -found
 
