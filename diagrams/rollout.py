@@ -40,7 +40,7 @@ _INSTANT_TOLERANCE = 1e-9  # rounding error of times that are sums of control pe
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rollout(Mapping[str, Array]):
-    """Outputs (n + 1, size) by name, at control instants (n + 1; s), before their updates."""
+    """Maps names of outputs to values (n + 1, size) at control instants, before their updates."""
 
     time: Array
     outputs: dict[str, Array]
@@ -146,13 +146,13 @@ def record(
     stop_on_failure: bool = True,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Rollout:
-    """Advances by control steps and records every output, from where the simulator is.
+    """Advances the simulator by control steps and records every output.
 
     Args:
         n_steps: Control steps to take. With None only a failure or `stopped` ends the recording,
             and the last `KEPT_STEPS` are kept.
-        stopped: Asked after every step whether to end now. A monitor that ends the simulator's
-            advance ends the recording as well.
+        stopped: Called after every step; True ends the recording. A monitor that ends the
+            simulator's advance ends it as well.
 
     Raises:
         InputError: if n_steps is negative, the simulator is between two control instants, or its

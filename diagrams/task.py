@@ -110,7 +110,7 @@ class TaskState(NamedTuple):
         return map_arrays(lambda values, new: put(values, index, new), self, others)
 
     def sensors(self, touching: BoolArray | None = None) -> Sensors:
-        """Returns the controllers' readings; contacts (n, 4) are the last ones by default."""
+        """Returns the controllers' sensor readings, by default with the last contacts (n, 4)."""
         read = self.memory.trust.reading == 1 if touching is None else touching
         return measured(self.plant, self.joint_noise, read, self.imu)
 

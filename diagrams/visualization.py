@@ -1,4 +1,4 @@
-"""Meshcat: the robot on its ground, a replay as a page, a robot beside its ghost; and pictures."""
+"""Meshcat views of a robot on its ground or beside its ghost, replays in HTML, and pictures."""
 
 import ctypes
 import logging

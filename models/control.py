@@ -177,7 +177,7 @@ class ControlStep:
         )
 
     def estimated(self, memory: Memory, sensors: Sensors, command: Command) -> Memory:
-        """Returns a memory with the estimate of this instant."""
+        """Returns the memory with the body state that is estimated at this instant."""
         match self.estimator:
             case None:
                 return memory

@@ -36,7 +36,7 @@ def brief(text: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Writes a value that a person gave into an error's sentence, cut where it is long."""
+    """Formats a user's value for an error message, and shortens a long one."""
     try:
         return brief(_SHORT.repr(value))
     except ValueError:

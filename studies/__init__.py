@@ -1,1 +1,1 @@
-"""Studies: from a configuration to a run, and from a run to tables and figures."""
+"""Commands that run studies and draw tables and figures of their results."""

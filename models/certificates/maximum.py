@@ -39,9 +39,9 @@ class Region:
 
 @dataclass(frozen=True)
 class Maximum:
-    """Bounds of the greatest value of a function over a box: `reached` at the witness (n).
+    """Bounds of a function's maximum over a box: it is `reached` at the witness (n) or higher.
 
-    The bound was found over the cells of `splits`.
+    The upper bound was found over the cells of `splits`.
     """
 
     bound: float
@@ -106,7 +106,7 @@ def maximize(
 
 
 class _Search:
-    """The search; `leaves` are the cells' places in the tree of splits, the root first."""
+    """Searches for the maximum; `leaves` are nodes of the tree of splits, the root first."""
 
     def __init__(
         self, function: Callable[[Array], Array], relaxation: Relaxation, region: Region
@@ -181,7 +181,7 @@ class _Search:
             self.witness, self.reached = witness, value
 
     def _starts(self, cell: Region, count: int) -> Array:
-        """Returns the middle of a cell, and random points at its middles and ends."""
+        """Returns a cell's centre, and random points with coordinates at ends or middles."""
         ends = self._generator.integers(0, 3, (count, len(cell.lower))) / 2.0
         points = cell.lower + ends * (cell.upper - cell.lower)
         points[0] = 0.5 * (cell.lower + cell.upper)

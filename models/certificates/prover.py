@@ -1,4 +1,4 @@
-"""Deciding claims: each is proved, refuted by a witness, or left undecided with its best bounds."""
+"""Decides claims: each is proved, refuted by a witness, or left undecided with its best bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -104,7 +104,7 @@ class Prover:
         return self.boxes[place.box].taking(place.stuck, physical).in_state(state)
 
     def _bound(self, query: Query, place: Place, limit: float) -> Maximum:
-        """Bounds a quantity, more sharply where that leaves open whether it exceeds a limit."""
+        """Bounds a quantity, tightly enough to decide whether it exceeds a limit if possible."""
         found = self._found.get((query, place))
         if found is None:
             robot = self.policy.robot

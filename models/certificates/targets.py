@@ -83,7 +83,7 @@ class FormulaTargets:
         self._polynomial = cache(self._multiplied_out)
 
     def used(self, state: int, joint: int) -> frozenset[int]:
-        """Returns the quantities that a target is written with, also those that cancel out."""
+        """Returns the quantities in the text of a target, including those that cancel out."""
         return self._formulas[state][joint].variables
 
     def rounding(self, state: int, joint: int, box: ObservationBox) -> float:

@@ -124,7 +124,7 @@ def write_formulas(file: FormulaFile) -> str:
 
 
 def formula_lines(file: FormulaFile, place: Place) -> list[str]:
-    """Returns the lines of a formula as its file holds them."""
+    """Returns the lines of a formula as written in a file."""
     start = f"{quadruped.JOINTS[place[-1]]} = "
     return written_lines(start, file.formulas[place], file.vocabulary.symbols)
 

@@ -112,9 +112,9 @@ def parse_expression(text: str, names: Sequence[str]) -> Expression:
 
 
 def refuse_unprintable(text: str, whole: str) -> None:
-    """Refuses all characters but printable ASCII ones and line feeds.
+    """Refuses characters other than printable ASCII and line feeds.
 
-    What a person cannot see, or takes for another character, must not change what a robot does.
+    Invisible and look-alike characters must not change what a robot does.
     """
     if found := _UNPRINTABLE.search(text):
         raise TextError.at(

@@ -343,7 +343,7 @@ class Policy(ABC):
         return None
 
     def refuse_other_machine(self, gait: "Gait") -> None:
-        """Refuses a gait other than that in its file or, without one, the shipped gait."""
+        """Refuses a gait that differs from the file's gait or, without one, the shipped gait."""
         # Imported here: few programs that load a policy need gaits.
         from glassgait.models.task.gait import gait_names, shipped_gait  # noqa: PLC0415
 

@@ -193,7 +193,7 @@ class FormulaPolicy(Policy):
         return np.zeros(observation.shape[:-1], dtype=np.intp)
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
-        """Splits a joint's targets into contributions; those of other states' terms are 0."""
+        """Splits a joint's targets into contributions; terms of other RM states contribute 0."""
         joint, symbols = quadruped.joint_index(joint), self.vocabulary.symbols
         read, acting = self._read(observation), self._acting(observation)
         names, values = [], []

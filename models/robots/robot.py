@@ -88,7 +88,7 @@ class Robot(Settings):
 
     @property
     def option(self) -> str:
-        """Option of a command line that names this robot; empty for the default robot."""
+        """Command-line option that selects this robot; empty for the default robot."""
         return "" if self.name == DEFAULT_ROBOT else f" --robot {self.source}"
 
     @cached_property

@@ -203,7 +203,7 @@ def entry_of(name: str) -> ObservationEntry:
 
 
 def entries_of(names: Sequence[str]) -> tuple[ObservationEntry, ...]:
-    """Returns the entries of the names that a policy stores, in their order."""
+    """Returns the entries with these names, in the same order."""
     return tuple(entry_of(name) for name in names)
 
 

@@ -193,7 +193,7 @@ class Terrain(Settings):
             )
 
     def boxes(self, reach: float = REACH) -> Iterator[GroundBox]:
-        """Returns the boxes of the middle period and of what lies around it, up to `reach` (m)."""
+        """Yields the boxes of the middle period and of its surroundings up to `reach` (m)."""
         grid = grid_of(self)
         rotation, half_size = grid.rotation, grid.half_size
         counts = np.array(grid.top.shape)

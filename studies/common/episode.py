@@ -80,7 +80,7 @@ Event = Callable[[int, BatchSimulator], None]
 
 
 def push(at: int, velocity: Array) -> Event:
-    """Returns a push, which adds a velocity (3,; m/s, world frame) to the trunks' before a step."""
+    """Returns an event that adds a velocity (3,; m/s, world frame) to the trunks before a step."""
 
     def event(step: int, simulator: BatchSimulator) -> None:
         if step == at:
@@ -90,7 +90,7 @@ def push(at: int, velocity: Array) -> Event:
 
 
 def give(at: int, command: FixedCommand) -> Event:
-    """Returns a command of all robots, which holds from a step on."""
+    """Returns an event that gives all robots a command from a step on."""
 
     def event(step: int, simulator: BatchSimulator) -> None:
         if step == at:
@@ -103,7 +103,7 @@ class Ended(NamedTuple):
     """End of an episode of n robots.
 
     Attributes:
-        fell: Control step in which each fell first (n,); the number of steps where it did not.
+        fell: Control step in which each first fell (n,); the number of steps if it did not fall.
         state: The last state, without robots that were left out.
     """
 

@@ -183,7 +183,7 @@ class Experiment(PolicySource):
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         policy: Policies: `expert`, kinds of students, `all` for the expert and every student, and
             paths of policy files.
-        scenario: Scenarios: names of those that ship, their groups `all`, `grounds` and `harsh`, and
+        scenario: Scenarios: names of those that ship, groups `all`, `grounds` and `harsh`, and
             paths of scenario files.
         falls: What ends an episode: any of the `task`'s failures, or only a `physical` fall, the
             trunk or a thigh on the ground or a lean over 60°.

@@ -46,9 +46,9 @@ def rank_alone(
     expert: NeuralPolicy,
     n_steps: int = EPISODE_STEPS,
 ) -> pd.DataFrame:
-    """Rolls every candidate out without the expert, and ranks them by mean return, best first.
+    """Ranks the candidates by their mean return without the expert, best first.
 
-    Means are over 52 robots, half in the nominal scenario and half in a rough one.
+    The mean is over 52 robots, half in the nominal scenario and half in a rough one.
     """
     config = RolloutConfig(n_steps=n_steps)
     runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]

@@ -212,7 +212,7 @@ class _Distillation:
         return replace(samples, minutes=(time.monotonic() - started) / 60)
 
     def _fit_final(self, kind: str, dataset: Dataset) -> dict[str, Any]:
-        """Fits the student the last time, saves it, and scores it by both splits."""
+        """Fits the final student, saves it, and scores it on both splits."""
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
         say(f"{kind}: fitting to {len(seen.actions)} samples, the last time")
         settings, student = self._choose(kind, self._samples(seen))

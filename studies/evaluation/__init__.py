@@ -1,1 +1,1 @@
-"""Evaluating policies in closed loop: falls, tracking, rhythm and reward."""
+"""Evaluates policies in closed loop: falls, tracking, rhythm and reward."""

@@ -51,7 +51,7 @@ class Pushes(Experiment):
             raise InputError(f"{self.title}: speeds is {self.speeds}; name the least first")
 
     def cases(self) -> list[Case]:
-        """Lists the policies in the scenario, in which all robots follow one command."""
+        """Lists one case per policy, in which all robots follow one command."""
         self.refuse_several_scenarios()
         for gait in self.gaits:
             self.command.check(gait)
@@ -63,7 +63,7 @@ class Pushes(Experiment):
         ]
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Pushes the robots of one policy, a row a push."""
+        """Pushes the robots of one policy, and returns one row per push."""
         from glassgait.studies.evaluation.pushing import push_everywhere
 
         return push_everywhere(

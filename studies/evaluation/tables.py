@@ -128,7 +128,7 @@ def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
 
 
 def standalone_table(scores: pd.DataFrame, policies: Mapping[str, Policy]) -> pd.DataFrame:
-    """Sets the students without the expert beside the expert (paper, Table II)."""
+    """Compares students that act without the expert with the expert (paper, Table II)."""
     means = alternation_table(scores)
     alone = means[(means["policy"] == "expert") | (means["ratio"] == 0.0)]
     table = titled_table(with_reading_cost(alone, policies), STANDALONE)

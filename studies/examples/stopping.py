@@ -18,7 +18,7 @@ class Stopping(Experiment):
     speed: float = 0.5  # Commanded forward speed while they walk (m/s).
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls the robots of a case out, and returns a row a robot."""
+        """Rolls out the robots of a case, and returns one row per robot."""
         walk, stand = (FixedCommand(speed, dwell=case.gait.dwell[0]) for speed in (self.speed, 0.0))
         config = RolloutConfig(self.n_robots, 250, case.seed)
         events = [give(0, walk), give(150, stand)]

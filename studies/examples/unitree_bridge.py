@@ -73,7 +73,7 @@ def fields_of(name: str) -> Iterator[tuple[str, str, int]]:
 
 @cache
 def types_of(name: str) -> tuple[Any, np.dtype]:
-    """Returns a message's type of DDS, and its layout in the memory of C."""
+    """Returns the DDS type of a message, and its memory layout in C."""
     fields, parts = {}, []
     for key, kind, count in fields_of(name):
         scalar = np.dtype(kind) if kind not in FIELDS else None

@@ -107,8 +107,8 @@ def dependence_figure(
     generator: np.random.Generator,
     n_curves: int = 50,
 ) -> Figure:
-    """Draws how a target depends on single observations, on average and for single samples (m, n)
-    that the generator draws (paper, Figure 7)."""
+    """Draws how a target depends on each observation, on average and for samples (m, n) that the
+    generator selects (paper, Figure 7)."""
     # scikit-learn varies one quantity at a time.
     figure, panels = subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
     quantities = RobotUnits.of(policy.robot, policy.observation_names).quantities(observations)

@@ -1,4 +1,4 @@
-"""`glassgait demo`: a robot that trots by formulas, then a small distillation, on one page."""
+"""`glassgait demo`: one page with a robot that trots by formulas and a small distillation."""
 
 import time
 from collections.abc import Mapping
