@@ -111,6 +111,7 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
     tables["top_observations"] = top = pd.concat(tops, ignore_index=True)
     return Report(
         tables=tables,
+        metrics={"importances": tables["importances"].to_dict(orient="records")},
         figures=figures,
         shown={f"{gait}: the most important observations": top},
     )

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -28,10 +28,10 @@ from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.boosting import EbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
-from glassgait.studies.distillation.students import load_students
+from glassgait.studies.distillation.students import STUDENTS, load_students
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings
-from glassgait.studies.evaluation.alternation import alternation_scores
+from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, SymbolicSettings
+from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
 from glassgait.studies.evaluation.tables import TITLES, standalone_table
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
@@ -51,11 +51,21 @@ QUICK = DistillationConfig(
         **{
             "histogram_gbm": HistogramGbmSettings(n_trees=100),
             "ebm": EbmSettings(outer_bags=1, interactions=30),
+            "symbolic": SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
             FORMULAS: SymbolicPerStateSettings(shapes=((90, 90),), start_weights=(1,)),
         }
     ),
 )
 """Few samples, and students that take seconds to fit."""
+
+FULL = replace(
+    QUICK,
+    students=tuple(name for name in STUDENTS if name != "gbm"),
+    # One formula a joint strays further than other students that walk: its samples serve all.
+    collector="symbolic",
+    alone_episodes=4,
+)
+"""All kinds of students except exact trees, which are slow to fit."""
 
 REPLAY_STEPS, REPLAYS_IN_A_ROW = 400, 450
 """An hour in all: a page that is opened late still moves."""
@@ -72,6 +82,8 @@ class Demo(Settings):
     samples, with one seed: `glassgait distill` and `evaluate` do more of everything.
 
     Attributes:
+        full: Distil all kinds of students except exact GBM, and let each act in turns with the
+            expert too.
         n_robots: Robots to evaluate with.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies that
             ship. Of another robot your own expert is taken.
@@ -81,6 +93,7 @@ class Demo(Settings):
 
     title: ClassVar[str] = "demo"
 
+    full: bool = False
     n_robots: Count = 26
     robot: str | None = None
     resume: bool = False
@@ -100,9 +113,12 @@ class Demo(Settings):
             shown = SHOWN if SHOWN in found.students else EXPERT
             page.show(shown, found.students.get(shown, found.expert))
             trained = folder / "distillation"
-            r2 = distill(QUICK, gait, found.expert, trained, resume=self.resume)
+            config = FULL if self.full else QUICK
+            r2 = distill(config, gait, found.expert, trained, resume=self.resume)
             students = load_students(trained, found.expert)
             page.compare(students, r2, self.n_robots)
+            if self.full:
+                page.alternate(students, self.n_robots)
             minutes = (time.monotonic() - started) / 60
             path = page.write(f"Computed in {minutes:.1f} minutes.")
         console.print(f"page written to {path} after {minutes:.1f} minutes")
@@ -159,9 +175,7 @@ class _Page:
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
         """Rolls every student out without the expert, and adds one table of fit and scores."""
         say("rolling out every student alone")
-        config = RolloutConfig(n_robots=n_robots, n_seeds=1, n_steps=500)
-        kept = self.folder / "rollouts"
-        scores = alternation_scores(self.gait, self.expert, students, config, kept, (1, 0))
+        scores = self._roll_out(students, n_robots, (1, 0))
         table = standalone_table(scores, {EXPERT: self.expert, **students})
         fits = {row["student"]: row["r2"] for _, row in r2.iterrows()}
         table.insert(1, "R² held out", table["policy"].map(fits).round(3))
@@ -177,6 +191,25 @@ class _Page:
             f"the expert's return: {best[TITLES['share']]:.2f}."
         )
         self.sections.append(Section("Students distilled here", note=note, tables=[("", table)]))
+
+    def alternate(self, students: Mapping[str, Policy], n_robots: int) -> None:
+        """Lets the expert act at some of the steps, and adds the figure of returns."""
+        say("rolling out every student in turns with the expert")
+        scores = self._roll_out(students, n_robots, (1, 4, 0))
+        policies = {EXPERT: self.expert, **students}
+        alternation_report(scores, self.gait.name.capitalize(), policies).write(self.folder)
+        note = "At ratio 1/4 the expert acts at every fourth step, at 0 never."
+        caption = "Return, share of the expert's return and falls against the alternation ratio"
+        figures = [(caption, self.folder / "return.png")]
+        title = "Return against the alternation ratio"
+        self.sections.append(Section(title, note=note, figures=figures))
+
+    def _roll_out(
+        self, students: Mapping[str, Policy], n_robots: int, periods: tuple[int, ...]
+    ) -> pd.DataFrame:
+        config = RolloutConfig(n_robots=n_robots, n_seeds=1, n_steps=500)
+        kept = self.folder / "rollouts"
+        return alternation_scores(self.gait, self.expert, students, config, kept, periods)
 
     def write(self, status: str) -> Path:
         """Writes the page so far, below a line about its state."""

@@ -1,18 +1,43 @@
 """The benchmark times what it says it times."""
 
+import json
+
 import pandas as pd
 import pytest
 
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.export.binding import has_compiler
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.reproduction import benchmark
+from glassgait.studies.training.config import PpoConfig, TrainingConfig
+
+
+@pytest.mark.slow
+def test_training_and_physics_are_timed_over_the_same_steps():
+    config = TrainingConfig(
+        n_robots=4,
+        worlds=DomainRandomization(n_groups=1, fine_steps=()),
+        ppo=PpoConfig(steps_per_update=8),
+    )
+    training, physics = benchmark.throughput(config, n_updates=1, repeats=3)["control steps/s"]
+    assert physics > training > 0
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
-def test_actions_are_timed_in_python_and_in_c(tmp_path, monkeypatch):
-    monkeypatch.setattr(benchmark, "STEPS", 2000)
-    main(["reproduce", "benchmark", "--output", str(tmp_path / "run")])
-    table = pd.read_csv(tmp_path / "run" / "actions.csv")
+def test_actions_are_timed_in_python_and_in_c():
+    table = benchmark.action_times(find_policies(load_gait("trot")), steps=2000)
     times = table[["action in Python (µs)", "step in C (µs)", "step in C, 99.9 % (µs)"]]
     assert (times > 0).all(axis=None)
+
+
+def test_only_the_named_parts_are_measured(tmp_path, monkeypatch):
+    table = pd.DataFrame({"policy": ["expert"], "action in Python (µs)": [1.0]})
+    monkeypatch.setattr(benchmark, "action_times", lambda found: table)
+    folder = tmp_path / "run"
+    main(["reproduce", "benchmark", "--parts", "actions", "--output", str(folder)])
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert set(metrics) == {"actions"}
+    assert (folder / "actions.csv").exists()

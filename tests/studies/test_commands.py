@@ -39,7 +39,7 @@ SLOW = {
     ),
     "refine": (REFINE, ["*.formulas"]),
     "evaluate pushes": ([*FORMULAS, *PUSHES], ["metrics.json"]),
-    "importance": (["--policy", "gbm", "--n-samples", "20", "--repeats", "1"], ["importances.csv"]),
+    "importance": (["--policy", "gbm", "--n-samples", "20", "--repeats", "1"], ["metrics.json"]),
     "explain interventions": ([*FORMULAS, "--n-robots", "2"], ["*.csv"]),
     "explain counterfactual": (FORMULAS, ["*.csv"]),
     "export": ([*FORMULAS, "--n-steps", "20"], ["*.c", "deploy.yaml"]),
