@@ -1,6 +1,7 @@
 """A function of Python as a policy."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,7 +35,8 @@ class FunctionPolicy(Policy):
         self.joint_law = OWN_LAW.with_limits(self.robot)
 
     def act(self, observation: Array) -> Array:
-        answer = self._function(observation)
+        # Functions may write to what they are given.
+        answer = self._function(observation.copy())
         shape = (*observation.shape[:-1], quadruped.N_JOINTS)
         try:
             action = np.asarray(answer, dtype=float)
@@ -49,3 +51,6 @@ class FunctionPolicy(Policy):
             f"the policy's function returned {found} for an observation of shape "
             f"{observation.shape}; return an array of shape {shape}"
         )
+
+    def save(self, path: Path) -> None:
+        raise InputError(f"{path}: no file holds a function; keep the program that defines it")

@@ -52,8 +52,9 @@ def read_settings(defaults: S, path: Path) -> S:
     """Reads settings from a file or a record; keys that it lacks have their defaults."""
     values = read_yaml(path)
     if isinstance(values, dict):
-        # A record holds settings beside other things: an expert's, or a run's.
-        values = values.get("config", values.get("settings") if "study" in values else values)
+        # A record holds settings beside other things: an expert's, a refinement's, or a run's.
+        of_run = values.get("settings") if "study" in values else values
+        values = values.get(defaults.title, values.get("config", of_run))
     if not isinstance(values, dict):
         raise InputError(f"{path}: is not a mapping of settings; write one with --print-settings")
     return type(defaults).from_plain(_filled(values, to_plain(defaults)), str(path))

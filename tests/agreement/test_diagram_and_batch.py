@@ -265,13 +265,13 @@ def test_they_agree_where_limits_hold_a_policy_back(trot, imu_expert, generator,
 @pytest.mark.parametrize("limited", [True, False])
 def test_they_agree_where_an_action_is_not_sound(trot, bad, limited):
     def sways(observation):
+        observation[...] = bad
         # A policy that once has no answer for a joint.
         if (calls := next(count)) == 20:
             return np.where(np.arange(12) == 2, bad, 0.5)
         return np.full(12, 0.5 * np.sin(0.1 * calls))
 
-    # Both ask in turn.
-    count = iter(np.repeat(np.arange(100), 2))
+    count = iter(np.repeat(np.arange(100), 2))  # both ask in turn
     policy = FunctionPolicy(sways, trot)
     if not limited:
         policy = policy.with_joint_law(JointLaw())
