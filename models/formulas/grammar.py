@@ -138,7 +138,9 @@ class _Parser:
             token = _TOKEN.match(code, end)
             if token is None:
                 place = end + len(code[end:]) - len(code[end:].lstrip(" "))
-                raise TextError(f"{shown(code[place])} does not belong here", 1, place + 1)
+                found = re.findall(r"(?s)[\w.]+|.", code[place:])[0]
+                problem = "is not a number" if found[0].isdigit() else "does not belong here"
+                raise TextError(f"{shown(found)} {problem}", 1, place + 1)
             kind, end = str(token.lastgroup), token.end()
             self.tokens.append((kind, token[kind], token.start(kind)))
         self.tokens.append(("end", "", len(code)))

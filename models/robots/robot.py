@@ -16,7 +16,7 @@ from glassgait.models.robots.quadruped import JOINTS, LEGS
 from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
 
 DEFAULT_ROBOT = "a1"  # name of the robot that is meant where none is named
-ROBOT_DIRECTORY = Path(__file__).parent  # where the folders of robots are that ship, by their names
+ROBOT_DIRECTORY = Path(__file__).resolve().parent  # folders of the robots that ship, by name
 
 RobotName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
 Length = Annotated[float, Ge(1e-3), Le(10.0)]

@@ -70,7 +70,7 @@ def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) 
     """Gives columns of `summarize` their titles."""
     reference = policies_of(table)[0]
     other = "the expert" if reference == "expert" else reference
-    titles = {key: title.replace("the expert", other) for key, title in TITLES.items()}
+    titles = {k: t.replace("the expert", other).replace("s's", "s'") for k, t in TITLES.items()}
     return table[[name for name in columns if name in table]].rename(columns=titles)
 
 
