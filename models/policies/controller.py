@@ -105,8 +105,9 @@ def controller_of(
         return Controller(policy)
     if not callable(policy):
         raise InputError(
-            f"the policy is {shown(policy)}; give one that load_expert or load_student returns, a "
-            "Controller, or a function from observations (..., n) to actions (..., 12)"
+            f"the policy is {shown(policy)}; give one that load_expert, load_student or, for a "
+            "file, load_policy returns, a Controller, or a function from observations (..., n) to "
+            "actions (..., 12)"
         )
     return Controller(FunctionPolicy(policy, gait, robot))
 

@@ -167,7 +167,8 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
     robot = robot or load_robot()
     expert = load_expert(gait, robot=robot)
     if kind not in (shipped := shipped_students(gait, robot.name)):
-        remedy = f"; make others with 'glassgait distill --gait {gait}{robot.option}'"
+        distill = f"glassgait distill --gait {gait}{robot.option}"
+        remedy = f"; make others with '{distill}', and read a file with load_policy"
         raise unknown_name(f"{robot.name} {gait} student", kind, shipped, remedy)
     folder = robot_folder(STUDENT_DIRECTORY, robot.name) / gait
     return load_student_of(expert, policy_path(folder, kind))
