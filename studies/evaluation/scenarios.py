@@ -67,7 +67,7 @@ class Scenarios(Experiment):
         shown = {
             gait: tables.worst_table(own)
             if len(titles) > 1
-            else tables.titled_table(own, tables.STANDALONE)
+            else tables.titled_table(own, tables.MAIN)
             for gait, own in falls.items()
         }
         records = [own.assign(gait=gait) for gait, own in falls.items()]

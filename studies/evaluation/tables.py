@@ -37,12 +37,18 @@ TITLES = {
 }
 """Titles of the columns of `summarize` and `with_reading_cost`, in the order of tables."""
 
+OPERATIONS = READING_COST_TITLES[0]
+
 KEPT = ("share", "plain_share", "going_speed_error", "yaw_rate_error")
 """What a student keeps of the return, and how well it then follows commands: never apart."""
 
 STANDALONE = ("policy", "robots", "falls", "share", "share_ci", "plain_share", "plain_share_ci")
 STANDALONE += ("going_speed_error", "yaw_rate_error", "return", "return_ci", "rhythm", *COSTS)
 """Columns of the table of students without the expert."""
+
+MAIN = ("policy", "world", "falls", "share", "share_ci", "plain_share", "plain_share_ci")
+MAIN += ("going_speed_error", "yaw_rate_error", OPERATIONS)
+"""Columns that a terminal is wide enough for."""
 
 
 def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
@@ -68,10 +74,14 @@ def _places(names: list[str]) -> Callable[[pd.Series], pd.Series]:
 
 def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) -> pd.DataFrame:
     """Gives columns of `summarize` their titles."""
+    return table[[name for name in columns if name in table]].rename(columns=_titles(table))
+
+
+def _titles(table: pd.DataFrame) -> dict[str, str]:
+    """Returns titles that name what policies are compared with."""
     reference = policies_of(table)[0]
     other = "the expert" if reference == "expert" else reference
-    titles = {k: t.replace("the expert", other).replace("s's", "s'") for k, t in TITLES.items()}
-    return table[[name for name in columns if name in table]].rename(columns=titles)
+    return {k: t.replace("the expert", other).replace("s's", "s'") for k, t in TITLES.items()}
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -80,7 +90,7 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
     The worst scenario is the one with the greatest lower end of the interval of its share of falls:
     one fall of one robot says less than twenty of 26.
     """
-    rows = []
+    rows, titles = [], _titles(table)
     for name in policies_of(table):
         everywhere = table[table["policy"] == name]
         worst = everywhere.iloc[everywhere["fall_rate_low"].argmax()]
@@ -88,13 +98,10 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
             "policy": name,
             "worst scenario": worst["world"] if worst["falls"] else "–",
             "falls there": f"{worst['falls']} of {worst['robots']}",
-            TITLES["points_more"]: worst["points_more"],
-            "scenarios without a fall": f"{sum(everywhere['falls'] == 0)} of {len(everywhere)}",
         }
         for _, home in everywhere[everywhere["scenario"] == NOMINAL_SCENARIO].iterrows():
-            row["nominal: falls"] = home["falls"]
-            row |= {f"nominal: {TITLES[key]}": home[key] for key in KEPT}
-        rows.append(row | {title: everywhere[title].iloc[0] for title in COSTS if title in table})
+            row |= {f"nominal: {titles[key]}": home[key] for key in KEPT}
+        rows.append(row | {key: worst[key] for key in (OPERATIONS,) if key in table})
     return pd.DataFrame(rows)
 
 

@@ -83,12 +83,9 @@ def test_one_fallen_robot_is_no_worst_world_beside_many(table):
     worst = worst_table(table).set_index("policy")
     row = worst.loc["linear"]
     assert (row["worst scenario"], row["falls there"]) == ("ice", "8 of 10")
-    assert row["points more than the expert"] == pytest.approx(60.0)
-    assert row["scenarios without a fall"] == "2 of 4"
-    assert worst["nominal: falls"].tolist() == [0, 0, 0]
     assert worst["nominal: share of the plain return"].tolist() == [1.0, 1.0, 1.0]
     never = worst_table(fall_table(scores_of({("expert", "icy"): 0}), WORLDS))
-    assert never["worst scenario"].tolist() == ["–"] and "nominal: falls" not in never
+    assert never["worst scenario"].tolist() == ["–"] and len(never.columns) == 3
 
 
 def test_the_map_has_a_cell_for_each_policy_and_scenario(table):
