@@ -91,7 +91,7 @@ class Report(Settings):
     title: ClassVar[str] = "reproduce report"
 
     gait: Gaits = PAPER_GAITS
-    training: Annotated[TrainingConfig | None, tyro.conf.Fixed] = None
+    training: Annotated[TrainingConfig | None, tyro.conf.Fixed, tyro.conf.AvoidSubcommands] = None
     distillation: Annotated[DistillationConfig, tyro.conf.Fixed] = field(
         default_factory=lambda: DistillationConfig(students=paper_students())
     )

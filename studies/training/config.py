@@ -28,6 +28,7 @@ from glassgait.studies.common.settings_file import IN_FILE
 
 Fraction = Annotated[NotNegative, Le(1.0)]
 LearningRate = Annotated[Positive, Le(1.0)]
+Switch = Annotated[bool, tyro.conf.arg(help_behavior_hint="(without the flag: {})".format)]
 Layers = Annotated[tuple[Annotated[Count, Le(4096)], ...], MinLen(1), MaxLen(16)]
 Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
 Senses = Literal["learned", "odometry", "imu"]
@@ -156,8 +157,8 @@ class TrainingConfig(Settings):
     worlds: Annotated[DomainRandomization, IN_FILE] = field(default_factory=DomainRandomization)
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
-    mirrored: bool = True
-    limit_targets: bool = True
+    mirrored: Switch = True
+    limit_targets: Switch = True
     senses: Senses = "imu"
     odometry: Annotated[Odometry, IN_FILE] = field(default_factory=Odometry)
     weights: Annotated[RewardWeights, IN_FILE] = EXACT
