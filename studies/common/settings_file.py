@@ -13,6 +13,7 @@ import yaml
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
 from glassgait.models.settings import Settings, checked
+from glassgait.studies.common.jobs import gaits_named
 from glassgait.studies.common.run import to_plain
 
 IN_FILE = tyro.conf.Suppress
@@ -40,12 +41,19 @@ class SettingsFile(Settings):
     def from_file(cls, path: Path) -> Self:
         """Returns a command that takes its settings from a file."""
         default: Any = cls()
-        return replace(default, config=read_settings(default.config, path))
+        config = read_settings(default.config, path)
+        gait = {"gait": (config.gait,)} if hasattr(config, "gait") else {}
+        return replace(default, config=config, **gait)
 
     def text(self) -> str:
-        """Returns the settings as YAML."""
+        """Returns the settings as YAML, those of one gait with its name."""
         command: Any = self
-        return yaml.safe_dump(to_plain(command.config), sort_keys=False)
+        values = to_plain(command.config)
+        if "gait" in values:
+            values["gait"], *others = gaits_named(command.gait)
+            if others:
+                raise InputError("--print-settings: a settings file is of one gait; name one")
+        return yaml.safe_dump(values, sort_keys=False)
 
 
 def read_settings(defaults: S, path: Path) -> S:

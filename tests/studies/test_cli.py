@@ -30,12 +30,10 @@ EARLY = {
 
 REFUSED = {
     "train --n-robots 0": "n_robots",
-    "train --seed -1": "seed",
     "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
     "distill --students linear linear": "students",
-    "evaluate scenarios --n-steps 0": "n_steps",
     "evaluate scenarios --scenario nominal nominal": "scenario",
-    "evaluate scenarios --n-workers 0": "n_workers",
+    "train --gait trot pace --print-settings": "a settings file is of one gait",
     "evaluate alternation --ratios 2/3": "is not an alternation ratio",
     "evaluate pushes --speeds 2 1": "name the least first",
     "importance --n-samples 1": "n_samples",
@@ -76,6 +74,14 @@ def test_help_lists_the_commands(arguments, capsys):
     listed = capsys.readouterr().out
     for name in COMMANDS:
         assert (f"  {name} " in listed) == (arguments[:1] != ["evaluate"] or "evaluate" in name)
+
+
+def test_settings_are_printed_and_read_with_their_gait(capsys, tmp_path):
+    for command in ("train", "distill"):
+        main([command, "--gait", "pace", "--print-settings"])
+        (tmp_path / "mine.yaml").write_text(capsys.readouterr().out)
+        main([command, "--settings", str(tmp_path / "mine.yaml"), "--print-settings"])
+        assert capsys.readouterr().out.startswith("gait: pace\n")
 
 
 @pytest.mark.parametrize(
