@@ -149,12 +149,14 @@ def _measure(measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) ->
 
 @dataclass(frozen=True)
 class Report:
-    """The results of an experiment: files by their names, and tables to print by their titles."""
+    """The results of an experiment: files by their names; tables by their titles, and a sentence,
+    to print."""
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     metrics: Any = None
     figures: Mapping[str, Figure] = field(default_factory=dict)
     shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    line: str = ""
 
     def write(self, folder: Path) -> None:
         """Writes tables as CSV and Markdown, figures as PNG and PDF, and metrics."""
@@ -168,11 +170,13 @@ class Report:
             save_figure(figure, folder / name)
 
     def show(self) -> None:
-        """Prints the tables that are shown."""
+        """Prints the tables that are shown, and the sentence."""
         from glassgait.studies.common.tables import print_table
 
         for title, table in self.shown.items():
             print_table(title, table)
+        if self.line:
+            say(self.line)
 
 
 @checked

@@ -79,4 +79,5 @@ class Scenarios(Experiment):
             metrics={"scenarios": json_records(pd.concat(records))},
             figures={"scenarios": figures.fall_map(falls, outside)},
             shown={f"{gait}: falls": own for gait, own in shown.items()},
+            line=tables.significant_differences(list(falls.values())),
         )

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Collection, Mapping
 
+import numpy as np
 import pandas as pd
+from scipy import stats
 
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.policies.policy import Policy
@@ -103,6 +105,23 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
             row |= {f"nominal: {titles[key]}": home[key] for key in KEPT}
         rows.append(row | {key: worst[key] for key in (OPERATIONS,) if key in table})
     return pd.DataFrame(rows)
+
+
+def significant_differences(tables: Collection[pd.DataFrame]) -> str:
+    """Says how many falls differ from the reference's by more than chance: Fisher's exact test,
+    corrected by Holm's method for the number of cells."""
+    p_values = []
+    for table in tables:
+        counts = np.stack([table["falls"], table["robots"] - table["falls"]], axis=1)
+        cells = dict(zip(zip(table["policy"], table["scenario"], strict=True), counts, strict=True))
+        reference = policies_of(table)[0]
+        for (policy, scenario), count in cells.items():
+            if policy != reference:
+                pair = [count, cells[reference, scenario]]
+                p_values.append(float(np.asarray(stats.fisher_exact(pair))[1]))
+    n = len(p_values)
+    significant = int(np.cumprod(np.sort(p_values) * np.arange(n, 0, -1) < 0.05).sum())
+    return f"{significant} of {n} differences in falls are significant at 5 % (Fisher, Holm)"
 
 
 def worst_first(table: pd.DataFrame, policies: Collection[str] = ()) -> list[str]:
