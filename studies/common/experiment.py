@@ -22,7 +22,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import read_record, write_record
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, checked
 from glassgait.models.task.termination import PHYSICAL_FALL, Falls
-from glassgait.studies.common.console import console, note, progress_bar, report_errors
+from glassgait.studies.common.console import console, note, progress_bar, report_errors, say
 from glassgait.studies.common.jobs import (
     Gaits,
     Seeds,
