@@ -144,7 +144,7 @@ def test_the_gain_of_odometry_can_be_edited(tmp_path):
     # Without the expert it observes by its odometry; with it there would be two estimators.
     expert = load_expert("trot")
     assert alone(edited, expert).estimator == Odometry(gain=0.4)
-    with pytest.raises(InputError, match="odometry of its own"):
+    with pytest.raises(InputError, match="has odometry, which is not"):
         Controller(expert, edited, period=4)
 
 

@@ -90,7 +90,7 @@ def target(policy: FormulaPolicy, joint: str = "FL_hip", **quantities: float) ->
         ("q__FR_hip", -2.0, -0.8),
         ("q__FR_hip", 2.0, 0.4),
         ("q__RL_thigh", -1.0, 0.0),
-        ("dq__RR_calf", np.inf, 14.0),
+        ("dq__RR_calf", 99.0, 14.0),
         ("w__y", 9.0, 5.0),
         ("h__RL", -1.0, -0.1),
         ("cmd__yaw", -3.0, -1.0),

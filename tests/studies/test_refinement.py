@@ -257,7 +257,7 @@ def test_the_command_writes_the_formulas_and_their_record(short_page, tmp_path):
     [
         (["--policy", "gbm"], "not made of formulas"),
         (["--n-robots", "4"], "fewer than n_groups"),
-        (["--gait", "walk", "--policy", str(__file__)], "--policy"),
+        (["--gait", "walk", "--policy", str(__file__)], "ending in .safetensors"),
     ],
 )
 def test_what_cannot_be_refined_is_refused(arguments, message, refused, tmp_path):

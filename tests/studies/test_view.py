@@ -153,5 +153,5 @@ def test_a_replay_has_its_settings_beside_it(tmp_path):
 def test_the_folder_of_a_run_and_a_file_are_refused(tmp_path, refused):
     (tmp_path / "config.yaml").write_text("study: train\nsettings: {}\n")
     assert "holds a run" in refused(["view", "--output", str(tmp_path)])
-    assert "a file stands" in refused(["studio", "--output", str(tmp_path / "config.yaml")])
+    assert "is a file" in refused(["studio", "--output", str(tmp_path / "config.yaml")])
     assert [path.name for path in tmp_path.iterdir()] == ["config.yaml"]
