@@ -39,8 +39,6 @@ TITLES = {
 }
 """Titles of the columns of `summarize` and `with_reading_cost`, in the order of tables."""
 
-OPERATIONS = READING_COST_TITLES[0]
-
 KEPT = ("share", "plain_share", "going_speed_error", "yaw_rate_error")
 """What a student keeps of the return, and how well it then follows commands: never apart."""
 
@@ -48,8 +46,7 @@ STANDALONE = ("policy", "robots", "falls", "share", "share_ci", "plain_share", "
 STANDALONE += ("going_speed_error", "yaw_rate_error", "return", "return_ci", "rhythm", *COSTS)
 """Columns of the table of students without the expert."""
 
-MAIN = ("policy", "world", "falls", "share", "share_ci", "plain_share", "plain_share_ci")
-MAIN += ("going_speed_error", "yaw_rate_error", OPERATIONS)
+MAIN = ("policy", "world", "falls", *KEPT, READING_COST_TITLES[0])
 """Columns that a terminal is wide enough for."""
 
 
@@ -76,14 +73,10 @@ def _places(names: list[str]) -> Callable[[pd.Series], pd.Series]:
 
 def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) -> pd.DataFrame:
     """Gives columns of `summarize` their titles."""
-    return table[[name for name in columns if name in table]].rename(columns=_titles(table))
-
-
-def _titles(table: pd.DataFrame) -> dict[str, str]:
-    """Returns titles that name what policies are compared with."""
     reference = policies_of(table)[0]
     other = "the expert" if reference == "expert" else reference
-    return {k: t.replace("the expert", other).replace("s's", "s'") for k, t in TITLES.items()}
+    titles = {k: t.replace("the expert", other).replace("s's", "s'") for k, t in TITLES.items()}
+    return table[[name for name in columns if name in table]].rename(columns=titles)
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -92,7 +85,7 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
     The worst scenario is the one with the greatest lower end of the interval of its share of falls:
     one fall of one robot says less than twenty of 26.
     """
-    rows, titles = [], _titles(table)
+    rows, kept = [], titled_table(table, KEPT).add_prefix("nominal: ")
     for name in policies_of(table):
         everywhere = table[table["policy"] == name]
         worst = everywhere.iloc[everywhere["fall_rate_low"].argmax()]
@@ -101,9 +94,9 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
             "worst scenario": worst["world"] if worst["falls"] else "–",
             "falls there": f"{worst['falls']} of {worst['robots']}",
         }
-        for _, home in everywhere[everywhere["scenario"] == NOMINAL_SCENARIO].iterrows():
-            row |= {f"nominal: {titles[key]}": home[key] for key in KEPT}
-        rows.append(row | {key: worst[key] for key in (OPERATIONS,) if key in table})
+        for home in everywhere.index[everywhere["scenario"] == NOMINAL_SCENARIO]:
+            row |= kept.loc[home].to_dict()
+        rows.append(row | {key: worst[key] for key in READING_COST_TITLES[:1] if key in table})
     return pd.DataFrame(rows)
 
 
