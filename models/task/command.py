@@ -56,7 +56,7 @@ def limit_command(gait: Gait, command: Command) -> Command:
     )
 
 
-def check_command(gait: Gait, **given: float) -> None:
+def check_command(gait: Gait, prefix: str = "command: ", **given: float) -> None:
     """Refuses a `speed` (m/s), `yaw_rate` (rad/s) or `dwell` (control steps) beyond its range."""
     ranges = {
         "speed": (-gait.max_speed, gait.max_speed),
@@ -67,7 +67,7 @@ def check_command(gait: Gait, **given: float) -> None:
         least, greatest = ranges[name]
         if not least <= value <= greatest:
             raise InputError(
-                f"command: {name} is {shown(value)}; give {least:g} to {greatest:g}, the range of "
+                f"{prefix}{name} is {shown(value)}; give {least:g} to {greatest:g}, the range of "
                 f"gait {gait.name!r}"
             )
 

@@ -1,17 +1,18 @@
 """Rolling controllers out: many robots in batch, or single ones in the systems diagram."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pandas as pd
+from annotated_types import Ge
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from glassgait.diagrams.commands import DrawnCommands, SliderCommand
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, push, record
 from glassgait.diagrams.scenario import Scenario
@@ -21,6 +22,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.settings import Count, Range, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.command import check_command
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import Event, Observer, episode
 from glassgait.studies.common.experiment import REPORTED_SEEDS
@@ -63,6 +65,31 @@ class RolloutConfig(Settings):
     def seeds(self) -> range:
         """Every seed."""
         return range(self.seed, self.seed + self.n_seeds)
+
+
+@checked
+class OwnCommand(Settings):
+    """A command; what is not given is of the command that it is laid over.
+
+    Attributes:
+        speed: Forward speed (m/s).
+        yaw_rate: Yaw rate (rad/s).
+        dwell: Iterations to stay in a state of the reward machine (control steps).
+    """
+
+    title: ClassVar[str] = "command"
+
+    speed: float | None = None
+    yaw_rate: float | None = None
+    dwell: Annotated[int, Ge(1)] | None = None
+
+    def over(self, gait: Gait, asked: object = None) -> FixedCommand:
+        """Lays it over a fixed command, else over 0.5 m/s, or as fast as the gait goes."""
+        given = {name: value for name, value in asdict(self).items() if value is not None}
+        check_command(gait, "--command.", **given)
+        if not isinstance(asked, FixedCommand):
+            asked = FixedCommand(min(0.5, gait.max_speed), dwell=int(np.clip(8, *gait.dwell)))
+        return replace(asked, **given)
 
 
 def roll_out(

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from annotated_types import Ge, Gt, Le, MinLen
 
-from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, checked
 from glassgait.studies.common.experiment import Case, Experiment, Report
+from glassgait.studies.common.rollouts import OwnCommand
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,7 +29,7 @@ class Pushes(Experiment):
     """Push walking robots from every side, and draw which pushes each policy survives.
 
     Attributes:
-        command: Command of the robots.
+        command: Command of the robots; by default 0.5 m/s, or the gait's greatest speed.
         n_phases: Instants of the gait's cycle in which robots are pushed.
         n_steps: Control steps from the push until a robot must still walk.
         n_directions: Directions of pushes, equally far apart.
@@ -40,7 +40,7 @@ class Pushes(Experiment):
     n_robots: ClassVar[int] = 1
     n_seeds: ClassVar[int] = 1
 
-    command: FixedCommand = field(default_factory=FixedCommand)
+    command: OwnCommand = field(default_factory=OwnCommand)
     n_phases: Annotated[Count, Le(1000)] = 8
     n_steps: Steps = 250
     n_directions: Annotated[Count, Ge(3), Le(360)] = 12
@@ -53,13 +53,12 @@ class Pushes(Experiment):
     def cases(self) -> list[Case]:
         """Lists one case per policy, in which all robots follow one command."""
         self.refuse_several_scenarios()
-        for gait in self.gaits:
-            self.command.check(gait)
         cases = super().cases()
         if any(case.scenario.accuracy is not None for case in cases):
             raise InputError("--scenario: is continuous; name a scenario of discrete time")
         return [
-            replace(case, scenario=replace(case.scenario, command=self.command)) for case in cases
+            replace(case, scenario=replace(case.scenario, command=self.command.over(case.gait)))
+            for case in cases
         ]
 
     def measure(self, case: Case) -> pd.DataFrame:
@@ -83,8 +82,9 @@ class Pushes(Experiment):
         from glassgait.studies.evaluation import figures, tables
 
         summed, gait = tables.push_summary(table), table["gait"].iloc[0]
+        speed = self.command.over(self.gaits[0]).speed
         title = (
-            f"{gait.capitalize()} at {self.command.speed:g} m/s: which pushes are survived. "
+            f"{gait.capitalize()} at {speed:g} m/s: which pushes are survived. "
             "Direction as angle, speed (m/s) as radius"
         )
         return Report(

@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar
 from annotated_types import Ge
 from rich.text import Text
 
-from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.latex import programs_of, to_latex
@@ -17,6 +16,7 @@ from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.jobs import Steps
+from glassgait.studies.common.rollouts import OwnCommand
 from glassgait.studies.distillation.students import OnePolicy, sums_of_terms
 
 STEP = 100
@@ -31,7 +31,8 @@ class ExplainPage(OnePolicy):
         joint: Joint that is shown first, and whose figures are drawn.
         step: Control step that is shown first, and whose contributions are drawn; by default 100,
             or the last one of a shorter rollout.
-        command: Commanded speed, yaw rate and rhythm.
+        command: Commanded speed, yaw rate and rhythm; by default 0.5 m/s, or the gait's greatest
+            speed.
         n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of the sensors' noise.
         output: Folder of the page; runs/explain/page/<gait>/<policy> by default.
@@ -41,7 +42,7 @@ class ExplainPage(OnePolicy):
 
     joint: str = "FL_hip"
     step: Annotated[int, Ge(0)] | None = None
-    command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
+    command: OwnCommand = field(default_factory=OwnCommand)
     n_steps: Steps = 300
     seed: Seed = 0
     output: Path | None = None
@@ -79,7 +80,7 @@ class ExplainPage(OnePolicy):
         rollout = play(
             gait,
             controller,
-            Scenario(command=self.command),
+            Scenario(command=self.command.over(gait)),
             open_meshcat(),
             replay,
             n_steps=self.n_steps,

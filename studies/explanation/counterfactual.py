@@ -12,7 +12,6 @@ import pandas as pd
 from annotated_types import Ge
 from matplotlib.figure import Figure
 
-from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
@@ -26,6 +25,7 @@ from glassgait.models.settings import Seed, checked
 from glassgait.models.task.observation import entries_of
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
+from glassgait.studies.common.rollouts import OwnCommand
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students import OnePolicy
 
@@ -44,7 +44,8 @@ class ExplainCounterfactual(OnePolicy):
         joint: The joint.
         level: Level of the joint's target (rad); by default 0.1 rad above its target at the step.
         step: Control step of the rollout that is varied.
-        command: Commanded speed, yaw rate and rhythm.
+        command: Commanded speed, yaw rate and rhythm; by default 0.5 m/s, or the gait's greatest
+            speed.
         box: File of the operating box; the gait's shipped one by default.
         seed: Seed of the sensors' noise.
         output: Folder of the results; below runs/explain/counterfactual/<gait> by default.
@@ -55,7 +56,7 @@ class ExplainCounterfactual(OnePolicy):
     joint: str = "FR_calf"
     level: float | None = None
     step: Annotated[int, Ge(0)] = 280
-    command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
+    command: OwnCommand = field(default_factory=OwnCommand)
     box: Path | None = None
     seed: Seed = 0
     output: Path | None = None
@@ -67,7 +68,7 @@ class ExplainCounterfactual(OnePolicy):
         box = load_box(self.box, gait, robot) if self.box else operating_box(gait, robot)
 
         # Roll out up to the step.
-        diagram = MakeLocomotion(gait, Scenario(command=self.command), policy=controller)
+        diagram = MakeLocomotion(gait, Scenario(command=self.command.over(gait)), policy=controller)
         rollout = record(make_simulator(diagram, seed=self.seed), self.step + 1)
         if len(rollout.time) <= self.step:
             fall = f"the robot falls at step {len(rollout.time) - 1}"

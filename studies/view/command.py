@@ -1,13 +1,12 @@
 """`glassgait view`: watches one robot."""
 
-from dataclasses import asdict, field, replace
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import yaml
-from annotated_types import Ge
 
-from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.commands import DrawnCommands, SliderCommand
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario, load_scenario, scenario_name
 from glassgait.diagrams.visualization import open_meshcat
@@ -16,7 +15,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics
-from glassgait.models.settings import Seed, Settings, checked
+from glassgait.models.settings import Seed, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.studies.common.console import console
@@ -24,37 +23,12 @@ from glassgait.studies.common.experiment import PolicySource
 from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.jobs import Steps
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies
-from glassgait.studies.common.rollouts import play
+from glassgait.studies.common.rollouts import OwnCommand, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 
 N_STEPS = 500
-
-
-@checked
-class OwnCommand(Settings):
-    """A command in place of the scenario's.
-
-    Attributes:
-        speed: Forward speed (m/s).
-        yaw_rate: Yaw rate (rad/s).
-        dwell: Iterations to stay in a state of the reward machine (control steps).
-    """
-
-    title: ClassVar[str] = "command"
-
-    speed: float | None = None
-    yaw_rate: float | None = None
-    dwell: Annotated[int, Ge(1)] | None = None
-
-    def over(self, scenario: Scenario) -> Scenario:
-        given = {name: value for name, value in asdict(self).items() if value is not None}
-        if scenario.command != DrawnCommands() and not given:
-            return scenario
-        asked = scenario.command
-        fixed = asked if isinstance(asked, FixedCommand) else FixedCommand()
-        return replace(scenario, command=replace(fixed, **given))
 
 
 @checked
@@ -71,7 +45,8 @@ class View(PolicySource):
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's, where there are no sliders; what is left
-            out is the scenario's. A scenario that names no command asks for 0.5 m/s.
+            out is the scenario's. A scenario that names no command asks for 0.5 m/s, or
+            the gait's greatest speed.
         n_steps: Control steps of the rollout, 500 by default; a fall ends it before. Not with
             --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
@@ -103,8 +78,8 @@ class View(PolicySource):
         scenario = load_scenario(self.scenario)
         if self.live:
             scenario = replace(scenario, command=SliderCommand())
-        else:
-            scenario = self.command.over(scenario)
+        elif self.command != OwnCommand() or scenario.command == DrawnCommands():
+            scenario = replace(scenario, command=self.command.over(gait, scenario.command))
 
         # Names say the policy, the ratio and the scenario.
         folder = self.output or default_folder(self.title, controller.robot.name) / gait.name

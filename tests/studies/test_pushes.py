@@ -113,7 +113,7 @@ def test_command_writes_tables_and_a_picture(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("arguments", "reported"),
-    [(["--speeds", "2", "1"], "name the least first"), (["--command.speed", "3"], "speed is 3")],
+    [(["--speeds", "2", "1"], "name the least first"), (["--command.speed", "3"], "d.speed is 3")],
 )
 def test_pushes_that_cannot_be_are_refused(arguments, reported, refused, tmp_path):
     folder = tmp_path / "run"

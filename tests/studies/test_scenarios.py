@@ -18,9 +18,8 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts import RolloutConfig, pusher, roll_out
+from glassgait.studies.common.rollouts import OwnCommand, RolloutConfig, pusher, roll_out
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.view.command import OwnCommand
 
 EXPERT_ALONE = ["evaluate", "scenarios", "--policy", "expert"]
 SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"]
@@ -106,20 +105,17 @@ def test_students_are_asked_for_what_experts_are_over_the_whole_range(expert):
     assert np.all(np.abs(speed) <= TROT.max_speed)
 
 
-DRAWN, FIXED = Scenario(command=DrawnCommands((0.0, 0.2))), Scenario(command=COMMANDED)
-
-
 @pytest.mark.parametrize(
-    ("given", "scenario", "command"),
+    ("given", "gait", "asked", "command"),
     [
-        (OwnCommand(), Scenario(), FixedCommand(speed=0.5)),
-        (OwnCommand(), DRAWN, DRAWN.command),
-        (OwnCommand(speed=0.1), FIXED, replace(COMMANDED, speed=0.1)),
-        (OwnCommand(dwell=7), DRAWN, FixedCommand(dwell=7)),
+        (OwnCommand(), TROT, None, FixedCommand(speed=0.5)),
+        (OwnCommand(speed=0.1), TROT, COMMANDED, replace(COMMANDED, speed=0.1)),
+        (OwnCommand(dwell=7), TROT, DrawnCommands((0.0, 0.2)), FixedCommand(dwell=7)),
+        (OwnCommand(), replace(TROT, max_speed=0.3), None, FixedCommand(speed=0.3)),
     ],
 )
-def test_a_command_is_laid_over_the_scenarios(given, scenario, command):
-    assert given.over(scenario).command == command
+def test_a_command_is_laid_over_another(given, gait, asked, command):
+    assert given.over(gait, asked) == command
 
 
 def test_a_rollout_records_its_world(icy, tmp_path):
