@@ -52,14 +52,9 @@ def open_run(
 ) -> Iterator[None]:
     """Claims a folder for a run, and writes settings, inputs and software to its `config.yaml`.
 
-    Args:
-        folder: The folder. It must be empty, unless the run that it holds is resumed.
-        inputs: Digests of what the run reads, by name. A setting of the same name, which says where
-            it was read from, is not compared.
-        free: Settings that a continued run may change.
-
-    Raises:
-        InputError: if the folder holds anything else than such a run to resume.
+    The folder must be empty, unless the run that it holds is resumed; else an InputError says so.
+    `inputs` are digests of what the run reads; a setting of the same name, which says where it was
+    read from, is not compared. A continued run may change the `free` settings.
     """
     software = {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
     record = {"study": study, "settings": to_plain(settings), "inputs": dict(inputs)}
