@@ -264,14 +264,14 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
         values.append(float(contributions.values[rest].sum()))
     labels.append("target")
     # Long terms go on in a second line; none is cut.
-    labels = [textwrap.fill(label, 42) for label in labels]
+    labels = [textwrap.fill(label, 64) for label in labels]
     n_lines = sum(label.count("\n") + 1 for label in labels)
     values.append(float(contributions.values.sum()))
 
     # Bars by sign; the sum is neutral.
     colors = [POSITIVE if value > 0 else NEGATIVE for value in values]
     colors[-1] = NEUTRAL
-    figure, axes = subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * n_lines))
+    figure, axes = subplots(figsize=(1.5 * COLUMN_WIDTH, 0.7 + 0.16 * n_lines))
     axes.barh(range(len(labels)), values, color=colors)
     axes.axvline(0.0, color="0.2", linewidth=0.6)
     axes.set_yticks(range(len(labels)), labels, fontsize=6)

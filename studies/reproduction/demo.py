@@ -169,7 +169,7 @@ class _Page:
         for stem, (_, figure) in figures.items():
             save_figure(figure, self.folder / f"{name}_{stem}", ("png",))
         saved = [(own, self.folder / f"{name}_{stem}.png") for stem, (own, _) in figures.items()]
-        self.explanations.append(Section("How the policy acts", figures=saved))
+        self.explanations.append(Section("How the policy acts", figures=saved, wide=True))
         self.write("This page is not complete: reload it for the next part.")
 
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
