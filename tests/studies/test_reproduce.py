@@ -191,7 +191,8 @@ def test_the_paper_is_reproduced_in_small_and_resumed(small, tmp_path, refused):
 
 
 @pytest.mark.slow
-def test_the_demo_shows_a_robot_first_and_then_compares_students(tmp_path, monkeypatch):
+@pytest.mark.parametrize("full", [[], ["--full"]])
+def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path, monkeypatch):
     formulas = SymbolicPerStateSettings(shapes=((20, 20),), start_weights=(1,))
     tiny = DistillationConfig(
         students=("linear", "symbolic_per_state"),
@@ -200,7 +201,7 @@ def test_the_demo_shows_a_robot_first_and_then_compares_students(tmp_path, monke
         episode_steps=60,
         settings=StudentsSettings(symbolic_per_state=formulas),
     )
-    for name, value in {"QUICK": tiny, "REPLAY_STEPS": 50}.items():
+    for name, value in {"QUICK": tiny, "FULL": tiny, "REPLAY_STEPS": 50}.items():
         monkeypatch.setattr(demo, name, value)
     before = []
 
@@ -210,9 +211,10 @@ def test_the_demo_shows_a_robot_first_and_then_compares_students(tmp_path, monke
 
     own_distill = demo.distill
     monkeypatch.setattr(demo, "distill", distill)
-    main(["demo", "--output", str(tmp_path / "run"), "--n-robots", "2"])
+    main(["demo", "--output", str(tmp_path / "run"), "--n-robots", "2", *full])
     assert 'src="formulas_replay.html"' in before[0]
     assert "not complete" in before[0]
     page = (tmp_path / "run" / "report.html").read_text()
     assert "not complete" not in page
     assert "linear" in page
+    assert (tmp_path / "run" / "return.png").exists() == bool(full)
