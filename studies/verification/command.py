@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 import pandas as pd
 import tyro
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from glassgait.diagrams.scenario import Scenario, load_scenarios
 from glassgait.models.arrays import Array
@@ -38,6 +38,7 @@ from glassgait.models.settings import FEW, Settings, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar
 from glassgait.studies.common.episode import episode
+from glassgait.studies.common.jobs import Workers, run_parallel
 from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.rollouts import RolloutConfig
@@ -60,6 +61,7 @@ class Prove(OnePolicy):
         box: File of the operating box; the gait's shipped one by default.
         measure: Measure the operating box anew, in all scenarios, before anything is proved.
         rollouts: How robots are rolled out to measure it.
+        workers: Where they are rolled out.
         output: Folder of the results; runs/verify/prove/<gait>/<policy> by default.
     """
 
@@ -71,6 +73,7 @@ class Prove(OnePolicy):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_robots=4, n_steps=100, n_seeds=1)
     )
+    workers: Annotated[Workers, tyro.conf.arg(name="")] = field(default_factory=Workers)
     output: Path | None = None
 
     def run(self) -> None:
@@ -135,7 +138,8 @@ class Prove(OnePolicy):
             expert = policies.expert
             controllers = {"expert": alone(expert)}
             controllers |= {kind: alone(own, expert) for kind, own in policies.students.items()}
-            box, how = measure_box(gait, controllers, load_scenarios(("all",)), self.rollouts)
+            with self.workers.pool():
+                box, how = measure_box(gait, controllers, load_scenarios(("all",)), self.rollouts)
             box.save(folder / "box.yaml", gait, how)
             return load_box(folder / "box.yaml", gait, robot)
         return load_box(self.box, gait, robot) if self.box else operating_box(gait, robot)
@@ -157,7 +161,7 @@ def measure_box(
     ]
     corners = []
     with progress_bar(len(jobs)) as (progress, bar):
-        for found in Parallel(n_jobs=-1 if len(jobs) > 2 else 1, return_as="generator")(jobs):
+        for found in run_parallel(jobs):
             corners += [] if found is None else [found]
             progress.update(bar, advance=1)
 
