@@ -98,8 +98,7 @@ def _parse(name: str, arguments: list[str]) -> Any:
         parser = ArgumentParser(add_help=False, allow_abbrev=False)
         parser.add_argument("--settings", nargs="?", type=Path)
         path = parser.parse_known_args(arguments)[0].settings
-        default = kind.from_file(path) if path and hasattr(kind, "from_file") else None
-        given = {} if default is None else {"default": default}
+        given = {"default": kind.from_file(path)} if path and hasattr(kind, "from_file") else {}
         return tyro.cli(kind, prog=prog, args=arguments, config=flags, **given)
     from glassgait.studies.reproduction.settings import load_settings, settings_file
 

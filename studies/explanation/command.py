@@ -31,8 +31,7 @@ class ExplainPage(OnePolicy):
         joint: Joint that is shown first, and whose figures are drawn.
         step: Control step that is shown first, and whose contributions are drawn; by default 100,
             or the last one of a shorter rollout.
-        command: Commanded speed, yaw rate and rhythm; by default 0.5 m/s, or the gait's greatest
-            speed.
+        command: Commanded speed (0.5 m/s, or the gait's greatest), yaw rate and rhythm.
         n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of the sensors' noise.
         output: Folder of the page; runs/explain/page/<gait>/<policy> by default.

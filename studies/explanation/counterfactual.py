@@ -44,8 +44,7 @@ class ExplainCounterfactual(OnePolicy):
         joint: The joint.
         level: Level of the joint's target (rad); by default 0.1 rad above its target at the step.
         step: Control step of the rollout that is varied.
-        command: Commanded speed, yaw rate and rhythm; by default 0.5 m/s, or the gait's greatest
-            speed.
+        command: Commanded speed (0.5 m/s, or the gait's greatest), yaw rate and rhythm.
         box: File of the operating box; the gait's shipped one by default.
         seed: Seed of the sensors' noise.
         output: Folder of the results; below runs/explain/counterfactual/<gait> by default.

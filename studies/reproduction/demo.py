@@ -140,11 +140,10 @@ class _Page:
         """Adds a policy's replay and gait diagram, and of formulas the explanation of an action."""
         # The replay opens without a server; it is there before anything is distilled.
         title, file = f"{name}, as shipped", f"{name}_replay.html"
-        scenario = Scenario(command=FixedCommand(speed=0.5))
         rollout = play(
             self.gait,
             alone(policy, self.expert),
-            scenario,
+            Scenario(command=FixedCommand()),
             self.meshcat,
             self.folder / file,
             n_steps=REPLAY_STEPS,

@@ -12,7 +12,6 @@ import pandas as pd
 import tyro
 from annotated_types import Ge, MinLen
 
-from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
@@ -28,7 +27,7 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.jobs import Gaits, Job, Workers, gaits_named, run_jobs
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.rollouts import RolloutConfig
+from glassgait.studies.common.rollouts import OwnCommand, RolloutConfig
 from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.config import DistillationConfig
@@ -54,7 +53,6 @@ PAPER_GAITS = ("walk", "trot", "pace", "bound")
 JOINT = 0  # of the paper's single-joint figures, FL hip
 SEQUENCE_STEPS = 200
 EXPLAINED_STEP = 100
-SPEED = 0.5  # commanded forward speed of the gait sequences (m/s)
 
 WITHOUT_PYSR = (
     "Formulas are searched by Operon, not by PySR: operators, nodes and iterations are counted in "
@@ -255,7 +253,7 @@ def study_gait(report: Report, job: Job) -> GaitResults:
     tops = importances.tables["top_observations"]
 
     # Gait sequences of every student (Figures 3 to 5), and a local explanation (Figure 9).
-    scenario = Scenario(command=FixedCommand(speed=min(SPEED, gait.max_speed)))
+    scenario = Scenario(command=OwnCommand().over(gait))
     for kind, student in students.items():
         diagram = MakeLocomotion(gait, scenario, policy=alone(student, expert))
         rollout = record(make_simulator(diagram), SEQUENCE_STEPS)

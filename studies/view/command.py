@@ -28,8 +28,6 @@ from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 
-N_STEPS = 500
-
 
 @checked
 class View(PolicySource):
@@ -45,8 +43,7 @@ class View(PolicySource):
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's, where there are no sliders; what is left
-            out is the scenario's. A scenario that names no command asks for 0.5 m/s, or
-            the gait's greatest speed.
+            out is the scenario's. Where it names none, 0.5 m/s or the gait's greatest speed.
         n_steps: Control steps of the rollout, 500 by default; a fall ends it before. Not with
             --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
@@ -95,7 +92,7 @@ class View(PolicySource):
             rollout = play_live(gait, controller, scenario, meshcat, replay, seed=self.seed)
             ending = "stopped"
         else:
-            options = {"n_steps": self.n_steps or N_STEPS, "seed": self.seed}
+            options = {"n_steps": self.n_steps or 500, "seed": self.seed}
             rollout = play(gait, controller, scenario, meshcat, replay, **options)
             ending = "fell" if rollout.failed else "stayed up"
 
