@@ -82,10 +82,9 @@ class Pushes(Experiment):
         from glassgait.studies.evaluation import figures, tables
 
         summed, gait = tables.push_summary(table), table["gait"].iloc[0]
-        speed = self.command.over(self.gaits[0]).speed
         title = (
-            f"{gait.capitalize()} at {speed:g} m/s: which pushes are survived. "
-            "Direction as angle, speed (m/s) as radius"
+            f"{gait.capitalize()} at {self.command.over(self.gaits[0]).speed:g} m/s: "
+            "which pushes are survived. Direction as angle, speed (m/s) as radius"
         )
         return Report(
             tables={"summary": summed, "pushes": tables.push_table(table)},

@@ -1,6 +1,6 @@
 """Tables of evaluations: falls by scenario, students beside their expert, pushes survived."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import pandas as pd
@@ -59,16 +59,11 @@ def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     table = summarize(scores, ["policy", "scenario"], against=policies_of(scores)[0])
     table.insert(2, "world", table["scenario"].map(titles))
     # Equally bad scenarios stay in the order in which they were named.
-    table = table.sort_values("scenario", key=_places(list(titles)), kind="stable")
+    table = table.sort_values("scenario", key=lambda x: x.map(list(titles).index), kind="stable")
     policies, scenarios = policies_of(table), worst_first(table)
-    table = table.sort_values("policy", key=_places(policies), kind="stable")
-    table = table.sort_values("scenario", key=_places(scenarios), kind="stable")
+    table = table.sort_values("policy", key=lambda x: x.map(policies.index), kind="stable")
+    table = table.sort_values("scenario", key=lambda x: x.map(scenarios.index), kind="stable")
     return table.reset_index(drop=True)
-
-
-def _places(names: list[str]) -> Callable[[pd.Series], pd.Series]:
-    """Returns a key that sorts names by their places in a list."""
-    return lambda column: column.map(names.index)
 
 
 def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) -> pd.DataFrame:
