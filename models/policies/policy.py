@@ -270,7 +270,7 @@ class Policy(ABC):
         made = type(self)(self.gait, self.observation_names, robot=self.robot, **arrays)
         return made.with_joint_law(self.joint_law)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         arrays, values = self.to_arrays()
         header = {
             "format": FORMAT_VERSION,
@@ -283,7 +283,7 @@ class Policy(ABC):
             header["robot"] = self.robot.name
         if law := self.joint_law.to_plain():
             header["joint_law"] = law
-        save_arrays(path, {name: narrowest(array) for name, array in arrays.items()}, header)
+        save_arrays(Path(path), {name: narrowest(array) for name, array in arrays.items()}, header)
 
     def compact(self) -> Self:
         """Returns the policy with numbers that take less space in a file, where that helps."""

@@ -135,8 +135,8 @@ class FormulaPolicy(Policy):
         """Writes the policy as text, from which `from_file` builds the same policy."""
         return write_formulas(self.to_file())
 
-    def save(self, path: Path) -> None:
-        write_atomically(path, self.to_text())
+    def save(self, path: str | Path) -> None:
+        write_atomically(Path(path), self.to_text())
 
     @staticmethod
     def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":

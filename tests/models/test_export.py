@@ -185,7 +185,7 @@ def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
     gait = parse_gait(ODD, name="odd gait") if name == "odd" else load_gait(name)
     found = agree(gait, make_policy(gait), small_expert(gait), n_steps=1000)
     assert found.machine == 0
-    assert found.changes > 3
+    assert found.changes > 0
     assert found.target < 1e-12
 
 
