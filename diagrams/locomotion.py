@@ -86,8 +86,7 @@ def MakeLocomotion(  # noqa: N802
     errors and commands. Pushes come from outside; see `glassgait.diagrams.rollout.push`.
 
     Args:
-        gait: A gait, its name, or the path of a gait file.
-        scenario: A scenario, its name, or the path of a scenario file.
+        gait, scenario: A `Gait` and a `Scenario`, or the name or the path of a file of each.
         policy: A policy, a `Controller` of two in alternation, or a function from the observation
             (..., n) to an action (..., 12); see `FunctionPolicy`.
 
@@ -105,9 +104,7 @@ def MakeLocomotion(  # noqa: N802
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     builder = DiagramBuilder()
     add = partial(_add, builder)
-    controller = controller_of(
-        _asked_from_outside if policy is None else policy, gait, scenario.robot_of()
-    )
+    controller = controller_of(_outside if policy is None else policy, gait, scenario.robot_of())
     estimator = estimator_in_loop(controller, true_body_state=scenario.true_body_state)
     robot, law = scenario.robot_of(controller), scenario.joint_law(controller)
     layout = ObservationLayout(gait.n_states, imu=controller.expert.layout.imu)
@@ -130,24 +127,8 @@ def MakeLocomotion(  # noqa: N802
     ports |= _add_observation(
         builder, robot, scenario, gait, layout, estimator, ports, limited=law.limited
     )
-    if policy is None:
-        outside = add("outside_action", PassThrough(quadruped.N_JOINTS))
-        builder.ExportInput(outside.get_input_port(), "action")
-        asked = outside.get_output_port()
-    else:
-        asked = _add_policies(builder, controller, gait, layout, ports["observation"])
-    limits = TargetLimitsSystem(robot, law.limits)
-    sensed = () if law.limits is None else ("joints", "imu")
-    add(
-        "target_limits",
-        limits,
-        action=asked,
-        previous_action=ports["held_action"],
-        **{name: ports[name] for name in sensed},
-    )
-    ports["action"] = limits.get_output_port()
-    builder.Connect(asked, hold.GetInputPort("asked_action"))
-    builder.Connect(ports["action"], hold.GetInputPort("action"))
+    acting = controller if policy is not None else None
+    ports["action"] = _add_action(builder, robot, law, acting, gait, layout, hold, ports)
     targets = JointTargets(robot, actuated_joints(plant), limited=law.limited)
     add("joint_targets", targets, action=ports["delayed_action"])
     builder.Connect(targets.get_output_port(), plant.get_desired_state_input_port(instance))
@@ -164,8 +145,8 @@ def MakeLocomotion(  # noqa: N802
     return diagram
 
 
-def _asked_from_outside(observation: Array) -> Array:
-    raise NotImplementedError  # a system outside of the diagram acts
+def _outside(observation: Array) -> Array:
+    raise NotImplementedError  # A system outside the diagram acts; this stands for its policy.
 
 
 def _add(builder: DiagramBuilder, name: str, system: S, **inputs: OutputPort | None) -> S:
@@ -302,6 +283,32 @@ def _add_observation(
     builder.Connect(proprioception.get_output_port(), observation.get_input_port(0))
     builder.Connect(body.GetOutputPort("body_state"), observation.get_input_port(1))
     return _outputs(machine) | {"observation": observation.get_output_port()}
+
+
+def _add_action(
+    builder: DiagramBuilder,
+    robot: Robot,
+    law: JointLaw,
+    controller: "Controller | None",
+    gait: Gait,
+    layout: ObservationLayout,
+    hold: ActionHold,
+    ports: Ports,
+) -> OutputPort:
+    """Adds policies, or an input in their place, and the limits; returns the limited action."""
+    if controller is None:
+        outside = builder.AddNamedSystem("outside_action", PassThrough(quadruped.N_JOINTS))
+        builder.ExportInput(outside.get_input_port(), "action")
+        asked = outside.get_output_port()
+    else:
+        asked = _add_policies(builder, controller, gait, layout, ports["observation"])
+    limits = TargetLimitsSystem(robot, law.limits)
+    sensed = ("joints", "imu") if law.limits else ()
+    inputs = {name: ports[name] for name in sensed} | {"previous_action": ports["held_action"]}
+    _add(builder, "target_limits", limits, action=asked, **inputs)
+    builder.Connect(asked, hold.GetInputPort("asked_action"))
+    builder.Connect(limits.get_output_port(), hold.GetInputPort("action"))
+    return limits.get_output_port()
 
 
 def _add_policies(

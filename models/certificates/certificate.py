@@ -161,7 +161,7 @@ def content_digest(content: dict[str, Any]) -> str:
 
 
 def certificate_text(content: dict[str, Any]) -> str:
-    """Writes a certificate with one claim or statement on each line."""
+    """Writes a certificate with one claim on each line."""
     lines = []
     for key, value in content.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):

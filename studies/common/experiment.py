@@ -149,8 +149,7 @@ def _measure(measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) ->
 
 @dataclass(frozen=True)
 class Report:
-    """The results of an experiment: files by their names; tables by their titles, and a sentence,
-    to print."""
+    """The results of an experiment: what is written, by file name, and what is printed."""
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     metrics: Any = None

@@ -1,4 +1,4 @@
-"""Checks a certificate without the program that proved it, or anything by which policies act."""
+"""Checks certificates by code that neither the prover nor the policies use."""
 
 from .certificate import Decision, check
 from .files import RefusedError
