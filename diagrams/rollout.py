@@ -209,8 +209,8 @@ def find_locomotion(diagram: Diagram) -> Diagram:
     found = list(_locomotions(diagram))
     if len(found) != 1:
         raise InputError(
-            f"diagram {diagram.get_name()!r} contains {len(found)} diagrams of MakeLocomotion; "
-            "give one that contains exactly one"
+            f"diagram {diagram.get_name()!r} holds {len(found)} of what MakeLocomotion builds; "
+            "give one that holds exactly one"
         )
     return found[0]
 
