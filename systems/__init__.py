@@ -1,1 +1,1 @@
-"""Drake leaf systems, one a file, each thin over a pure function of `models`."""
+"""Drake leaf systems, each a thin wrapper of a pure function in `models`."""

@@ -30,9 +30,8 @@ class PolicySystem(FunctionSystem):
         output_ports: [action]
 
     Inputs: observation (n), in the order of the policy's `observation_names`.
-    Outputs: action (12), FL FR RL RR, hip thigh calf; NaN where the policy has no sound
-    answer.
-    The policy is an immutable member that contexts and clones share.
+    Outputs: action (12), FL FR RL RR, hip thigh calf; NaN where the policy has no valid answer.
+    Contexts and clones share the policy, which is immutable.
     """
 
     def __init__(self, policy: "Policy") -> None:
@@ -48,21 +47,21 @@ class PolicySystem(FunctionSystem):
 class AlternationSchedule(LeafSystem):
     """Lets the expert act every n-th control step (paper, Algorithm 1).
 
-    Its output selects an input of Drake's `PortSwitch`, which evaluates only the policy that acts.
+    Its output selects an input of Drake's `PortSwitch`, which evaluates only the selected policy.
 
     .. pydrake_system::
 
         name: AlternationSchedule
         output_ports: [port_selector]
 
-    Outputs: port_selector (abstract, InputPortIndex), the expert's port or the student's; a
-    function of time.
+    Outputs: port_selector (abstract, InputPortIndex), the port of the expert or of the student, as
+    a function of time.
     """
 
     def __init__(
         self, period: int, expert_port: InputPortIndex, student_port: InputPortIndex
     ) -> None:
-        """Takes the expert's period (control steps); with 0 only the student acts."""
+        """Sets the expert's period (control steps); with period 0 only the student acts."""
         super().__init__()
         self._period, self._expert, self._student = period, expert_port, student_port
         self.DeclareAbstractOutputPort(
@@ -79,7 +78,7 @@ class AlternationSchedule(LeafSystem):
 
 
 class TargetLimitsSystem(FunctionSystem):
-    """Applies the limits that come last between a policy and the joints; see `TargetLimits`.
+    """Applies the final limits between a policy and the joints; see `TargetLimits`.
 
     .. pydrake_system::
 
@@ -87,10 +86,10 @@ class TargetLimitsSystem(FunctionSystem):
         input_ports: [action, previous_action, joints, imu]
         output_ports: [limited_action]
 
-    Inputs: action (12), as the policy asks for it. previous_action (12), within the limits. Only
-    where there are limits: joints (24; rad, rad/s), measured positions, then velocities; imu (9),
-    the IMU's reading.
-    Outputs: limited_action (12); the previous one where not all that is asked is finite.
+    Inputs: action (12), the policy's output. previous_action (12), within the limits. Without
+    limits, the system has no ports joints (24; rad, rad/s), the measured positions, then
+    velocities, and imu (9), the IMU's reading.
+    Outputs: limited_action (12), the previous action if `action` is not finite.
     """
 
     def __init__(self, robot: Robot, limits: TargetLimits | None) -> None:
@@ -100,7 +99,7 @@ class TargetLimitsSystem(FunctionSystem):
         )
         self._robot, self._limits = robot, limits
         if limits is not None:
-            # Actions begin at the default stance, which the limits have to allow.
+            # Actions start at the default stance, so the limits must allow it.
             limits.check(robot)
 
     def evaluate(self, action: Array, previous_action: Array, **sensed: Array) -> Outputs:
@@ -118,11 +117,11 @@ class TargetLimitsSystem(FunctionSystem):
 
 
 class ActionHold(LeafSystem):
-    """Holds the action between two control steps, and passes it on to the joints some time later.
+    """Holds the action between control steps and delays it on its way to the joints.
 
-    It latches in an unrestricted update, before the plant's discrete update of the same instant:
-    an action without latency acts at once. Drake's `ZeroOrderHold` latches in a discrete update, a
-    plant step late.
+    The action is latched in an unrestricted update, which precedes the plant's discrete update of
+    the same instant, so an action without latency acts at once. Drake's `ZeroOrderHold` latches in
+    a discrete update, one plant step later.
 
     .. pydrake_system::
 
@@ -130,44 +129,44 @@ class ActionHold(LeafSystem):
         input_ports: [asked_action, action]
         output_ports: [held_action, previous_action, is_sound, delayed_action]
 
-    Inputs: asked_action (12), before limits. action (12), within them.
-    Outputs: held_action (12), the latest; previous_action (12), the one before it; delayed_action
-    (12), the one that was the latest `latency` seconds ago. All are zero at first. is_sound (1,
-    {0, 1}), whether all of the latest asked action is finite.
-    State: the latest two actions and is_sound, latched every 20 ms; with a latency the delayed one
-    and those that wait to follow it, latched `latency` after a control instant.
+    Inputs: asked_action (12), before limits. action (12), within limits.
+    Outputs: held_action (12), the latest action; previous_action (12), the action before it;
+    delayed_action (12), the held action of `latency` seconds ago. All are zero at first. is_sound
+    (1, {0, 1}), whether the latest asked action is finite.
+    State: the latest two actions and is_sound, latched every 20 ms. With a latency also the
+    delayed action and the queue behind it, latched `latency` after each control instant.
     """
 
     def __init__(self, latency: float = 0.0, time_step: float = 0.0) -> None:
-        """Takes the latency (s), up to two control periods, in whole steps of a discrete plant (s).
+        """Sets the latency (s; at most two control periods) and the plant's time step (s).
 
-        A continuous plant has time step 0.
+        The latency is a whole number of time steps. A continuous plant has time step 0.
         """
         super().__init__()
 
-        # The latest two actions, and whether the last one is as asked.
+        # State: the latest two actions, and whether the last asked action was finite.
         self._asked_port = self.DeclareVectorInputPort("asked_action", N)
         self._action_port = self.DeclareVectorInputPort("action", N)
         self._actions = self.DeclareDiscreteState(np.append(np.zeros(2 * N), 1.0))
-        self._declare_part("held_action", slice(N))
-        self._declare_part("previous_action", slice(N, 2 * N))
-        self._declare_part("is_sound", slice(2 * N, None))
+        self._declare_output("held_action", slice(N))
+        self._declare_output("previous_action", slice(N, 2 * N))
+        self._declare_output("is_sound", slice(2 * N, None))
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
 
         # The action that the joints follow.
         if latency == 0.0:
-            self._declare_part("delayed_action", slice(N))
+            self._declare_output("delayed_action", slice(N))
             return
-        # Within a period an action may be passed on; else it waits until the next one has come.
-        waiting = math.ceil(latency / CONTROL_PERIOD - 1e-9) - 1
+        # With a latency above one period, an action waits while its successor is latched.
+        n_waiting = math.ceil(latency / CONTROL_PERIOD - 1e-9) - 1
         self._delayed = self.DeclareDiscreteState(N)
-        self._waiting = self.DeclareDiscreteState(waiting * N)
+        self._waiting = self.DeclareDiscreteState(n_waiting * N)
         self.DeclareStateOutputPort("delayed_action", self._delayed)
         if time_step:
-            # Updates at the plant's instants: those of another period and offset would differ from
-            # them by rounding errors, and come before or after the plant's at random.
+            # Update with the plant's period: events of another period and offset differ from the
+            # plant's by rounding errors, so their order would be random.
             self._step, self._phase = time_step, round(latency / time_step)
             self._n_steps = round(CONTROL_PERIOD / time_step)
             self.DeclarePeriodicUnrestrictedUpdateEvent(
@@ -180,11 +179,11 @@ class ActionHold(LeafSystem):
                 update=self._pass_on,
             )
 
-    def _declare_part(self, name: str, part: slice) -> None:
+    def _declare_output(self, name: str, entries: slice) -> None:
         def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(context.get_discrete_state(self._actions).value()[part])
+            output.SetFromVector(context.get_discrete_state(self._actions).value()[entries])
 
-        size = len(range(2 * N + 1)[part])
+        size = len(range(2 * N + 1)[entries])
         self.DeclareVectorOutputPort(
             name=name, size=size, calc=calc, prerequisites_of_calc={self.xd_ticket()}
         )
@@ -203,13 +202,13 @@ class ActionHold(LeafSystem):
     def _pass_on(self, context: Context, state: State) -> None:
         held = context.get_discrete_state(self._actions).value()[:N]
         waiting = context.get_discrete_state(self._waiting).value()
-        passed, waiting = np.split(np.concatenate([waiting, held]), [N])
-        state.get_mutable_discrete_state(self._delayed).SetFromVector(passed)
+        delayed, waiting = np.split(np.concatenate([waiting, held]), [N])
+        state.get_mutable_discrete_state(self._delayed).SetFromVector(delayed)
         state.get_mutable_discrete_state(self._waiting).SetFromVector(waiting)
 
 
 class JointTargets(FunctionSystem):
-    """Maps an action to the plant's desired state.
+    """Converts an action to the plant's desired state.
 
     .. pydrake_system::
 
@@ -223,7 +222,7 @@ class JointTargets(FunctionSystem):
     """
 
     def __init__(self, robot: Robot, actuated_joints: list[str], *, limited: bool = False) -> None:
-        """Takes the joints' names in the order of the plant's actuators."""
+        """Sets the robot and the joint names in the order of the plant's actuators."""
         super().__init__(inputs={"action": N}, outputs={"desired_state": 2 * N})
         self._robot, self._limited = robot, limited
         self._order = [quadruped.JOINTS.index(name) for name in actuated_joints]

@@ -1,4 +1,4 @@
-"""Bases of the leaf systems: named ports over a pure function, computed once for all outputs."""
+"""Base classes of the leaf systems: named ports around one function that computes all outputs."""
 
 from abc import abstractmethod
 from collections.abc import Collection, Mapping
@@ -21,18 +21,18 @@ from glassgait.models.task import CONTROL_PERIOD
 
 STATE = quadruped.N_POSITIONS + quadruped.N_VELOCITIES  # length of the plant's state
 
-Outputs = Mapping[str, ArrayLike]  # vectors by the names of their ports
+Outputs = Mapping[str, ArrayLike]  # port name to vector
 
 
 class FunctionSystem(LeafSystem):
-    """Maps its inputs to its outputs and remembers nothing."""
+    """Computes its outputs from its inputs, without state."""
 
     def __init__(
         self, inputs: Mapping[str, int], outputs: Mapping[str, int], optional: Collection[str] = ()
     ) -> None:
         """Declares ports of the given sizes.
 
-        Inputs that are optional may stay unconnected; `evaluate` is then called without them.
+        Optional inputs may stay unconnected; `evaluate` is then called without them.
         """
         super().__init__()
         self._declare(inputs, outputs, optional, {self.all_input_ports_ticket()})
@@ -54,12 +54,12 @@ class FunctionSystem(LeafSystem):
         optional: Collection[str],
         tickets: set[DependencyTicket],
     ) -> None:
-        """Declares ports, and the cache entry that all outputs are parts of."""
+        """Declares the ports and the cache entry that holds all outputs."""
         self._optional = frozenset(optional)
         self._ports = {
             name: self.DeclareVectorInputPort(name, size) for name, size in inputs.items()
         }
-        # Without the entry, Drake would call the function anew for every output.
+        # Without the cache entry, Drake would call the function once per output.
         self._entry = self.DeclareCacheEntry(
             description="outputs",
             value_producer=ValueProducer(lambda: AbstractValue.Make(object()), self._calc),
@@ -85,10 +85,10 @@ class FunctionSystem(LeafSystem):
 
 
 class MealySystem(FunctionSystem):
-    """Remembers a vector; its outputs show this instant's inputs already.
+    """Computes its outputs from its inputs and a state vector, its memory.
 
-    It latches every 20 ms in an unrestricted update, which comes before the plant's discrete update
-    of the same instant.
+    The memory is latched every 20 ms in an unrestricted update, which precedes the plant's discrete
+    update of the same instant.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class MealySystem(FunctionSystem):
         memory: ArrayLike,
         optional: Collection[str] = (),
     ) -> None:
-        """Declares ports as `FunctionSystem` does, and what is remembered at first."""
+        """Declares ports as `FunctionSystem` does, and the initial memory."""
         LeafSystem.__init__(self)
         self._memory = self.DeclareDiscreteState(memory)
         self._declare(inputs, outputs, optional, {self.all_input_ports_ticket(), self.xd_ticket()})
@@ -108,10 +108,10 @@ class MealySystem(FunctionSystem):
 
     @abstractmethod
     def step(self, memory: Array, **inputs: Array) -> tuple[Outputs, ArrayLike]:
-        """Returns the outputs by name, and what is remembered until the next control step."""
+        """Returns the outputs by name, and the memory for the next control step."""
 
     def memory(self, context: Context) -> Array:
-        """Returns what is remembered of the control step before."""
+        """Returns the memory of the previous control step."""
         return context.get_discrete_state(self._memory).value()
 
     def _calc(self, context: Context, value: AbstractValue) -> None:

@@ -31,13 +31,13 @@ class RandomCommand(LeafSystem):
 
     Inputs: seed (1), any number.
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1,
-    control steps). Each command is a function of the seed and of the 10 s that time is in.
+    control steps). Each command is a function of the seed and of the current 10 s interval.
     """
 
     def __init__(self, gait: Gait, speed_range: tuple[float, float] | None = None) -> None:
-        """Draws forward speeds of a range (m/s), by default the gait's."""
+        """Sets the range of forward speeds (m/s), by default the gait's."""
         super().__init__()
-        # Seeding a generator takes longer than anything else here, and the draw holds for 10 s.
+        # Cached, since seeding a generator is slow and a command holds for 10 s.
         self._drawn = lru_cache(maxsize=8)(partial(_draw, gait, speed_range))
         self._seed_port = self.DeclareVectorInputPort("seed", 1)
         tickets = {self.time_ticket(), self.all_input_ports_ticket()}
@@ -59,7 +59,7 @@ def _draw(gait: Gait, speed_range: tuple[float, float] | None, seed: int, interv
 
 
 class MeshcatCommand(LeafSystem):
-    """Reads the command from sliders, or from a gamepad, once every control step.
+    """Reads the command from sliders or a gamepad at every control step.
 
     .. pydrake_system::
 
@@ -68,9 +68,8 @@ class MeshcatCommand(LeafSystem):
 
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1,
     control steps).
-    A browser reports a gamepad once one of its buttons was pressed in Meshcat's window. From then
-    on its sticks command in place of the sliders of speed and yaw rate, and nothing once its
-    browser is gone.
+    A browser reports a gamepad after a button press in Meshcat's window. The gamepad's sticks then
+    replace the sliders of speed and yaw rate. If the browser disconnects, both are zero.
     State: the command and the commanded dwell, latched every 20 ms (unrestricted update).
     """
 
@@ -78,7 +77,7 @@ class MeshcatCommand(LeafSystem):
         super().__init__()
         self._meshcat, self._gait = meshcat, gait
 
-        # Until the first update, the command is where the sliders begin.
+        # Before the first update, the command equals the sliders' initial values.
         velocity, dwell = [0.5 * gait.max_speed, 0.0], float(sum(gait.dwell) // 2)
         self._command = self.DeclareDiscreteState(velocity)
         self._dwell = self.DeclareDiscreteState([dwell])
@@ -99,15 +98,15 @@ class MeshcatCommand(LeafSystem):
         *velocity, dwell = (self._meshcat.GetSliderValue(name) for name in sliders)
         gamepad = self._meshcat.GetGamepad()
         if gamepad.index is not None:
-            # Meshcat keeps the last report of a browser that is gone.
-            is_there = self._meshcat.GetNumActiveConnections() > 0
-            velocity = gamepad_velocity(self._gait, gamepad.axes if is_there else ())
+            # Meshcat keeps the last report of a disconnected browser.
+            is_connected = self._meshcat.GetNumActiveConnections() > 0
+            velocity = gamepad_velocity(self._gait, gamepad.axes if is_connected else ())
         state.get_mutable_discrete_state(self._command).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._dwell).SetFromVector([dwell])
 
 
 class GivenCommand(LeafSystem):
-    """Gives the command of a planner where it is connected, and else the drawn one.
+    """Outputs a planner's command if one is connected, and the drawn command otherwise.
 
     .. pydrake_system::
 
@@ -116,12 +115,12 @@ class GivenCommand(LeafSystem):
         output_ports: [command, commanded_dwell]
 
     Inputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame; commanded_dwell (1,
-    control steps); each may stay unconnected. drawn_command (2), drawn_dwell (1), which pass
-    unchanged in their place.
-    Outputs: command (2), commanded_dwell (1), the nearest to what is given that the gait is made
-    for. They depend on the inputs of the same kind only: a planner may choose the speed by the
-    machine's state, which depends on the dwell.
-    An input that is connected and not finite raises an InputError.
+    control steps); each may stay unconnected. drawn_command (2) and drawn_dwell (1) pass unchanged
+    if the input is unconnected.
+    Outputs: command (2), commanded_dwell (1), the planner's values limited to the gait's ranges.
+    The command depends on command inputs only, and the dwell on dwell inputs, so that a planner can
+    choose the speed from the reward machine's state, which depends on the dwell.
+    A connected input that is not finite raises an InputError.
     """
 
     def __init__(self, gait: Gait) -> None:
@@ -152,7 +151,7 @@ class GivenCommand(LeafSystem):
                 f"input port {given.get_name()!r}: is given {shown(value.tolist())}; give finite "
                 "numbers"
             )
-        # The other part of the command does not matter.
+        # `limit_command` limits velocity and dwell separately; the other value is a placeholder.
         command = [np.zeros(2), np.array(float(self._gait.dwell[0]))]
         command[index] = value
         output.SetFromVector(limit_command(self._gait, Command(*command))[index])

@@ -1,4 +1,4 @@
-"""Systems that estimate the body state: odometry, or a network."""
+"""Systems that estimate the body state by odometry or a network."""
 
 from collections.abc import Callable
 
@@ -14,11 +14,11 @@ from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.systems.base import MealySystem, Outputs
 
 FOOT_HEIGHT = slice(-quadruped.N_LEGS, None)
-"""Foot heights in the body state, and in what an estimator remembers."""
+"""Entries of the foot heights, in the body state and in an estimator's memory."""
 
 
 class StateEstimator(MealySystem):
-    """Estimates the body state from what the robot measures or knows.
+    """Estimates the body state from proprioception by a learned network.
 
     .. pydrake_system::
 
@@ -27,14 +27,15 @@ class StateEstimator(MealySystem):
         output_ports: [body_state, previous_foot_height]
 
     Inputs: proprioception (40 + n_states), in the order of `ObservationLayout`.
-    Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
-    (m). previous_foot_height (4, m), those heights at the control instant before; zero at first. A
-    reward machine that reads them closes no loop with an estimator that sees its state.
-    State: the foot heights.
+    Outputs: body_state (7), base linear velocity times 2 (m/s, trunk frame) and foot heights (m).
+    previous_foot_height (4, m), the foot heights at the previous control instant, zero at first.
+    The reward machine reads these, since the estimator observes the RM state: the current heights
+    would close an algebraic loop.
+    State: the foot heights (4, m).
     """
 
     def __init__(self, estimator: Callable[[Array], Array], n_proprioceptive: int) -> None:
-        """Takes what maps proprioception (40 + n_states) to the body state (7)."""
+        """Sets the function from proprioception (40 + n_states) to the body state (7)."""
         super().__init__(
             inputs={"proprioception": n_proprioceptive},
             outputs={"body_state": N_ESTIMATED},
@@ -49,7 +50,7 @@ class StateEstimator(MealySystem):
 
 
 class OdometrySystem(MealySystem):
-    """Estimates the body state from the IMU, the joints and the feet that stand.
+    """Estimates the body state from the IMU, the joints and the stance feet.
 
     .. pydrake_system::
 
@@ -57,14 +58,13 @@ class OdometrySystem(MealySystem):
         input_ports: [joints, imu, touching]
         output_ports: [body_state, previous_foot_height, expected_foot_height]
 
-    Inputs: joints (24; rad, rad/s), measured positions, then velocities. imu (9), the reading.
-    touching (4, {0, 1}), FL FR RL RR, which feet seem to press on the ground at this instant.
-    Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
-    above the plane of the footholds (m). previous_foot_height (4, m), those heights at the control
-    instant before, as `StateEstimator` has them. expected_foot_height (4, m), of this instant,
-    before it is known which feet touch; both are zero at first.
-    State: whether there is an instant before (1), what odometry remembers of it (3 m/s, 12 m, 4,
-    3 rad/s), and its foot heights (4, m). Feedthrough: all inputs to body_state, joints to
+    Inputs: joints (24; rad, rad/s), measured positions, then velocities. imu (9), the IMU's
+    reading. touching (4, {0, 1}), FL FR RL RR, the believed contacts.
+    Outputs: body_state (7), base linear velocity times 2 (m/s, trunk frame) and foot heights above
+    the plane of the footholds (m). previous_foot_height (4, m), as in `StateEstimator`.
+    expected_foot_height (4, m), estimated without the current contacts. Both are zero at first.
+    State: whether there was a previous instant (1), the `OdometryState` then (3 m/s, 12 m, 4,
+    3 rad/s), and the foot heights then (4, m). Feedthrough: all inputs to body_state, joints to
     expected_foot_height.
     """
 
@@ -76,7 +76,7 @@ class OdometrySystem(MealySystem):
         )
         self._robot, self._odometry = robot, odometry
         declare_previous_foot_height(self)
-        # Contacts are read by it, so that it must not depend on them.
+        # `ContactTrustSystem` reads this output, which therefore must not depend on contacts.
         self.DeclareVectorOutputPort(
             name="expected_foot_height",
             size=quadruped.N_LEGS,
@@ -87,7 +87,7 @@ class OdometrySystem(MealySystem):
     def step(
         self, memory: Array, joints: Array, imu: Array, touching: Array
     ) -> tuple[Outputs, Array]:
-        # At first there is nothing to integrate from: the robot is taken to be at rest.
+        # Assume at the first instant that the robot is at rest.
         position, velocity = np.split(joints, 2)
         before = _unpacked(memory)
         if before is None:
@@ -102,7 +102,7 @@ class OdometrySystem(MealySystem):
                 touching=touching > 0.5,
             )
 
-        # Remember it for the next step, flat, as a context holds numbers.
+        # Flatten the estimate for the context.
         body_state = self._odometry.body_state(self._robot, now, position)
         after = [[1.0], now.velocity, now.footholds.ravel(), now.touching, now.turning]
         return {"body_state": body_state}, np.concatenate([*after, body_state[FOOT_HEIGHT]])
@@ -117,7 +117,7 @@ class OdometrySystem(MealySystem):
 
 
 def declare_previous_foot_height(system: MealySystem) -> None:
-    """Declares an output of the foot heights that an estimator's memory ends with."""
+    """Declares an output of the foot heights, the last entries of an estimator's memory."""
 
     def calc(context: Context, output: BasicVector) -> None:
         output.SetFromVector(system.memory(context)[FOOT_HEIGHT])
@@ -131,7 +131,7 @@ def declare_previous_foot_height(system: MealySystem) -> None:
 
 
 def _unpacked(memory: Array) -> OdometryState | None:
-    """Returns what odometry remembers of the instant before; None if there was none."""
+    """Returns odometry's state at the previous instant; None if there was none."""
     begun, velocity, footholds, touching, turning, _ = np.split(memory, [1, 4, 16, 20, 23])
     if begun[0] < 0.5:
         return None

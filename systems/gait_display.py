@@ -11,7 +11,7 @@ from glassgait.models.task.drawing import state_colors
 from glassgait.models.task.gait import Gait
 from glassgait.systems.base import STATE
 
-DISPLAY_PERIOD = 1.0 / 32.0  # time between two pictures (s)
+DISPLAY_PERIOD = 1.0 / 32.0  # time between two frames (s)
 
 PATH = "gait"
 WORLD_PATH = "/drake"  # Meshcat's root of everything that Drake draws
@@ -21,7 +21,7 @@ TILE = 0.5  # edge of the pavement's tiles (m)
 
 
 class GaitDisplay(LeafSystem):
-    """Draws a beacon above the trunk, coloured by the machine's state, and marks feet that touch.
+    """Draws a beacon in the RM state's colour above the trunk, and marks feet in contact.
 
     .. pydrake_system::
 
@@ -29,8 +29,8 @@ class GaitDisplay(LeafSystem):
         input_ports: [state, rm_state, foot_contact]
 
     Inputs: state (37), the plant's. rm_state (n_states, one-hot). foot_contact (4, {0, 1}).
-    Publishes to Meshcat every 1/32 s and when forced, the whole scene moved so that the robot stays
-    in the middle, and the pavement by whole tiles so that it never ends.
+    Publishes to Meshcat every 1/32 s and when forced. The whole scene is moved so that the robot
+    stays in the middle; the pavement moves by whole tiles, so it seems endless.
     """
 
     def __init__(self, robot: Robot, gait: Gait, meshcat: Meshcat) -> None:
@@ -39,7 +39,7 @@ class GaitDisplay(LeafSystem):
         self._state_port = self.DeclareVectorInputPort("state", STATE)
         self._rm_state_port = self.DeclareVectorInputPort("rm_state", gait.n_states)
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
-        # By number, since a state's name may hold a slash.
+        # Paths use the state's number, since its name may contain a slash.
         for i, color in enumerate(state_colors(gait)):
             meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), _rgba(color))
         for leg in quadruped.LEGS:
@@ -58,18 +58,18 @@ class GaitDisplay(LeafSystem):
         origin = state[quadruped.POSITION]
         rotation = kinematics.rotation_matrix(state[quadruped.QUATERNION])
 
-        # The world passes under the robot, which a recording's camera cannot follow.
+        # Move the world under the robot, since the camera of a recording cannot follow the robot.
         self._meshcat.SetTransform(WORLD_PATH, RigidTransform([-origin[0], -origin[1], 0.0]), time)
         tiles = TILE * np.round(origin[:2] / TILE)
         self._meshcat.SetTransform(PAVEMENT_PATH, RigidTransform([*tiles, 0.0]), time)
 
-        # A beacon above the trunk in the colour of the machine's state.
+        # Place the beacon, and show it in the RM state's colour.
         above = RigidTransform(origin + np.array([0.0, 0.0, 0.16]))
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
         for i in range(self._gait.n_states):
             self._show(f"{PATH}/state/{i}", bool(rm_state[i] > 0.5), time)
 
-        # A mark at each foot that touches.
+        # Mark the feet in contact.
         angles = state[quadruped.JOINT_POSITION]
         feet = origin + kinematics.foot_positions(self._robot, angles) @ rotation.T
         for leg, foot, touches in zip(quadruped.LEGS, feet, contact, strict=True):

@@ -1,4 +1,4 @@
-"""Systems from a robot's sensors to the observation: contacts, reward machine, proprioception."""
+"""Systems that compute the observation: contacts, reward machine, proprioception."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ N = quadruped.N_JOINTS
 
 
 class ContactTrustSystem(MealySystem):
-    """Finds which feet touch, even where a contact sensor is stuck; see `ContactTrust`.
+    """Determines which feet touch, even if a contact sensor is stuck; see `ContactTrust`.
 
     .. pydrake_system::
 
@@ -23,11 +23,11 @@ class ContactTrustSystem(MealySystem):
         input_ports: [touching, foot_height]
         output_ports: [believed_contact, believed_touching]
 
-    Inputs: touching (4, {0, 1}), FL FR RL RR, what the sensors read at this instant. foot_height
-    (4, m), estimated before it is known which feet touch.
-    Outputs: believed_contact (4, {0, 1}), which feet touch now or did at the previous control step.
-    believed_touching (4, {0, 1}), which feet touch now.
-    State: what the sensors read, then for how many control steps they have not changed (8).
+    Inputs: touching (4, {0, 1}), FL FR RL RR, the sensors' current readings. foot_height (4, m),
+    estimated without the current contacts.
+    Outputs: believed_contact (4, {0, 1}), contact now or at the previous control step.
+    believed_touching (4, {0, 1}), contact now.
+    State: the sensors' last readings, then the control steps since each changed (8).
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class ContactTrustSystem(MealySystem):
         )
 
     def step(self, memory: Array, touching: Array, foot_height: Array) -> tuple[Outputs, Array]:
-        # Contexts hold floats, contacts are counted in integers.
+        # A context holds floats, `ContactTrust` integers.
         reading, unchanged = np.split(memory.astype(np.int64), 2)
         before = ContactTrust(reading.astype(np.int8), unchanged)
         believed = believed_contacts(before, touching > 0.5, lambda: foot_height)
@@ -61,10 +61,9 @@ class RewardMachineSystem(MealySystem):
 
     Inputs: foot_contact (4, {0, 1}), FL FR RL RR. foot_height (4, m), above the ground.
     commanded_dwell (1, control steps).
-    Outputs: rm_state (n_states, one-hot) and rm_iterations (1, control steps), after this instant's
+    Outputs: rm_state (n_states, one-hot) and rm_iterations (1, control steps), after the current
     propositions. reward_multiplier (1), the factor on this step's plain reward. served_dwell (1,
-    control steps), the share of commanded_dwell that the transition of this instant stands for, 0
-    where none fired.
+    control steps), the commanded dwell that the current transition served; 0 without a transition.
     State: machine state, iterations and age after the previous control step (3).
     """
 
@@ -104,7 +103,7 @@ class RewardMachineSystem(MealySystem):
 
 
 class Proprioception(FunctionSystem):
-    """Assembles the part of the observation that the robot measures or knows.
+    """Assembles the part of the observation that needs no estimator.
 
     .. pydrake_system::
 
@@ -115,14 +114,14 @@ class Proprioception(FunctionSystem):
 
     Inputs: joints (24; rad, rad/s), measured positions, then velocities. command (2; m/s, rad/s),
     forward speed and yaw rate, trunk frame. commanded_dwell (1, control steps). previous_action
-    (12). rm_state (n_states, one-hot). rm_iterations (1, control steps). imu (9), the reading, only
-    where the layout has an IMU.
+    (12). rm_state (n_states, one-hot). rm_iterations (1, control steps). imu (9), the IMU's
+    reading; the port exists only if the layout has an IMU.
     Outputs: proprioception (40 + n_states, 46 + n_states with an IMU), in the order of
     `ObservationLayout`.
     """
 
     def __init__(self, robot: Robot, layout: ObservationLayout, *, limited: bool = False) -> None:
-        """Observes the previous action within the joints' ranges if targets are `limited`."""
+        """If `limited`, clips the observed previous action to the joints' ranges."""
         super().__init__(
             inputs={
                 "joints": 2 * N,

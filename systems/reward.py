@@ -28,17 +28,16 @@ class RewardSystem(MealySystem):
     previous_action (12). foot_contact (4, {0, 1}). foot_height (4, m), above the ground.
     reward_multiplier (1), the reward machine's.
     Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (12),
-    weighted, in the order of `REWARD_TERMS`. They mean something from the end of the first control
-    step on.
-    State: joint velocities (12), the feet's air times (4) and speeds of fall (4), and the speeds
-    that were compared with the command (2), at the previous control step.
+    weighted, in the order of `REWARD_TERMS`. All are valid from the end of the first control step.
+    State, of the previous control step: joint velocities (12; rad/s), air times of the feet (4; s)
+    and the speeds that the tracking terms compare with the command (2; m/s, rad/s).
     """
 
     def __init__(
         self, robot: Robot, weights: RewardWeights | None = None, joint_law: JointLaw = OWN_LAW
     ) -> None:
         n = quadruped.N_LEGS
-        # The update at time 0 precedes the first control step; it brings the air time to zero.
+        # The update at time 0, before the first control step, raises the air times to zero.
         air_time = np.full(n, -CONTROL_PERIOD)
         super().__init__(
             inputs={
@@ -80,13 +79,13 @@ class RewardSystem(MealySystem):
             "plain_reward": [float(reward.plain)],
             "reward_terms": reward.terms,
         }
-        # Remembered to differentiate the joints' velocity at the next step.
+        # The next step computes the joints' acceleration from this velocity.
         velocity = state[quadruped.JOINT_VELOCITY]
         return outputs, np.concatenate([velocity, reward.air_time, reward.tracked])
 
 
 class FallMonitor(FunctionSystem):
-    """Finds which failures the robot shows.
+    """Detects the robot's failures.
 
     .. pydrake_system::
 
@@ -95,7 +94,7 @@ class FallMonitor(FunctionSystem):
         output_ports: [failures]
 
     Inputs: state (37), the plant's. action (12), held during the last control step.
-    previous_action (12). is_sound (1, {0, 1}), whether all that was asked for it is finite.
+    previous_action (12). is_sound (1, {0, 1}), whether the latest asked action is finite.
     Outputs: failures (7, {0, 1}), in the order of `FAILURES`.
     """
 
@@ -106,14 +105,14 @@ class FallMonitor(FunctionSystem):
             inputs={"state": STATE, "action": N, "previous_action": N, "is_sound": 1},
             outputs={"failures": len(FAILURES)},
         )
-        # Public: rollouts read here which robot a diagram holds, and where it stands.
+        # Public, since rollouts read a diagram's robot and ground here.
         self.robot, self.ground = robot, ground
         self._limits = limits or TerminationLimits()
 
     def evaluate(
         self, state: Array, action: Array, previous_action: Array, is_sound: Array
     ) -> Outputs:
-        shown = failures(
+        flags = failures(
             self.robot,
             state,
             action=action,
@@ -121,5 +120,5 @@ class FallMonitor(FunctionSystem):
             limits=self._limits,
             ground=self.ground,
         )
-        shown[FAILURES.index("not_finite")] |= is_sound[0] < 0.5
-        return {"failures": shown.astype(float)}
+        flags[FAILURES.index("not_finite")] |= is_sound[0] < 0.5
+        return {"failures": flags.astype(float)}

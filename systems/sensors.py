@@ -1,4 +1,4 @@
-"""The robot's sensors with their errors, and the true values that only a simulation knows."""
+"""The robot's sensors with their errors, and true values from the simulation."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ SOUND_SENSORS = stuck_sensors((), ())  # contact sensors (4)
 
 
 class JointSensor(FunctionSystem):
-    """Measures positions and velocities of the joints.
+    """Measures joint positions and velocities.
 
     .. pydrake_system::
 
@@ -31,8 +31,8 @@ class JointSensor(FunctionSystem):
         input_ports: [state, uniform_noise, encoder_bias]
         output_ports: [joints]
 
-    Inputs: state (37), the plant's. uniform_noise (24, in [0, 1]), on positions, then velocities,
-    and encoder_bias (12, rad), added to positions; either may stay unconnected.
+    Inputs: state (37), the plant's. uniform_noise (24, in [0, 1]), of positions, then velocities,
+    and encoder_bias (12, rad), added to the positions; either may stay unconnected.
     Outputs: joints (24; rad, rad/s), measured positions, then velocities.
     """
 
@@ -48,7 +48,7 @@ class JointSensor(FunctionSystem):
         self, state: Array, uniform_noise: Array | float = 0.5, encoder_bias: Array | float = 0.0
     ) -> Outputs:
         noise = self._half_width * (2.0 * uniform_noise - 1.0)
-        # Only positions have a bias: an encoder that is off by an angle still sees all its changes.
+        # An encoder's constant offset does not affect the measured velocity.
         bias = np.zeros(quadruped.N_JOINTS) + encoder_bias
         error = noise + np.concatenate([bias, np.zeros(quadruped.N_JOINTS)])
         joints = [state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]]
@@ -56,7 +56,7 @@ class JointSensor(FunctionSystem):
 
 
 class FootSensor(MealySystem):
-    """Senses which feet touch the ground and how high they are.
+    """Measures the feet's contacts and heights.
 
     .. pydrake_system::
 
@@ -65,10 +65,10 @@ class FootSensor(MealySystem):
         output_ports: [foot_contact, foot_height, touching]
 
     Inputs: state (37), the plant's.
-    Outputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step.
-    foot_height (4, m), of each foot's lowest point above the ground. touching (4, {0, 1}), which
-    feet press on the ground at this instant.
-    State: contacts of the previous control step.
+    Outputs: foot_contact (4, {0, 1}), FL FR RL RR, contact now or at the previous control step.
+    foot_height (4, m), of each foot's lowest point above the ground. touching (4, {0, 1}), contact
+    now.
+    State: contacts of the previous control step (4).
     """
 
     def __init__(self, robot: Robot, ground: Ground = LEVEL_GROUND) -> None:
@@ -88,7 +88,7 @@ class FootSensor(MealySystem):
 
 
 class ContactSensor(FunctionSystem):
-    """Reads contacts, flips some at random, and always reads the same where it is stuck.
+    """Measures contacts with sensors that flip at random or are stuck.
 
     .. pydrake_system::
 
@@ -96,10 +96,10 @@ class ContactSensor(FunctionSystem):
         input_ports: [touching, uniform_noise]
         output_ports: [sensed_contact]
 
-    Inputs: touching (4, {0, 1}), FL FR RL RR. uniform_noise (4, in [0, 1]); may stay unconnected,
-    and then no reading is flipped.
-    Outputs: sensed_contact (4, {0, 1}), the opposite where the noise is below `flip_share`, and the
-    same at all times where `stuck` (4; see `stuck_sensors`) says so.
+    Inputs: touching (4, {0, 1}), FL FR RL RR. uniform_noise (4, in [0, 1]); if it is unconnected,
+    no reading flips.
+    Outputs: sensed_contact (4, {0, 1}), flipped if the noise is below `flip_share`, constant for
+    sensors that are stuck (`stuck`, 4; see `stuck_sensors`).
     """
 
     def __init__(self, flip_share: float, stuck: NDArray[np.int8] = SOUND_SENSORS) -> None:
@@ -112,18 +112,18 @@ class ContactSensor(FunctionSystem):
         self._flip_share, self._stuck = flip_share, stuck
 
     def evaluate(self, touching: Array, uniform_noise: Array | None = None) -> Outputs:
-        wrong = np.zeros(quadruped.N_LEGS, dtype=bool)
+        flipped = np.zeros(quadruped.N_LEGS, dtype=bool)
         if uniform_noise is not None:
-            wrong = uniform_noise < self._flip_share
-        read = read_contacts(touching > 0.5, wrong, self._stuck)
-        return {"sensed_contact": read.astype(float)}
+            flipped = uniform_noise < self._flip_share
+        sensed = read_contacts(touching > 0.5, flipped, self._stuck)
+        return {"sensed_contact": sensed.astype(float)}
 
 
 class ImuSensor(MealySystem):
-    """Measures angular velocity, change of velocity and gravity's direction.
+    """Measures angular velocity, change of velocity and the direction of gravity.
 
-    Drake's `Gyroscope` measures the first as well; its `Accelerometer` measures an instant, while
-    `glassgait.models.estimation.sensors` needs the sum over a control period.
+    Drake's `Gyroscope` also measures angular velocity. Its `Accelerometer` measures an instant,
+    while `glassgait.models.estimation.sensors` needs the sum over a control period.
 
     .. pydrake_system::
 
@@ -131,17 +131,17 @@ class ImuSensor(MealySystem):
         input_ports: [state, uniform_noise, imu_bias]
         output_ports: [imu]
 
-    Inputs: state (37), the plant's. uniform_noise (9, in [0, 1]) and imu_bias (9), added to a
+    Inputs: state (37), the plant's. uniform_noise (9, in [0, 1]) and imu_bias (9), added to the
     reading; either may stay unconnected.
-    Outputs: imu (9; rad/s, m/s, none), a reading by `glassgait.models.estimation.sensors`, of this
-    control instant or as many before as it is late; at first the first.
-    State: whether there is an instant before (1), the trunk's velocity then (3, world frame), and
-    the readings that are still to come (delay × 9). Drake's `DiscreteTimeDelay` would latch after
-    the velocity had been overwritten.
+    Outputs: imu (9; rad/s, m/s, dimensionless), the reading of `delay` control steps ago, or the
+    first one until then; see `glassgait.models.estimation.sensors`.
+    State: whether there was a previous instant (1), the trunk's velocity then (3; m/s, world
+    frame), and the delayed readings (delay × 9). Drake's `DiscreteTimeDelay` would latch too late,
+    after the velocity is overwritten.
     """
 
     def __init__(self, gravity: Array, delay: int = 0, noise_factor: float = 1.0) -> None:
-        """Takes gravity's acceleration (3; m/s², world frame), and a delay in control steps."""
+        """Sets the acceleration of gravity (3; m/s², world frame) and the delay (control steps)."""
         super().__init__(
             inputs={"state": STATE, "uniform_noise": N_IMU, "imu_bias": N_IMU},
             outputs={"imu": N_IMU},
@@ -158,7 +158,7 @@ class ImuSensor(MealySystem):
         uniform_noise: Array | None = None,
         imu_bias: Array | None = None,
     ) -> tuple[Outputs, Array]:
-        # This instant's reading.
+        # Compute the current reading.
         has_begun = memory[0] > 0.5
         velocity = state[quadruped.LINEAR_VELOCITY]
         reading = measure_imu(state, memory[1:4] if has_begun else velocity, self._gravity)
@@ -166,15 +166,16 @@ class ImuSensor(MealySystem):
             reading = reading + self._half_width * (2.0 * uniform_noise - 1.0)
         if imu_bias is not None:
             reading = reading + imu_bias
-        # Behind it those that are still to come, the latest first.
-        coming = memory[4:].reshape(-1, N_IMU)
-        readings = np.vstack([reading, coming if has_begun else np.tile(reading, (len(coming), 1))])
+        # Append the delayed readings, the latest first.
+        delayed = memory[4:].reshape(-1, N_IMU)
+        delayed = delayed if has_begun else np.tile(reading, (len(delayed), 1))
+        readings = np.vstack([reading, delayed])
         after = np.concatenate([[1.0], velocity, readings[:-1].ravel()])
         return {"imu": readings[-1]}, after
 
 
 class SensorBias(FunctionSystem):
-    """Draws the errors that a robot's sensors have for a whole episode.
+    """Draws constant sensor errors for an episode.
 
     .. pydrake_system::
 
@@ -183,8 +184,8 @@ class SensorBias(FunctionSystem):
         output_ports: [encoder_bias, imu_bias]
 
     Inputs: seed (1), any number.
-    Outputs: encoder_bias (12, rad), of measured joint positions. imu_bias (9), of the IMU's
-    readings, in their order and units.
+    Outputs: encoder_bias (12, rad), of the measured joint positions. imu_bias (9), of the IMU's
+    readings, in the same order and units.
     """
 
     def __init__(self, randomization: Randomization) -> None:
@@ -201,7 +202,7 @@ class SensorBias(FunctionSystem):
 
 
 class BodyStateSensor(FunctionSystem):
-    """Gives the true body state, which an estimator would estimate.
+    """Outputs the true body state in place of an estimate.
 
     .. pydrake_system::
 
@@ -210,8 +211,8 @@ class BodyStateSensor(FunctionSystem):
         output_ports: [body_state]
 
     Inputs: state (37), the plant's.
-    Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
-    (m) above the ground.
+    Outputs: body_state (7), base linear velocity times 2 (m/s, trunk frame) and foot heights above
+    the ground (m).
     """
 
     def __init__(self, robot: Robot, ground: Ground = LEVEL_GROUND) -> None:
@@ -223,7 +224,7 @@ class BodyStateSensor(FunctionSystem):
 
 
 class WorldState(LeafSystem):
-    """Gives the robot's state where it has gone to, on ground that repeats.
+    """Outputs the robot's unwrapped state on ground that repeats.
 
     .. pydrake_system::
 
@@ -231,10 +232,10 @@ class WorldState(LeafSystem):
         input_ports: [plant_state]
         output_ports: [state]
 
-    Inputs: plant_state (37), with the trunk on the tile that is laid.
-    Outputs: state (37), the same with the trunk where it has gone to.
-    State: how far the trunk has been moved back in all (3, m), changed only from outside, by
-    `glassgait.diagrams.rollout.recenter`.
+    Inputs: plant_state (37), with the trunk within the modelled period of the ground.
+    Outputs: state (37), with the trunk's unwrapped position.
+    State: the total displacement by which the trunk was moved back (3, m). Only
+    `glassgait.diagrams.rollout.recenter` changes it.
     """
 
     def __init__(self) -> None:
@@ -249,11 +250,11 @@ class WorldState(LeafSystem):
         )
 
     def away(self, context: Context) -> Array:
-        """Returns how far the trunk has been moved back (3; m)."""
+        """Returns the displacement by which the trunk was moved back (3; m)."""
         return np.array(context.get_discrete_state(self._away).value())
 
     def set_away(self, context: Context, away: Array) -> None:
-        """Sets how far the trunk has been moved back (3; m), in a context to be changed."""
+        """Sets the displacement by which the trunk was moved back (3; m)."""
         context.SetDiscreteState(self._away, away)
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:
