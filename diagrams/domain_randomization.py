@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 from glassgait.diagrams.station import MUJOCO_CONTACT_TIME, StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import ImuErrors
-from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
+from glassgait.models.robots.robot import DEFAULT_LAW, JointLaw, Robot
 from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings, checked
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.terrain import FLATTEST, Kind, Terrain
@@ -167,7 +167,7 @@ class DomainRandomization(Settings):
             )
 
     def stations(
-        self, robot: Robot, generator: np.random.Generator, law: JointLaw = OWN_LAW
+        self, robot: Robot, generator: np.random.Generator, law: JointLaw = DEFAULT_LAW
     ) -> list[StationConfig]:
         """Draws the physics of every group; the law gives gains that the station leaves out."""
         station = self.station.with_gains(robot, law)

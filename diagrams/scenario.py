@@ -13,9 +13,9 @@ from annotated_types import Ge, Le, MaxLen
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown, unknown_name
-from glassgait.models.files import beside, read_yaml
+from glassgait.models.files import read_yaml, resolve_paths
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
+from glassgait.models.robots.robot import DEFAULT_LAW, JointLaw, Robot
 from glassgait.models.settings import Count, checked
 from glassgait.models.task.randomization import NOMINAL, Disturbances, Latency, Randomization
 from glassgait.models.task.reward import RewardWeights
@@ -107,7 +107,7 @@ class Scenario(Disturbances):
 
     def joint_law(self, policy: "Controller | Policy | None") -> JointLaw:
         """Returns how joints follow a policy's targets: as the scenario says, or as it learned."""
-        law = OWN_LAW if policy is None else policy.joint_law
+        law = DEFAULT_LAW if policy is None else policy.joint_law
         gains = self.station.gains(self.robot_of(policy), law)
         limited = law.limited if self.limit_targets is None else self.limit_targets
         return JointLaw(gains, limited, law.limits)
@@ -192,7 +192,7 @@ def _parse(values: Any, path: Path) -> Scenario:
             f"{path}: is not a mapping of settings; write what differs from the nominal scenario, "
             "such as station: {friction: 0.3}"
         )
-    values = {"title": path.stem} | beside(path, values)
+    values = {"title": path.stem} | resolve_paths(path, values)
     if "command" not in values:
         return Scenario.from_plain(values, str(path))
     # Three kinds of settings stand under one key; their keys tell them apart.

@@ -38,7 +38,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from glassgait.models.errors import InputError, brief
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import OWN_LAW, Damping, JointLaw, Robot, Stiffness
+from glassgait.models.robots.robot import DEFAULT_LAW, Damping, JointLaw, Robot, Stiffness
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
@@ -140,7 +140,7 @@ class StationConfig(Settings):
             )
         return n_steps
 
-    def gains(self, robot: Robot, law: JointLaw = OWN_LAW) -> tuple[float, float]:
+    def gains(self, robot: Robot, law: JointLaw = DEFAULT_LAW) -> tuple[float, float]:
         """Returns stiffness and damping of a robot's joints; a law gives those left out here."""
         stiffness, damping = law.gains_of(robot)
         return (

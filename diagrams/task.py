@@ -16,7 +16,7 @@ from glassgait.models.policies.controller import Controller, expert_of
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
+from glassgait.models.robots.robot import DEFAULT_LAW, JointLaw, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.command import Command
@@ -40,7 +40,7 @@ class TaskConfig(Settings):
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS  # control steps
     command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
-    joint_law: JointLaw = OWN_LAW
+    joint_law: JointLaw = DEFAULT_LAW
     robot: Robot = field(default_factory=load_robot)
     observes_imu: bool = False  # gravity's direction and the angular velocity
 

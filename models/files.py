@@ -75,12 +75,12 @@ def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") 
     return text
 
 
-def beside(path: Path, values: Any, key: str = "") -> Any:
+def resolve_paths(path: Path, values: Any, key: str = "") -> Any:
     """Completes the paths among the values of a file, which are relative to its folder."""
     if isinstance(values, dict):
-        return {name: beside(path, value, name) for name, value in values.items()}
+        return {name: resolve_paths(path, value, name) for name, value in values.items()}
     if isinstance(values, list):
-        return [beside(path, value, key) for value in values]
+        return [resolve_paths(path, value, key) for value in values]
     is_path = isinstance(values, str) and (key == "output" or Path(values).suffix in _SUFFIXES)
     return str(path.parent / values) if is_path and key in _PATHS else values
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
+from glassgait.models.robots.robot import DEFAULT_LAW, JointLaw, Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
@@ -34,7 +34,7 @@ class RewardSystem(MealySystem):
     """
 
     def __init__(
-        self, robot: Robot, weights: RewardWeights | None = None, joint_law: JointLaw = OWN_LAW
+        self, robot: Robot, weights: RewardWeights | None = None, joint_law: JointLaw = DEFAULT_LAW
     ) -> None:
         n = quadruped.N_LEGS
         # The update at time 0, before the first control step, raises the air times to zero.

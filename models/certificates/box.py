@@ -84,7 +84,7 @@ class ObservationBox:
         entries = enumerate(entries_of(self.names))
         return frozenset(index for index, entry in entries if entry.group in COUNTED)
 
-    def taking(self, indices: Collection[int], other: Self) -> Self:
+    def updated(self, indices: Collection[int], other: Self) -> Self:
         """Returns this box with another's ranges of some observations."""
         lower, upper, taken = self.lower.copy(), self.upper.copy(), list(indices)
         lower[taken], upper[taken] = other.lower[taken], other.upper[taken]
@@ -188,7 +188,7 @@ def measured_box(
     box = ObservationBox(robot, names, low, high)
     groups = ("commanded velocity", "machine state", *COUNTED)
     known = [index for index, entry in enumerate(entries_of(names)) if entry.group in groups]
-    return box.taking(known, _limits(gait, box))
+    return box.updated(known, _limits(gait, box))
 
 
 def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:

@@ -101,7 +101,7 @@ class Prover:
 
     def _box(self, place: Place, state: int) -> ObservationBox:
         physical = self.boxes["physical"]
-        return self.boxes[place.box].taking(place.stuck, physical).in_state(state)
+        return self.boxes[place.box].updated(place.stuck, physical).in_state(state)
 
     def _bound(self, query: Query, place: Place, limit: float) -> Maximum:
         """Bounds a quantity, tightly enough to decide whether it exceeds a limit if possible."""

@@ -42,7 +42,7 @@ from glassgait.models.formulas.grammar import written_lines, written_number
 from glassgait.models.formulas.mirror import FormulaMirror, Place, without_images
 from glassgait.models.formulas.quantities import Readings, Vocabulary
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import DEFAULT_ROBOT, OWN_LAW, JointLaw
+from glassgait.models.robots.robot import DEFAULT_LAW, DEFAULT_ROBOT, JointLaw
 from glassgait.models.task.gait import Gait, gait_lines
 from glassgait.models.task.observation import OVERDUE, ObservationLayout, entries_of
 
@@ -71,7 +71,7 @@ class FormulaFile:
     vocabulary: Vocabulary
     formulas: Mapping[Place, Expression]
     mirror: tuple[int, ...] | None = None
-    joint_law: JointLaw = OWN_LAW
+    joint_law: JointLaw = DEFAULT_LAW
     robot: str = DEFAULT_ROBOT
     odometry: Odometry | None = None
     readings: Readings | None = None

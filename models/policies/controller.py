@@ -81,7 +81,7 @@ class Controller:
     @property
     def joint_law(self) -> JointLaw:
         law = self.expert.joint_law
-        return law if self.student is None or self.period else self.student.joint_law.over(law)
+        return law if self.student is None or self.period else self.student.joint_law.merged(law)
 
     def refuse_other_machine(self, gait: Gait) -> None:
         for policy in self.policies.values():
@@ -156,7 +156,7 @@ def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> 
         return
 
     # One robot cannot observe in two ways, or hold its joints by two laws, by turns.
-    estimator, law = student.estimator, student.joint_law.over(expert.joint_law)
+    estimator, law = student.estimator, student.joint_law.merged(expert.joint_law)
     robot, theirs, differs = expert.robot, expert.joint_law, None
     if isinstance(estimator, Odometry) and estimator != expert.estimator:
         differs = "has odometry, which is not the estimator of"

@@ -11,7 +11,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import OWN_LAW, Robot
+from glassgait.models.robots.robot import DEFAULT_LAW, Robot
 from glassgait.models.task.observation import ObservationLayout
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class FunctionPolicy(Policy):
         layout = ObservationLayout(gait.n_states, imu=True)
         super().__init__(gait.name, layout.names, robot=robot)
         self._function, self.machine, self._estimator = function, gait, Odometry()
-        self.joint_law = OWN_LAW.with_limits(self.robot)
+        self.joint_law = DEFAULT_LAW.with_limits(self.robot)
 
     def act(self, observation: Array) -> Array:
         # Functions may write to what they are given.

@@ -19,7 +19,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import save_arrays
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT, OWN_LAW, JointLaw, Robot
+from glassgait.models.robots.robot import DEFAULT_LAW, DEFAULT_ROBOT, JointLaw, Robot
 from glassgait.models.task.observation import (
     LARGEST_SOUND,
     ObservationLayout,
@@ -176,7 +176,7 @@ class Policy(ABC):
     suffix: ClassVar[str] = ".safetensors"
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
 
-    joint_law: JointLaw = OWN_LAW
+    joint_law: JointLaw = DEFAULT_LAW
     observes_by: str | None = None
     """Digest of the expert whose estimator it observes by, if it has one from there."""
     machine: "Gait | None" = None

@@ -13,7 +13,7 @@ from glassgait.models.robots.urdf import Urdf
 
 ROBOT_FILE = "robot.yaml"
 
-OWN_JOINTS = {leg: [f"{leg}_{kind}" for kind in LEG_JOINTS] for leg in LEGS}
+DEFAULT_JOINTS = {leg: [f"{leg}_{kind}" for kind in LEG_JOINTS] for leg in LEGS}
 """Names of the joints in a URDF, unless `robot.yaml` gives others."""
 
 
@@ -68,7 +68,7 @@ def _load(path: Path, _edited: int) -> Robot:
     found = read_yaml(path)
     if not isinstance(found, dict) or not isinstance(found.get("description"), str):
         raise InputError(f"{path}: lacks the key 'description'; name the URDF beside the file")
-    joints = found.pop("joints", OWN_JOINTS)
+    joints = found.pop("joints", DEFAULT_JOINTS)
     if not _are_joints(joints):
         raise InputError(
             f"{path}: key 'joints' is {shown(joints)}; name hip, thigh and calf for each of "

@@ -315,7 +315,7 @@ class JointLaw(Settings):
             gains=self.gains_of(robot),
         )
 
-    def over(self, other: "JointLaw") -> "JointLaw":
+    def merged(self, other: "JointLaw") -> "JointLaw":
         """Returns this law with another's gains where it has none; either may limit targets."""
         limits = self.limits or other.limits
         return JointLaw(self.gains or other.gains, self.limited or other.limited, limits)
@@ -344,4 +344,4 @@ class JointLaw(Settings):
         return gains | ({"limited": True} if self.limited else {}) | limits
 
 
-OWN_LAW = JointLaw()  # the robot's own gains, and targets wherever they are
+DEFAULT_LAW = JointLaw()  # the robot's own gains, and targets wherever they are

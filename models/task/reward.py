@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array, cross, stacked
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import OWN_LAW, JointLaw, Robot
+from glassgait.models.robots.robot import DEFAULT_LAW, JointLaw, Robot
 from glassgait.models.settings import NotNegative, Positive, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 
@@ -50,7 +50,7 @@ class RewardWeights(Settings):
     tracking_time: NotNegative = 0.0
 
     @cached_property
-    def of_terms(self) -> Array:
+    def as_array(self) -> Array:
         """The weights (12) in the order of `REWARD_TERMS`."""
         return np.array([getattr(self, name) for name in REWARD_TERMS])
 
@@ -95,7 +95,7 @@ def step_reward(
     air_time: Array,
     tracked: Array,
     weights: RewardWeights,
-    joint_law: JointLaw = OWN_LAW,
+    joint_law: JointLaw = DEFAULT_LAW,
 ) -> Reward:
     """Rewards the step that led to `state`.
 
@@ -144,7 +144,7 @@ def step_reward(
         tilt,
         slip,
     )
-    terms = stacked(*values) * weights.of_terms
+    terms = stacked(*values) * weights.as_array
     plain = np.maximum(_total(terms) * CONTROL_PERIOD, 0.0)
     air_time = np.where(foot_contact, 0.0, air_time)
     return Reward(terms=terms, plain=plain, air_time=air_time, tracked=tracked)

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 import pandas as pd
 
 from glassgait.models.errors import InputError
-from glassgait.models.files import beside, read_yaml
+from glassgait.models.files import read_yaml, resolve_paths
 from glassgait.models.settings import Settings
 from glassgait.studies.common.run import default_folder, to_plain
 
@@ -28,7 +28,7 @@ def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise InputError(f"{path}: is not a mapping of settings; start from that of 'paper'")
-    values = beside(path, values)
+    values = resolve_paths(path, values)
     less = values.pop("quick", None)
     # Results of a person's file stay apart from those of the files that ship.
     if path.parent != SETTINGS_FOLDER:

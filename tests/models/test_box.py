@@ -26,7 +26,7 @@ def box(low: float = -1.0, high: float = 1.0) -> ObservationBox:
 
 def test_takes_ranges_from_another():
     index = NAMES.index("Foot Height FL")
-    mixed = box().taking([index], box(-3.0, 4.0))
+    mixed = box().updated([index], box(-3.0, 4.0))
     assert (mixed.lower[index], mixed.upper[index]) == (-3.0, 4.0)
     assert np.delete(mixed.upper, index).max() == 1.0
 

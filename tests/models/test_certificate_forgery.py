@@ -104,8 +104,8 @@ class Truth:
             return A1.joint_targets(self.policy(observations))
 
     def drawn(self, box: str, stuck: list[str], state: int) -> np.ndarray:
-        taken = [SYMBOLS.index(name) for name in stuck]
-        return samples(self.boxes[box].taking(taken, self.boxes["physical"]), state, self.generator)
+        free = [SYMBOLS.index(name) for name in stuck]
+        return samples(self.boxes[box].updated(free, self.boxes["physical"]), state, self.generator)
 
     def rise(self, seen: np.ndarray, name: str, joint: int, box: str, stuck: list[str], state: int):
         """Returns how a target rises with a quantity, and by how much that rises (n,; n,)."""

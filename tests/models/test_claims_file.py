@@ -12,7 +12,7 @@ from glassgait.models.certificates.claims import (
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.sensors import IMU_NOISE, ImuReading
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import OWN_LAW
+from glassgait.models.robots.robot import DEFAULT_LAW
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,
@@ -35,7 +35,7 @@ def test_shipped_claims_are_of_every_gait():
 def test_a_limit_of_motors_is_each_robots(name):
     robot = load_robot(name)
     for claim in load_claims(DEFAULT_CLAIMS):
-        number = claim.number(robot, OWN_LAW)
+        number = claim.number(robot, DEFAULT_LAW)
         match claim.kind:
             case "effect":
                 assert number == robot.effort.min() / robot.stiffness

@@ -11,12 +11,12 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import (
-    beside,
     digest,
     load_arrays,
     read_record,
     read_text,
     read_yaml,
+    resolve_paths,
     save_arrays,
     write_atomically,
     write_record,
@@ -131,7 +131,7 @@ def test_yaml_that_is_more_than_plain_values_is_refused(tmp_path, text, why):
 def test_paths_in_a_file_of_settings_are_relative_to_it():
     values = {"gait": ["trot", "hop.yaml"], "title": "a.yaml", "a": {"robot": "/r.yaml"}}
     found = {"gait": ["trot", "in/hop.yaml"], "title": "a.yaml", "a": {"robot": "/r.yaml"}}
-    assert beside(Path("in/file.yaml"), values) == found
+    assert resolve_paths(Path("in/file.yaml"), values) == found
 
 
 def test_arrays_and_header_come_back(tmp_path):
