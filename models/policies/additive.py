@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 class AdditivePolicy(Policy):
     """Each action is a constant plus functions of one or two observations (paper, Eq. EBM).
 
-    All joints bin the observations alike, finely for functions of one and coarsely for functions
-    of two. A value falls into the bin whose index is the number of cuts that are at most as large.
+    All joints share the bins: fine ones for functions of one observation, coarse ones for functions
+    of two. The bin of a value is the number of cuts that do not exceed it.
     """
 
     kind = "additive"
@@ -49,7 +49,7 @@ class AdditivePolicy(Policy):
     cuts: Array
     """Fine cuts of each observation (n, c), ascending and padded with inf."""
     pair_cuts: Array
-    """Coarse cuts of each observation that is in a pair (n, d), likewise."""
+    """Coarse cuts of each observation that occurs in a pair (n, d), padded likewise."""
     tables: Array
     """Functions of one observation (12, n, c + 1)."""
     pairs: NDArray[np.integer]
@@ -64,12 +64,12 @@ class AdditivePolicy(Policy):
     intercepts: Array
 
     def __init__(self, gait: str, observation_names: Sequence[str], **options: Any) -> None:
-        # Some arrays are of one shape: all go by name.
+        # Arrays are passed by name only, since several have the same shape.
         super().__init__(gait, observation_names, **options)
         self._feature = np.arange(len(self.cuts))
         self._pair = np.arange(len(self.pairs))
-        # Sums the pairs of each joint: (p, 12).
-        self._of_joint = np.eye(len(self.intercepts))[self.pair_joints]
+        # Matrix that sums the pairs of each joint (p, 12).
+        self._pairs_to_joints = np.eye(len(self.intercepts))[self.pair_joints]
 
     @classmethod
     def compile(
@@ -79,8 +79,8 @@ class AdditivePolicy(Policy):
         models: "Sequence[ExplainableBoostingRegressor]",
         robot: Robot | None = None,
     ) -> Self:
-        """Compiles one fitted interpret model a joint; all must bin the observations alike."""
-        # The bins, which all joints share.
+        """Compiles one fitted interpret model per joint; all must have the same bins."""
+        # Bins, shared by all joints.
         n = len(observation_names)
         fine = [_cuts_of(models, feature, 0) for feature in range(n)]
         coarse = [_cuts_of(models, feature, 1) for feature in range(n)]
@@ -121,11 +121,11 @@ class AdditivePolicy(Policy):
 
     def act(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
-        single, paired = self._looked_up(rows)
-        action = single.sum(axis=-1).T + self.intercepts + paired @ self._of_joint
+        single, paired = self._look_up(rows)
+        action = single.sum(axis=-1).T + self.intercepts + paired @ self._pairs_to_joints
         return action.reshape(*observation.shape[:-1], -1)
 
-    def _looked_up(self, rows: Array) -> tuple[Array, Array]:
+    def _look_up(self, rows: Array) -> tuple[Array, Array]:
         """Returns the values (12, m, n) and (m, p) of all functions at rows (m, n)."""
         single = self.tables[:, self._feature, _digitize(rows, self.cuts)]
         if not len(self.pairs):
@@ -135,10 +135,10 @@ class AdditivePolicy(Policy):
         return single, self.pair_tables[self._pair, first, second]
 
     def compact(self) -> Self:
-        # Deviations move no joint; observations that are in no pair need no coarse bins.
+        # Deviations do not affect actions; observations outside all pairs need no coarse bins.
         paired = np.isin(self._feature, self.pairs)
-        cuts = zip(self.pair_cuts, paired, strict=True)
-        pair_cuts = _padded([one[np.isfinite(one) & used] for one, used in cuts])
+        rows = zip(self.pair_cuts, paired, strict=True)
+        pair_cuts = _padded([row[np.isfinite(row) & is_paired] for row, is_paired in rows])
         bins = slice(pair_cuts.shape[1] + 1)
         return self.with_arrays(
             pair_cuts=pair_cuts,
@@ -153,12 +153,12 @@ class AdditivePolicy(Policy):
         arguments = [(index,) for index in range(len(self.observation_names))] + pairs
         robot = self.robot
         intercept = robot.default_stance[joint] + robot.action_scale * self.intercepts[joint]
-        functions = (FactoredTerm((), tuple(map(variable, one))) for one in arguments)
+        functions = (FactoredTerm((), tuple(map(variable, indices))) for indices in arguments)
         return (FactoredTerm((float(intercept),), ()), *functions)
 
     def importance(self, observations: Array) -> tuple[str, Array]:
-        """Returns the mean size of each function; a function of a pair counts half for each."""
-        single, pairs = self._looked_up(observations)
+        """Returns each function's mean absolute deviation; a pair's is split between its two."""
+        single, pairs = self._look_up(observations)
         single = np.moveaxis(single, 0, 1)
         importances = np.abs(single - single.mean(axis=0)).mean(axis=0)
         sizes = np.abs(pairs - pairs.mean(axis=0)).mean(axis=0)
@@ -169,13 +169,13 @@ class AdditivePolicy(Policy):
     def explain(self, observation: Array, joint: int | str) -> Contributions:
         joint = quadruped.joint_index(joint)
         rows = observation.reshape(-1, observation.shape[-1])
-        single, paired = self._looked_up(rows)
+        single, paired = self._look_up(rows)
         constant = np.full((len(rows), 1), self.intercepts[joint])
         values = np.concatenate(
             [constant, single[joint], paired[:, self.pair_joints == joint]], axis=1
         )
         values = values.reshape(*observation.shape[:-1], -1)
-        # Functions of one quantity, then those of two.
+        # Functions of one quantity come first, then functions of two.
         names, pairs = symbols_of(self.observation_names), self.pairs[self.pair_joints == joint]
         paired_names = (f"{names[first]} & {names[second]}" for first, second in pairs)
         terms = (INTERCEPT, *names, *paired_names)
@@ -184,8 +184,8 @@ class AdditivePolicy(Policy):
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:
     if len(rows) == 1:
-        # For one row, comparing with all cuts at once beats one search an observation.
-        # As below, NaN belongs to the last bin.
+        # For one row, comparing with all cuts at once is faster than one search per observation.
+        # NaN falls into the last bin, as below.
         return np.sum(~(rows[0][:, None] < cuts), axis=1)[None, :]
     columns = zip(cuts, rows.T, strict=True)
     bins = [np.searchsorted(edges, values, side="right") for edges, values in columns]
@@ -193,7 +193,7 @@ def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:
 
 
 def _cuts_of(models: Sequence[Any], feature: int, level: int) -> Array:
-    """Returns an observation's cuts, fine (level 0), or coarse (1) if a function of two asks."""
+    """Returns an observation's fine cuts (level 0), or its coarse cuts (1) if a pair uses it."""
     cuts = []
     for model in models:
         if level == 0 or any(len(term) > 1 and feature in term for term in model.term_features_):

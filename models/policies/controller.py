@@ -1,4 +1,4 @@
-"""Controllers: one policy that acts, or an expert and a student in alternation."""
+"""Controllers: one policy, or an expert and a student in alternation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
 
 Estimator = Callable[[Array], Array] | Odometry
-"""Odometry, or the map from proprioception (..., 40 + n_states) to the body state (..., 7)."""
+"""Odometry, or a function from proprioception (..., 40 + n_states) to the body state (..., 7)."""
 
 
 class ControllerOutput(NamedTuple):
@@ -34,15 +34,15 @@ class Controller:
     expert: Policy
     student: Policy | None = None
     period: int = 1
-    """The expert acts at every control step that is a multiple of it, the student at the others:
-    n is the alternation ratio 1/n, 1 the expert without the student, 0 the student without it."""
+    """The expert acts at control steps that are multiples of the period, the student at all others.
+    The alternation ratio is 1/period; with period 0 only the student acts."""
 
     def __post_init__(self) -> None:
         for policy in (self.expert, self.student):
             if not isinstance(policy, Policy | None):
                 raise InputError(
-                    f"the controller is given {shown(policy)}; give a policy, or turn a function "
-                    "into one by FunctionPolicy(function, gait)"
+                    f"the controller's policy is {shown(policy)}; give a Policy, or wrap a "
+                    "function with FunctionPolicy(function, gait)"
                 )
         if not isinstance(self.period, (int, np.integer)) or self.period < 0:
             raise InputError(
@@ -56,7 +56,7 @@ class Controller:
 
     @property
     def policies(self) -> dict[str, Policy]:
-        """Those of `expert` and `student` that ever act, by these names."""
+        """The policies that act, by the names `expert` and `student`."""
         acting = {} if self.period == 0 else {"expert": self.expert}
         if self.student is None or self.period == 1:
             return acting
@@ -75,8 +75,8 @@ class Controller:
     @property
     def estimator(self) -> Estimator | None:
         """The estimator: the expert's, unless only a student with odometry acts."""
-        found = self.student.estimator if self.student and self.period == 0 else None
-        return found if isinstance(found, Odometry) else self.expert.estimator
+        estimator = self.student.estimator if self.student and self.period == 0 else None
+        return estimator if isinstance(estimator, Odometry) else self.expert.estimator
 
     @property
     def joint_law(self) -> JointLaw:
@@ -89,7 +89,7 @@ class Controller:
 
     def advance(self, step: int, observation: Array) -> ControllerOutput:
         """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
-        # At a step all robots have the same controller.
+        # The same policy acts on all robots.
         by_expert = self.student is None or bool(expert_acts(step, self.period))
         policy = self.expert if self.student is None or by_expert else self.student
         return ControllerOutput(policy(observation), np.full(len(observation), by_expert))
@@ -105,15 +105,15 @@ def controller_of(
         return Controller(policy)
     if not callable(policy):
         raise InputError(
-            f"the policy is {shown(policy)}; give one that load_expert, load_student or, for a "
-            "file, load_policy returns, a Controller, or a function from observations (..., n) to "
-            "actions (..., 12)"
+            f"the policy is {shown(policy)}; give the result of load_expert, load_student or "
+            "load_policy, a Controller, or a function from observations (..., n) to actions "
+            "(..., 12)"
         )
     return Controller(FunctionPolicy(policy, gait, robot))
 
 
 def alone(policy: Policy, expert: Policy | None = None) -> Controller:
-    """Returns the controller in which one policy acts; a student may observe by its expert."""
+    """Returns the controller of one policy; a student may use the estimator of its expert."""
     if expert is None or expert is policy:
         return Controller(policy)
     has_odometry = isinstance(policy.estimator, Odometry)
@@ -129,40 +129,40 @@ def expert_of(controller: Controller | Policy) -> Policy:
 def estimator_in_loop(
     controller: Controller | Policy, *, true_body_state: bool = False
 ) -> Estimator | None:
-    """Returns the estimator of a closed loop; None where the true body state is observed."""
+    """Returns the estimator of a closed loop; None if the true body state is observed."""
     if true_body_state:
         return None
     if controller.estimator is None:
         policy = expert_of(controller)
         raise InputError(
             f"this {policy.kind} policy of the {policy.gait} has no estimator of the body state; "
-            "take it from load_student, give it the expert's with "
-            "policy.with_estimator_of(expert), or set true_body_state: true in the scenario"
+            "load it with load_student, call policy.with_estimator_of(expert), or set "
+            "true_body_state: true in the scenario"
         )
     return controller.estimator
 
 
 def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
-    # The student was distilled with one estimator, and observes by no other.
+    # A student needs the estimator that it was distilled with.
     name = f"this {student.kind} student of the {student.gait}"
     if student.gait != expert.gait:
         raise InputError(f"{name} does not act beside an expert of the {expert.gait}; name another")
     if student.observes_by not in (None, expert.digest()):
         raise InputError(
-            f"{name} observes by the estimator of the expert {student.observes_by}, not by that of "
+            f"{name} uses the estimator of the expert {student.observes_by}, not of "
             f"{expert.digest()}; give it the expert that it was distilled with"
         )
     if not both_act:
         return
 
-    # One robot cannot observe in two ways, or hold its joints by two laws, by turns.
+    # In alternation, both must share the estimator, the gains and the target limits.
     estimator, law = student.estimator, student.joint_law.merged(expert.joint_law)
-    robot, theirs, differs = expert.robot, expert.joint_law, None
+    robot, expert_law, problem = expert.robot, expert.joint_law, None
     if isinstance(estimator, Odometry) and estimator != expert.estimator:
-        differs = "has odometry, which is not the estimator of"
-    elif law.gains_of(robot) != theirs.gains_of(robot):
-        differs = f"moves joints of gains {law.gains_of(robot)}, not {theirs.gains_of(robot)} as"
-    elif law.limits != theirs.limits:
-        differs = "has other limits of its targets than"
-    if differs:
-        raise InputError(f"{name} {differs} the expert that acts with it; let only one of them act")
+        problem = "has odometry, which is not the estimator of"
+    elif (gains := law.gains_of(robot)) != (expert_gains := expert_law.gains_of(robot)):
+        problem = f"has joint gains {gains}, not {expert_gains} as"
+    elif law.limits != expert_law.limits:
+        problem = "has other target limits than"
+    if problem:
+        raise InputError(f"{name} {problem} the expert that acts with it; let only one of them act")

@@ -1,4 +1,4 @@
-"""A function of Python as a policy."""
+"""A policy defined by a Python function."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 class FunctionPolicy(Policy):
-    """A function `observation (..., n) -> action (..., 12)` that observes what shipped experts do.
+    """Wraps a Python function `observation (..., n) -> action (..., 12)`.
 
-    It observes an IMU, and the body state by odometry; its joints have the limits that come last.
+    It has the observation of the shipped experts, with an IMU and odometry, and limited targets.
     """
 
     kind = "function"
@@ -35,22 +35,22 @@ class FunctionPolicy(Policy):
         self.joint_law = DEFAULT_LAW.with_limits(self.robot)
 
     def act(self, observation: Array) -> Array:
-        # Functions may write to what they are given.
-        answer = self._function(observation.copy())
+        # The function may write to its argument.
+        result = self._function(observation.copy())
         shape = (*observation.shape[:-1], quadruped.N_JOINTS)
         try:
-            action = np.asarray(answer, dtype=float)
-            # One action (12,) is that of all robots.
+            action = np.asarray(result, dtype=float)
+            # A single action (12,) applies to all robots.
             if action.shape in (shape, shape[-1:]):
                 return np.broadcast_to(action, shape)
         except (TypeError, ValueError):
             pass
-        is_array = isinstance(answer, np.ndarray)
-        found = f"an array of shape {answer.shape}" if is_array else shown(answer)
+        is_array = isinstance(result, np.ndarray)
+        returned = f"an array of shape {result.shape}" if is_array else shown(result)
         raise InputError(
-            f"the policy's function returned {found} for an observation of shape "
+            f"the policy's function returned {returned} for an observation of shape "
             f"{observation.shape}; return an array of shape {shape}"
         )
 
     def save(self, path: Path) -> None:
-        raise InputError(f"{path}: no file holds a function; keep the program that defines it")
+        raise InputError(f"{path}: a function cannot be saved; keep the program that defines it")

@@ -1,4 +1,4 @@
-"""Loading any policy from its file."""
+"""Loads policies of all kinds from files, and finds those that ship."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -31,23 +31,23 @@ _CLASSES = {
     "boosted_trees": ("boosting", "BoostedTreesPolicy"),
     "additive": ("additive", "AdditivePolicy"),
 }
-"""Module and class by kind; programs that load one kind need not import the others."""
+"""Module and class of each kind, so that loading one kind does not import the others."""
 
 RECORDS = ("distillation.yaml", "config.yaml")
-"""Files beside students that may name their expert: of shipped ones, and in a run's folder."""
+"""Files beside students that may name their expert: in the package, and in a run's folder."""
 
 
 def policy_path(folder: Path, name: str) -> Path:
-    """Returns the file of a policy in a folder, or the one that it would have."""
+    """Returns the path of a policy in a folder, even if no such file exists."""
     paths = [folder / f"{name}{suffix}" for suffix in POLICY_SUFFIXES]
     return next((path for path in paths if path.exists()), paths[0])
 
 
 def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
-    """Loads a policy of any kind, of the shipped robot that its file names unless one is given."""
+    """Loads a policy of any kind, by default for the shipped robot that its file names."""
     path = Path(path)
 
-    # Formulas are text.
+    # Formula files are text.
     if path.suffix == FORMULAS:
         from glassgait.models.policies.symbolic import FormulaPolicy  # noqa: PLC0415
 
@@ -55,41 +55,41 @@ def load_policy(path: str | Path, robot: Robot | None = None) -> Policy:
             file = _read_formula_file(path)
             return FormulaPolicy.from_file(file, robot_of(path, file.robot, robot))
 
-    # All other policies are arrays, with a header.
+    # All other files contain arrays and a header.
     arrays, header = load_arrays(path)
     _check_header(path, header)
     if (kind := header["kind"]) not in _CLASSES:
-        raise InputError(f"{path}: holds an unknown kind of policy, {shown(kind)}; make it anew")
+        raise InputError(f"{path}: key 'kind' of its header is {shown(kind)}; make it again")
     module, name = _CLASSES[kind]
-    found = getattr(import_module(f"glassgait.models.policies.{module}"), name)
+    policy_class = getattr(import_module(f"glassgait.models.policies.{module}"), name)
     names = {"gait": header["gait"], "observation_names": tuple(header["observation_names"])}
     robot = robot_of(path, header.get("robot"), robot)
     with naming(path):
         law = JointLaw.from_plain(header.get("joint_law", {}), JointLaw.title)
-        policy = found.from_arrays(arrays, header["values"], robot=robot, **names)
+        policy = policy_class.from_arrays(arrays, header["values"], robot=robot, **names)
         return policy.with_joint_law(law)
 
 
 def _check_header(path: Path, header: Any) -> None:
     if not isinstance(header, Mapping) or header.get("format") != FORMAT_VERSION:
-        raise InputError(f"{path}: is not a policy of format {FORMAT_VERSION}; make it anew")
-    wanted = {"kind": str, "gait": str, "observation_names": list, "values": dict}
-    for key, kind in wanted.items():
-        if not isinstance(header.get(key), kind):
-            found = shown(header.get(key))
-            raise InputError(f"{path}: key {key!r} of its header is {found}; make the policy anew")
+        raise InputError(f"{path}: is not a policy of format {FORMAT_VERSION}; make it again")
+    types = {"kind": str, "gait": str, "observation_names": list, "values": dict}
+    for key, expected in types.items():
+        if not isinstance(header.get(key), expected):
+            value = shown(header.get(key))
+            raise InputError(f"{path}: key {key!r} of its header is {value}; make the policy again")
 
 
 def _read_formula_file(path: Path) -> "FormulaFile":
     from glassgait.models.formulas.reader import read_formulas  # noqa: PLC0415
 
-    # The checker of certificates reads every byte, a byte-order mark too.
+    # Keep a byte-order mark, which the certificate checker refuses as well.
     return read_formulas(read_text(path, encoding="utf-8"))
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Puts a file's path, once, before the message of an error."""
+    """Prefixes the message of an InputError with a file's path, unless it begins with it."""
     try:
         yield
     except InputError as error:
@@ -99,7 +99,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def find_gait(gait: str | Path, robot: str | None = None) -> "Gait":
-    """Loads a gait by name, or from a gait file or a formula file, which must be of the robot."""
+    """Loads a gait by name, from a gait file, or from a formula file of the given robot."""
     from glassgait.models.task.gait import load_gait  # noqa: PLC0415
 
     path = Path(gait)
@@ -120,7 +120,7 @@ def shipped_experts(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
 
 
 def shipped_expert(gait: str, robot: str = DEFAULT_ROBOT) -> Path:
-    """Returns the file that a gait's shipped expert has, or would have."""
+    """Returns the path of a gait's shipped expert, even if no such file exists."""
     return robot_folder(EXPERT_DIRECTORY, robot) / f"{gait}.safetensors"
 
 
@@ -131,21 +131,21 @@ def shipped_students(gait: str, robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
 
 
 def recorded_expert(folder: Path) -> tuple[Path, str] | None:
-    """Returns the record that names the expert of a folder's students, and its digest, or None."""
+    """Returns the file that names the expert of a folder's students, and the expert's digest."""
     for path in (folder / name for name in RECORDS):
-        found = read_yaml(path) if path.exists() else None
-        inputs = found.get("inputs") if isinstance(found, dict) else None
+        record = read_yaml(path) if path.exists() else None
+        inputs = record.get("inputs") if isinstance(record, dict) else None
         if isinstance(inputs, dict) and isinstance(inputs.get("expert"), str):
             return path, inputs["expert"]
     return None
 
 
 def load_student_of(expert: Policy, path: Path) -> Policy:
-    """Loads a student, with the estimator of its expert unless its file holds one."""
+    """Loads a student, with the estimator of its expert unless its file contains one."""
     student = load_policy(path, expert.robot)
     names = expert.observation_names
     if student.estimator is not None and not callable(student.estimator):
-        # Formulas that hold odometry may observe an IMU where the expert does not.
+        # Formulas with odometry may observe an IMU even if the expert does not.
         states = expert.layout.n_machine_states
         names = ObservationLayout(states, imu=student.layout.imu).names
     with naming(path):
@@ -155,9 +155,9 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     recorded = recorded_expert(path.parent)
     if recorded is not None and recorded[1] != expert.digest():
         raise InputError(
-            f"{path}: observes by the estimator of the expert {recorded[1]} (key 'inputs.expert' "
-            f"of {recorded[0]}), and this expert is {expert.digest()}; name the run "
-            "that it was distilled in with --source, or distil a student from this one"
+            f"{path}: uses the estimator of the expert {recorded[1]} (key 'inputs.expert' of "
+            f"{recorded[0]}), but this expert is {expert.digest()}; name the run that trained its "
+            "expert with --source, or distil a student from this one"
         )
     return student.with_estimator_of(expert)
 
@@ -177,11 +177,11 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
 def load_expert(
     gait: "str | Gait", path: Path | None = None, robot: Robot | None = None
 ) -> "NeuralPolicy":
-    """Loads the expert of a gait, from the shipped file unless one is given."""
+    """Loads the expert of a gait, by default from the shipped file."""
     from glassgait.models.policies.neural import NeuralPolicy  # noqa: PLC0415
     from glassgait.models.task.gait import load_gait  # noqa: PLC0415
 
-    # The file.
+    # Find the file.
     machine = load_gait(gait) if isinstance(gait, str) else gait
     if path is None:
         robot = robot or load_robot()
@@ -193,7 +193,7 @@ def load_expert(
                 "its run with --source"
             )
 
-    # It must hold a network for this gait and its present states.
+    # Check that it contains a network for this gait and its RM states.
     policy = load_policy(path, robot)
     if not isinstance(policy, NeuralPolicy):
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
@@ -204,7 +204,7 @@ def load_expert(
     layout = ObservationLayout(machine.n_states, imu=policy.layout.imu)
     if policy.observation_names != layout.names:
         raise InputError(
-            f"{path}: was trained for a {machine.name} of other states than the gait's file has "
-            "now; train it anew"
+            f"{path}: was trained for a {machine.name} with other RM states than the gait's file "
+            "has now; train it again"
         )
     return policy

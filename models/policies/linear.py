@@ -1,4 +1,4 @@
-"""Linear policies: one weight vector a joint, or one a joint and RM state."""
+"""Linear policies: one weight vector per joint, or per joint and RM state."""
 
 from collections.abc import Mapping
 from typing import ClassVar
@@ -35,18 +35,18 @@ class LinearPolicy(Policy):
         return observation @ self.weights.T + self.intercepts
 
     def by_state(self) -> tuple[Array, Array]:
-        """Returns weights (k, 12, n) and intercepts (k, 12), one of each where all states share."""
+        """Returns weights (k, 12, n) and intercepts (k, 12); k is 1 if all RM states share them."""
         return self.weights[None], self.intercepts[None]
 
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         scale, stance = self.robot.action_scale, self.robot.default_stance[joint]
-        # Targets count from the stance, and actions are scaled to them.
+        # A target is the stance plus the scaled action.
         weights, intercepts = self.by_state()
         constant = tuple((stance + scale * intercepts[:, joint]).tolist())
         slopes = (scale * weights[:, joint]).T.tolist()
         return (
             FactoredTerm(constant, ()),
-            *(FactoredTerm(tuple(one), (variable(i),)) for i, one in enumerate(slopes)),
+            *(FactoredTerm(tuple(slope), (variable(i),)) for i, slope in enumerate(slopes)),
         )
 
     def importance(self, observations: Array) -> tuple[str, Array]:
@@ -61,9 +61,9 @@ class LinearPolicy(Policy):
         joint = quadruped.joint_index(joint)
         weights, intercepts = (array[:, joint] for array in self.by_state())
         state = self.machine_state(observation) if len(weights) > 1 else 0
-        parts = weights[state] * observation
+        products = weights[state] * observation
         constant = np.broadcast_to(intercepts[state], observation.shape[:-1])[..., None]
-        values = np.concatenate([constant, parts], axis=-1)
+        values = np.concatenate([constant, products], axis=-1)
         terms = INTERCEPT, *symbols_of(self.observation_names)
         return contributions_of_action(self.robot, terms, values, joint)
 

@@ -1,4 +1,4 @@
-"""Neural policies: the experts, with the state estimator that they learned to rely on."""
+"""Neural policies: experts, with the estimator of the body state used in their training."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.policies.policy import ArraySpec, Policy, Reals, take_arrays
+from glassgait.models.policies.policy import ArraySpec, Policy, Reals, checked_arrays
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import (
     N_ESTIMATED,
@@ -31,8 +31,8 @@ def elu(x: Array) -> Array:
 class Network:
     """A fully connected network with ELU between its layers, in double precision.
 
-    With mirror images M the network treats left and right alike: it is the mean of f(x) and
-    M f(M x), where f is given by its layers.
+    With reflections M the network is mirror-symmetric: its output is the mean of f(x) and
+    M f(M x), and f is the function of its layers.
     """
 
     weights: tuple[Array, ...]
@@ -40,17 +40,17 @@ class Network:
     biases: tuple[Array, ...]
     """Vectors (n_out,)."""
     reflections: tuple[Reflection, Reflection] | None = None
-    """Mirror images of inputs and of outputs."""
+    """Reflections of inputs and of outputs."""
 
     def __call__(self, x: Array) -> Array:
         """Maps inputs (..., n_in) to outputs (..., n_out)."""
         if self.reflections is None:
-            return self._layered(x)
+            return self._apply_layers(x)
         reflect_input, reflect_output = self.reflections
-        plain, image = self._layered(np.stack([x, reflect_input(x)]))
+        plain, image = self._apply_layers(np.stack([x, reflect_input(x)]))
         return 0.5 * (plain + reflect_output(image))
 
-    def _layered(self, x: Array) -> Array:
+    def _apply_layers(self, x: Array) -> Array:
         last = len(self.weights) - 1
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = x @ weight.T + bias
@@ -79,7 +79,7 @@ def _count_layers(arrays: Mapping[str, NDArray[Any]], prefix: str) -> int:
 class NeuralPolicy(Policy):
     """An expert trained by PPO: an actor, and odometry or a network that estimates the body state.
 
-    With the mirror image of each RM state, its networks treat left and right alike.
+    Its networks are mirror-symmetric if the mirror image of each RM state is given.
     """
 
     kind = "neural"
@@ -94,19 +94,19 @@ class NeuralPolicy(Policy):
         *,
         robot: Robot | None = None,
     ) -> None:
-        """Takes networks without mirror images, and `symmetry.mirrored_states` of the gait."""
+        """Takes networks without reflections, and the gait's `symmetry.mirrored_states`."""
         super().__init__(gait, observation_names, robot=robot)
 
-        # The layers, as in files.
+        # Check the layers, named as in files.
         self._networks = {"actor": actor}
         if isinstance(estimator, Network):
             self._networks["estimator"] = estimator
         layers: dict[str, Array] = {}
         for name, network in self._networks.items():
             layers |= network.layers(name)
-        self._taken(layers, observation_names, estimator="estimator" in self._networks)
+        self._checked_layers(layers, observation_names, estimator="estimator" in self._networks)
 
-        # The networks that act, which may treat left and right alike.
+        # Make the networks mirror-symmetric.
         self.mirrored_states = self._checked_states(mirrored_states)
         self.actor = actor
         self._estimator: Network | Odometry = estimator
@@ -127,8 +127,8 @@ class NeuralPolicy(Policy):
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         layers: dict[str, NDArray[Any]] = {}
         for name, network in self._networks.items():
-            # Files hold the single precision of training.
-            layers |= {key: one.astype(np.float32) for key, one in network.layers(name).items()}
+            # Training uses single precision, so files do too.
+            layers |= {key: a.astype(np.float32) for key, a in network.layers(name).items()}
         values: dict[str, Any] = {}
         if isinstance(self._estimator, Odometry):
             values["odometry"] = asdict(self._estimator)
@@ -141,7 +141,7 @@ class NeuralPolicy(Policy):
         cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
         odometry = values.get("odometry")
-        layers = cls._taken(arrays, names["observation_names"], estimator=odometry is None)
+        layers = cls._checked_layers(arrays, names["observation_names"], estimator=odometry is None)
         with cls._naming_this_kind():
             estimator = odometry and Odometry.from_plain(odometry, "odometry")
         return cls(
@@ -156,17 +156,17 @@ class NeuralPolicy(Policy):
             return None
         count = self.layout.n_machine_states
         numbers = list(range(count))
-        # A mirror twice is none: each state is the image of its image.
-        whole = isinstance(states, tuple | list) and all(type(i) is int for i in states)
-        if not whole or sorted(states) != numbers or [states[i] for i in states] != numbers:
+        # Each state must be the image of its image.
+        integers = isinstance(states, tuple | list) and all(type(i) is int for i in states)
+        if not integers or sorted(states) != numbers or [states[i] for i in states] != numbers:
             raise InputError(
                 f"{self.kind} policy: mirrored_states is {shown(states)}; it must pair the {count} "
-                "RM states, so train the expert anew"
+                "RM states, so train the expert again"
             )
         return tuple(states)
 
     @classmethod
-    def _taken(
+    def _checked_layers(
         cls,
         layers: Mapping[str, NDArray[Any]],
         observation_names: tuple[str, ...],
@@ -180,7 +180,7 @@ class NeuralPolicy(Policy):
             specs = _specs(layers, "actor", "observations", "joints")
             if estimator:
                 specs |= _specs(layers, "estimator", "proprioception", "body")
-            return take_arrays(layers, specs, sizes)
+            return checked_arrays(layers, specs, sizes)
 
 
 def _specs(

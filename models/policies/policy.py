@@ -1,4 +1,4 @@
-"""The base of all policies, and the files that hold them."""
+"""The base class of all policies, and the arrays in their files."""
 
 import copy
 import hashlib
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 FORMAT_VERSION = 1
 
 LARGEST = 1e30
-"""Greatest size of a parameter: products of a few, as in a network, stay finite."""
+"""Greatest magnitude of a parameter, so that products of a few, as in networks, stay finite."""
 
 INTERCEPT = "intercept"
-"""The constant among the terms of a target."""
+"""Name of the constant term of a target."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Reals:
     """An array of half, single or double precision, converted to double precision."""
 
     dims: str
-    """Numbers, or names of one size in all arrays: "joints trees nodes+1"; "n?" may be 0."""
+    """Numbers, or names of sizes that arrays share: "joints trees nodes+1"; "pairs?" may be 0."""
     least: float = -LARGEST
     most: float = LARGEST
     ascending: bool = False
 
-    def taken(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
+    def checked(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
         if array.dtype not in (np.float16, np.float32, np.float64):
             raise InputError(f"is of type {array.dtype}; it must be float16, float32 or float64")
         with np.errstate(invalid="ignore"):
@@ -62,18 +62,18 @@ class Reals:
                 f"{self.most:g}"
             )
         if self.ascending and not np.all(values[..., 1:] >= values[..., :-1]):
-            raise InputError("does not ascend; it must along its last axis")
+            raise InputError("does not ascend along its last axis")
         return values
 
 
 @dataclass(frozen=True)
 class Indices:
-    """An array of indices that stay below the size of the name `of`."""
+    """An array of indices below the size that is named `of`."""
 
     dims: str
     of: str
 
-    def taken(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
+    def checked(self, array: NDArray[Any], sizes: Mapping[str, int]) -> NDArray[Any]:
         if array.dtype.kind not in "iu" or not np.can_cast(array.dtype, np.int64):
             raise InputError(f"is of type {array.dtype}; it must be uint8, uint16, int32 or int64")
         inside = (array >= 0) & (array < sizes[self.of])
@@ -86,29 +86,29 @@ class Indices:
 ArraySpec = Reals | Indices
 
 
-def take_arrays(
+def checked_arrays(
     arrays: Mapping[str, NDArray[Any]], specs: Mapping[str, ArraySpec], sizes: Mapping[str, int]
 ) -> dict[str, NDArray[Any]]:
-    """Checks the arrays of a policy and returns them; `sizes` are those known so far."""
-    # The names.
+    """Checks the arrays of a policy and returns them; `sizes` are those already known."""
+    # Check the names.
     for name in sorted(set(arrays) ^ set(specs)):
         if name in specs:
-            raise InputError(f"lacks the array {name!r}; make it anew")
-        raise InputError(f"holds an array {shown(name)}, which is no part of it; make it anew")
+            raise InputError(f"lacks the array {name!r}; make it again")
+        raise InputError(f"has an unknown array {shown(name)}; make it again")
 
-    # Sizes that the first arrays have are those that the others must have.
-    known, taken = dict(sizes), {}
+    # Check shapes and values; the first array with a named size decides it for the others.
+    known, checked = dict(sizes), {}
     for name, spec in specs.items():
         try:
-            _fit_shape(np.shape(arrays[name]), spec.dims, known)
-            taken[name] = spec.taken(np.asarray(arrays[name]), known)
+            _check_shape(np.shape(arrays[name]), spec.dims, known)
+            checked[name] = spec.checked(np.asarray(arrays[name]), known)
         except InputError as error:
-            raise InputError(f"array {name!r} {error}; make it anew") from None
-    return taken
+            raise InputError(f"array {name!r} {error}; make it again") from None
+    return checked
 
 
-def _fit_shape(shape: tuple[int, ...], dims: str, sizes: dict[str, int]) -> None:
-    """Refuses a shape of other dimensions, and notes the sizes of names that are new."""
+def _check_shape(shape: tuple[int, ...], dims: str, sizes: dict[str, int]) -> None:
+    """Checks a shape against `dims`, and adds the sizes of new names to `sizes`."""
     fits = len(shape) == len(dims.split())
     for size, dim in zip(shape, dims.split(), strict=False):
         name, _, extra = dim.rstrip("?").partition("+")
@@ -126,7 +126,7 @@ _NARROW = {"i": (np.uint8, np.int32), "f": (np.float16, np.float32)}
 
 
 def narrowest(array: NDArray[Any]) -> NDArray[Any]:
-    """Returns an array in the narrowest type that holds all its values exactly."""
+    """Returns an array in the narrowest type that represents all its values exactly."""
     for width in _NARROW.get(array.dtype.kind, ()):
         if np.array_equal(rounded(array, width), array, equal_nan=True):
             return array.astype(width)
@@ -134,7 +134,7 @@ def narrowest(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def rounded(array: NDArray[Any], width: DTypeLike) -> NDArray[Any]:
-    """Returns an array of the same type, with its values rounded to a narrower one."""
+    """Rounds values to a narrower type, and returns them in the type of the array."""
     with np.errstate(over="ignore"):
         return array.astype(width).astype(array.dtype)
 
@@ -143,15 +143,15 @@ class FactoredTerm(NamedTuple):
     """A term of a joint's target: a weight times quantities, or a function of them."""
 
     weights: tuple[float, ...]
-    """The weight, one for all RM states or one each; empty where the term is a function."""
+    """One weight for all RM states, or one per state; empty if the term is a function."""
     quantities: "tuple[Expression, ...]"
     state: int | None = None
-    """RM state whose formula the term is part of; None where it serves all."""
+    """RM state whose formula has the term; None if all states share it."""
 
 
 @dataclass(frozen=True)
 class Contributions:
-    """The parts that add up to a joint's targets: k names, and contributions (..., k; rad)."""
+    """The names of the k terms that add up to a joint's targets, and their values (..., k; rad)."""
 
     terms: tuple[str, ...]
     values: Array
@@ -160,16 +160,16 @@ class Contributions:
 def contributions_of_action(
     robot: Robot, terms: Sequence[str], values: Array, joint: int
 ) -> Contributions:
-    """Turns parts of a joint's actions (..., k), the intercept first, into parts of its targets."""
-    of_target = robot.action_scale * values
-    of_target[..., 0] += robot.default_stance[joint]
-    return Contributions(tuple(terms), of_target)
+    """Converts terms of a joint's actions (..., k), intercept first, to terms of its targets."""
+    contributions = robot.action_scale * values
+    contributions[..., 0] += robot.default_stance[joint]
+    return Contributions(tuple(terms), contributions)
 
 
 class Policy(ABC):
-    """A callable `observation (..., n) -> action (..., 12)` that names what it observes.
+    """A callable `observation (..., n) -> action (..., 12)`, with the names of its observations.
 
-    Policies are immutable: a systems diagram may share one between contexts and clones.
+    Policies are immutable, so that contexts and clones of a diagram can share one.
     """
 
     kind: ClassVar[str]
@@ -178,9 +178,9 @@ class Policy(ABC):
 
     joint_law: JointLaw = DEFAULT_LAW
     observes_by: str | None = None
-    """Digest of the expert whose estimator it observes by, if it has one from there."""
+    """Digest of the expert whose estimator the policy uses, if any."""
     machine: "Gait | None" = None
-    """The gait itself, where the policy's file holds it."""
+    """The gait, if the policy's file contains it."""
     _estimator: "Callable[[Array], Array] | Odometry | None" = None
 
     def __init__(
@@ -197,23 +197,23 @@ class Policy(ABC):
         arrays |= zip(self.array_specs, in_order, strict=False)
         with self._naming_this_kind():
             if not isinstance(gait, str) or not gait.isprintable() or not 0 < len(gait) <= 80:
-                raise InputError(f"the gait is {shown(gait)}; it must be a name, so make it anew")
-            taken = take_arrays(arrays, self.array_specs, self._sizes(observation_names))
+                raise InputError(f"the gait is {shown(gait)}; it must be a name, so make it again")
+            checked = checked_arrays(arrays, self.array_specs, self._sizes(observation_names))
         self.robot = robot or load_robot()
         self.gait = gait
         self.observation_names = tuple(observation_names)
-        for name, array in taken.items():
+        for name, array in checked.items():
             setattr(self, name, array)
 
     @classmethod
     def _sizes(cls, observation_names: Sequence[str]) -> dict[str, int]:
-        """Returns the sizes that are known, and refuses names of another observation."""
+        """Checks the names of an observation, and returns the sizes that they decide."""
         names = tuple(observation_names)
         if not all(isinstance(name, str) for name in names):
-            raise InputError("an observation's name is not text; make it anew")
+            raise InputError("an observation's name is not text; make it again")
         layout = ObservationLayout.of(names)
         if names != layout.names:
-            raise InputError("its observations are not those of the task; make it anew")
+            raise InputError("its observations are not those of the task; make it again")
         sizes = {"observations": len(names), "states": layout.n_machine_states}
         return {"joints": quadruped.N_JOINTS} | sizes
 
@@ -228,8 +228,8 @@ class Policy(ABC):
     def __call__(self, observation: Array) -> Array:
         """Maps observations (..., n) to actions (..., 12).
 
-        The answer is NaN where an observation or an action is not finite or beyond `LARGEST_SOUND`.
-        The joints then keep their targets, and the robot shows the failure `not_finite`.
+        Returns NaN where an observation or action is not finite or exceeds `LARGEST_SOUND`. The
+        joints then keep their targets, and the robot's failure is `not_finite`.
         """
         sound = (np.abs(observation) <= LARGEST_SOUND).all(axis=-1, keepdims=True)
         action = self.act(observation if sound.all() else np.where(sound, observation, 0.0))
@@ -252,23 +252,23 @@ class Policy(ABC):
         return np.argmax(observation[..., self._one_hot], axis=-1)
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Returns named arrays, and values that JSON can hold, that define this policy."""
+        """Returns the named arrays and the JSON values that define this policy."""
         return {name: getattr(self, name) for name in self.array_specs}, {}
 
     @classmethod
     def from_arrays(
         cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
-        """Rebuilds the policy that `to_arrays` took apart, with its gait, observation and robot."""
-        parts: dict[str, Any] = names | dict(arrays)
-        return cls(**parts)
+        """Builds a policy from the result of `to_arrays`, its gait, observation names and robot."""
+        arguments: dict[str, Any] = names | dict(arrays)
+        return cls(**arguments)
 
     def with_arrays(self, **changed: NDArray[Any]) -> Self:
         """Returns the policy with some arrays changed, and without an expert's estimator."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in self.array_specs}
         arrays |= changed
-        made = type(self)(self.gait, self.observation_names, robot=self.robot, **arrays)
-        return made.with_joint_law(self.joint_law)
+        policy = type(self)(self.gait, self.observation_names, robot=self.robot, **arrays)
+        return policy.with_joint_law(self.joint_law)
 
     def save(self, path: str | Path) -> None:
         arrays, values = self.to_arrays()
@@ -286,13 +286,13 @@ class Policy(ABC):
         save_arrays(Path(path), {name: narrowest(array) for name, array in arrays.items()}, header)
 
     def compact(self) -> Self:
-        """Returns the policy with numbers that take less space in a file, where that helps."""
+        """Returns the policy with its numbers rounded to take less space in a file."""
         return self
 
     def digest(self) -> str:
         """Returns a digest that differs between policies that act differently."""
         arrays, values = self.to_arrays()
-        # What every file has by default is left out, so that old digests stay.
+        # Leave out defaults, so that policies older than a setting keep their digest.
         whole = hashlib.sha256(json.dumps([*self._named(), values]).encode())
         if law := self.joint_law.to_plain():
             whole.update(json.dumps(law).encode())
@@ -306,61 +306,61 @@ class Policy(ABC):
 
     @property
     def estimator(self) -> "Callable[[Array], Array] | Odometry | None":
-        """Odometry, or the map from proprioception to the body state (..., 7), or None."""
+        """Odometry, or a function from proprioception to the body state (..., 7), or None."""
         return self._estimator
 
     def with_estimator_of(self, expert: "Policy") -> Self:
-        """Returns the policy with the estimator of its expert; files hold only odometry."""
+        """Returns the policy with the estimator of its expert; students' files have none."""
         if expert.gait != self.gait:
             raise InputError(
-                f"the expert is of the {expert.gait} and the policy of the {self.gait}; name the "
-                f"expert of the {self.gait}"
+                f"the expert's gait is {expert.gait} and the policy's {self.gait}; give the expert "
+                f"for {self.gait}"
             )
-        made = copy.copy(self)
-        made.observes_by, made._estimator = expert.digest(), expert.estimator
-        return made
+        policy = copy.copy(self)
+        policy.observes_by, policy._estimator = expert.digest(), expert.estimator
+        return policy
 
     def with_joint_law(self, law: JointLaw) -> Self:
-        """Returns the policy whose joints follow another law, which must suit the robot."""
+        """Returns the policy with another joint law, which must be valid for the robot."""
         law.check(self.robot)
-        made = copy.copy(self)
-        made.joint_law = law
-        return made
+        policy = copy.copy(self)
+        policy.joint_law = law
+        return policy
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
-        """Splits a joint's targets at observations (..., n) into parts that add up to them."""
+        """Splits a joint's targets at observations (..., n) into terms that add up to them."""
         raise InputError(
-            f"policies of kind {self.kind!r} do not split into contributions; take an additive, "
+            f"policies of kind {self.kind!r} do not split into contributions; use an additive, "
             "a linear or a symbolic one"
         )
 
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         """Returns the factors of the terms of a joint's targets, in the order of `explain`."""
-        raise InputError(f"policies of kind {self.kind!r} are not sums of terms; take another one")
+        raise InputError(f"policies of kind {self.kind!r} are not sums of terms; use another kind")
 
     def importance(self, observations: Array) -> tuple[str, Array] | None:
-        """Returns the method, and importances (12, n) by the policy's parts on samples (m, n)."""
+        """Returns the name of a method and its importances (12, n) on samples (m, n), if any."""
         return None
 
     def refuse_other_machine(self, gait: "Gait") -> None:
-        """Refuses a gait that differs from the file's gait or, without one, the shipped gait."""
-        # Imported here: few programs that load a policy need gaits.
+        """Raises InputError unless a gait equals the file's, or the shipped one without it."""
+        # Imported here, since few programs that load a policy need gaits.
         from glassgait.models.task.gait import gait_names, shipped_gait  # noqa: PLC0415
 
-        made_for, remedy = self.machine, "name the policy's file as the gait as well"
+        made_for, remedy = self.machine, "give the policy's file as the gait, too"
         if made_for is None and self.gait in gait_names():
-            made_for, remedy = shipped_gait(self.gait), "name a policy whose file holds its machine"
+            made_for, remedy = shipped_gait(self.gait), "give a policy whose file has a 'machine'"
         if made_for is not None and (key := made_for.first_difference(gait)) is not None:
             raise InputError(
-                f"this policy was made for another machine than this {gait.name}, "
-                f"which differs in {key!r}; {remedy}"
+                f"this policy was made for another reward machine; this {gait.name} differs in "
+                f"{key!r}; {remedy}"
             )
 
     def check(
         self, *, gait: "Gait | str", observation_names: tuple[str, ...], robot: Robot | None = None
     ) -> None:
-        """Refuses another robot, another gait or its name, or another layout of the observation."""
-        # The robot and the gait, by name.
+        """Raises InputError unless the policy is for this gait, or its name, layout and robot."""
+        # Compare the names of robot and gait.
         name = gait if isinstance(gait, str) else gait.name
         made_for = "this policy was made for"
         if robot is not None and self.robot.name != robot.name:
@@ -369,21 +369,22 @@ class Policy(ABC):
             )
         if self.gait != name:
             raise InputError(
-                f"{made_for} gait {self.gait!r}, not {name!r}; name its gait, or another policy"
+                f"{made_for} gait {self.gait!r}, not {name!r}; give its gait, or another policy"
             )
 
-        # The machine and the layout.
+        # Compare the reward machine and the observation layout.
         if not isinstance(gait, str):
             self.refuse_other_machine(gait)
-        ours, theirs = self.observation_names, observation_names
-        if ours != theirs:
+        names = self.observation_names
+        if names != observation_names:
+            pairs = zip(names, observation_names, strict=False)
             first = next(
-                (f"{a!r} instead of {b!r}" for a, b in zip(ours, theirs, strict=False) if a != b),
-                f"{len(ours)} entries instead of {len(theirs)}",
+                (f"{a!r} instead of {b!r}" for a, b in pairs if a != b),
+                f"{len(names)} entries instead of {len(observation_names)}",
             )
             raise InputError(f"this policy observes {first}; distil it again for this layout")
 
 
 def first_not_finite(values: Array) -> tuple[int, ...] | None:
-    found = np.argwhere(~np.isfinite(values))
-    return tuple(int(index) for index in found[0]) if len(found) else None
+    indices = np.argwhere(~np.isfinite(values))
+    return tuple(int(index) for index in indices[0]) if len(indices) else None

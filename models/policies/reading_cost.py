@@ -1,10 +1,10 @@
-"""The cost of reading a policy: two numbers, counted alike for every kind.
+"""The cost of reading a policy: two numbers, counted in the same way for every kind.
 
 They leave out what all policies share: units of the observation, odometry, reward machine, limits.
 
-- `operations`: multiplications, additions, comparisons and calls of functions of a control step,
-  divided by the twelve joints. A definition counts once. Where each RM state has its formulas or
-  weights, one state acts; states are averaged.
+- `operations`: multiplications, additions, comparisons and function calls per control step,
+  divided by the twelve joints. A definition counts once. Formulas of different RM states are
+  averaged, since only one state is active.
 - `numbers`: the numeric parameters that decide what the policy does. Mirror images that its file
   leaves out do not count.
 """
@@ -36,19 +36,19 @@ class ReadingCost(NamedTuple):
 
 @singledispatch
 def reading_cost(policy: Policy) -> ReadingCost:
-    """Counts operations per action and numbers to read; NaN for a function of Python."""
+    """Counts operations per action and numbers to read; NaN for a Python function."""
     return ReadingCost(np.nan, np.nan)
 
 
 @reading_cost.register
 def _(policy: LinearPolicy) -> ReadingCost:
-    # A product an observation, and as many additions, the intercept's included.
+    # One product per observation, and as many additions, counting that of the intercept.
     return ReadingCost(2 * policy.weights.shape[-1], policy.weights.size + policy.intercepts.size)
 
 
 @reading_cost.register
 def _(policy: BoostedTreesPolicy) -> ReadingCost:
-    # A comparison a level, and an addition a tree. Early ends of branches hold no threshold.
+    # One comparison per level and one addition per tree. Nodes below early leaves do not count.
     n_trees, thresholds = policy.features.shape[1], np.isfinite(policy.thresholds).sum()
     leaves = thresholds + N_JOINTS * n_trees
     return ReadingCost(n_trees * (policy.depth + 1), int(thresholds + leaves + N_JOINTS))
@@ -56,7 +56,7 @@ def _(policy: BoostedTreesPolicy) -> ReadingCost:
 
 @reading_cost.register
 def _(policy: AdditivePolicy) -> ReadingCost:
-    # Bins are searched by halving, once for all joints; each function is then an addition.
+    # A binary search finds each bin, once for all joints; each function then needs one addition.
     fine, coarse = (np.isfinite(cuts).sum(axis=1) for cuts in (policy.cuts, policy.pair_cuts))
     coarse[np.isin(np.arange(len(coarse)), policy.pairs, invert=True)] = 0
     comparisons = np.ceil(np.log2(np.concatenate([fine, coarse]) + 1)).sum()
@@ -68,12 +68,12 @@ def _(policy: AdditivePolicy) -> ReadingCost:
 
 @reading_cost.register
 def _(policy: NeuralPolicy) -> ReadingCost:
-    # A product and an addition a weight, bias included, and a function a hidden unit.
+    # One product and one addition per weight, bias included, and one function per hidden unit.
     actor = policy.actor
-    weights, units = sum(one.size for one in actor.weights), sum(map(len, actor.biases))
+    weights, units = sum(layer.size for layer in actor.weights), sum(map(len, actor.biases))
     operations = 2 * weights + units - N_JOINTS
     if actor.reflections is not None:
-        # Twice, for the robot and for its mirror image, and the mean of both.
+        # The network runs for the robot and for its mirror image, and the outputs are averaged.
         operations = 2 * operations + 2 * N_JOINTS
     return ReadingCost(round(operations / N_JOINTS), weights + units)
 
@@ -92,10 +92,10 @@ def _(policy: FormulaPolicy) -> ReadingCost:
 def _definitions(policy: FormulaPolicy, formulas: Iterable[Expression]) -> list[Expression]:
     """Returns the formulas of the definitions that formulas use."""
     used = frozenset().union(*(formula.variables for formula in formulas))
-    defined = enumerate(policy.vocabulary.definitions, start=len(policy.observation_names))
-    return [definition.formula for index, definition in defined if index in used]
+    numbered = enumerate(policy.vocabulary.definitions, start=len(policy.observation_names))
+    return [definition.formula for index, definition in numbered if index in used]
 
 
 def _n_operations(formula: Expression) -> int:
-    own = formula.operator not in ("constant", "variable")
-    return own + sum(map(_n_operations, formula.operands))
+    is_operation = formula.operator not in ("constant", "variable")
+    return is_operation + sum(map(_n_operations, formula.operands))

@@ -1,4 +1,4 @@
-"""Symbolic policies: one formula a joint, or one a joint and state of the reward machine."""
+"""Symbolic policies: one formula per joint, or per joint and RM state."""
 
 import copy
 import hashlib
@@ -37,13 +37,13 @@ from glassgait.models.task.symmetry import refuse_other_mirror
 
 
 class FormulaPolicy(Policy):
-    """A policy that is made of formulas, the same ones always or others in each RM state.
+    """A policy of formulas: one set for all RM states, or one set per state.
 
-    A formula gives a joint's target in rad, from quantities in the robot's units.
+    A formula maps quantities in the robot's units to a joint's target in rad.
 
     Attributes:
         formulas_by_state: Canonical formulas (n_states, 12), or (1, 12) for all states.
-        mirror: Mirror image of each RM state, where the file leaves mirror images out.
+        mirror: Mirror image of each RM state, if the file leaves out mirror images of formulas.
     """
 
     suffix = SUFFIX
@@ -65,7 +65,7 @@ class FormulaPolicy(Policy):
         self.mirror = None if mirror is None else tuple(mirror)
         with self._naming_this_kind():
             self.formulas_by_state = self._canonical(formulas_by_state)
-            self._take(readings)
+            self._set_readings(readings)
         self._units = RobotUnits.of(self.robot, self.observation_names)
         self._tapes = [self._targets(formulas) for formulas in self.formulas_by_state]
 
@@ -80,25 +80,25 @@ class FormulaPolicy(Policy):
         count = len(self.vocabulary.symbols)
         return tuple(tuple(checked_formula(formula, count) for formula in row) for row in rows)
 
-    def _take(self, readings: Readings | None) -> None:
+    def _set_readings(self, readings: Readings | None) -> None:
         if readings is not None:
             readings.refuse_others(self.observation_names)
         self.readings = readings
         self._ends = None if readings is None else readings.ends(self.observation_names)
 
     def with_readings(self, readings: Readings | None) -> Self:
-        made = copy.copy(self)
+        policy = copy.copy(self)
         with self._naming_this_kind():
-            made._take(readings)
-        return made
+            policy._set_readings(readings)
+        return policy
 
     def with_machine(self, gait: Gait) -> Self:
-        """Returns the policy that holds its gait, and refuses to act in another."""
+        """Returns the policy with its gait stored, so that its file contains the gait."""
         names = ObservationLayout(gait.n_states, imu=self.layout.imu).names
         self.check(gait=gait, observation_names=names)
-        made = copy.copy(self)
-        made.machine = gait
-        return made
+        policy = copy.copy(self)
+        policy.machine = gait
+        return policy
 
     def refuse_other_machine(self, gait: Gait) -> None:
         super().refuse_other_machine(gait)
@@ -132,7 +132,7 @@ class FormulaPolicy(Policy):
         return sum(len(formula.terms()) for formula in self.to_file().written().values())
 
     def to_text(self) -> str:
-        """Writes the policy as text, from which `from_file` builds the same policy."""
+        """Returns the text of the policy's formula file."""
         return write_formulas(self.to_file())
 
     def save(self, path: str | Path) -> None:
@@ -140,7 +140,7 @@ class FormulaPolicy(Policy):
 
     @staticmethod
     def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
-        """Builds the policy of a file, with its estimator if the file holds odometry."""
+        """Builds a policy from a formula file, with an estimator if the file contains odometry."""
         kind = SymbolicPolicy if file.n_states is None else SymbolicPerStatePolicy
         formulas, joints = list(file.formulas.values()), quadruped.N_JOINTS
         policy = kind(
@@ -157,15 +157,15 @@ class FormulaPolicy(Policy):
 
     def digest(self) -> str:
         symbols, law = self.vocabulary.symbols, self.joint_law
-        # The text of formulas, without notes, which move no joint.
+        # Notes of definitions are left out, since they do not affect actions.
         definitions = [
             [definition.symbol, write_formula(definition.formula, symbols)]
             for definition in self.vocabulary.definitions
         ]
-        rows = [[write_formula(one, symbols) for one in row] for row in self.formulas_by_state]
+        rows = [[write_formula(f, symbols) for f in row] for row in self.formulas_by_state]
         parts: list[Any] = [*self._named(), self.observation_names, definitions]
         parts.append(rows if self.per_state else rows[0])
-        # A file's other keys count only where they are given.
+        # A file's other keys count only if they are present.
         parts += ["limited"] if law.limited else []
         parts += [] if law.gains is None else [list(law.gains)]
         parts += [] if law.limits is None else [asdict(law.limits)]
@@ -177,17 +177,17 @@ class FormulaPolicy(Policy):
     # ---- Evaluation --------------------------------------------------------------------------
 
     def act(self, observation: Array) -> Array:
-        quantities, acting = self._read(observation), self._acting(observation)
+        quantities, sets = self._read(observation), self._formula_set(observation)
         if observation.ndim == 1:
-            return actions_of(self.robot, self._tapes[int(acting)](quantities))
-        targets = np.empty((*acting.shape, quadruped.N_JOINTS))
+            return actions_of(self.robot, self._tapes[int(sets)](quantities))
+        targets = np.empty((*sets.shape, quadruped.N_JOINTS))
         for index, tape in enumerate(self._tapes):
-            mine = acting == index
-            if mine.any():
-                targets[mine] = tape(quantities[mine])
+            in_state = sets == index
+            if in_state.any():
+                targets[in_state] = tape(quantities[in_state])
         return actions_of(self.robot, targets)
 
-    def _acting(self, observation: Array) -> NDArray[np.intp]:
+    def _formula_set(self, observation: Array) -> NDArray[np.intp]:
         if self.per_state:
             return self.machine_state(observation)
         return np.zeros(observation.shape[:-1], dtype=np.intp)
@@ -195,21 +195,21 @@ class FormulaPolicy(Policy):
     def explain(self, observation: Array, joint: int | str) -> Contributions:
         """Splits a joint's targets into contributions; terms of other RM states contribute 0."""
         joint, symbols = quadruped.joint_index(joint), self.vocabulary.symbols
-        read, acting = self._read(observation), self._acting(observation)
+        quantities, sets = self._read(observation), self._formula_set(observation)
         names, values = [], []
         for state, formulas in enumerate(self.formulas_by_state):
             terms = [canonical(term) for term in formulas[joint].terms()]
             title = f"state {state}: " if self.per_state else ""
             names += [title + write_formula(term, symbols) for term in terms]
-            # Where the robot is in another state, this state's formula may not even be finite.
-            mine = (acting == state)[..., None]
-            values.append(np.where(mine, self._targets(terms)(read), 0.0))
+            # In other states of the robot, this state's terms may not even be finite.
+            in_state = (sets == state)[..., None]
+            values.append(np.where(in_state, self._targets(terms)(quantities), 0.0))
         return Contributions(tuple(names), np.concatenate(values, axis=-1))
 
     def quantities(self, observation: Array) -> Array:
         """Evaluates all variables of the formulas (..., k) at observations (..., n)."""
-        read = self._read(observation)
-        return np.concatenate([read, self._defined(read)], axis=-1)
+        observed = self._read(observation)
+        return np.concatenate([observed, self._defined(observed)], axis=-1)
 
     def _read(self, observation: Array) -> Array:
         """Returns the quantities (..., n) that formulas read at observations (..., n)."""
@@ -237,16 +237,16 @@ class FormulaPolicy(Policy):
         return "derivatives", slopes * observations.std(axis=0)
 
     def derivatives(self, observation: Array) -> Array:
-        """Evaluates the partial derivative of each action by each observation (..., 12, n).
+        """Evaluates the partial derivatives of actions with respect to observations (..., 12, n).
 
-        The RM state is held: at its change the formulas jump.
+        The RM state is held constant, since formulas are discontinuous where it changes.
         """
         rows = np.stack([self._slopes(row, observation) for row in self.formulas_by_state])
-        acting = self._acting(observation)[None, ..., None, None]
-        return np.take_along_axis(rows, acting, axis=0)[0]
+        sets = self._formula_set(observation)[None, ..., None, None]
+        return np.take_along_axis(rows, sets, axis=0)[0]
 
     def _slopes(self, formulas: Sequence[Expression], observation: Array) -> Array:
-        # The slopes that are not 0 by themselves, as formulas.
+        # Derive the formulas by each of their variables.
         n = observation.shape[-1]
         expanded = [self.vocabulary.expanded(formula) for formula in formulas]
         slopes = [
@@ -255,21 +255,21 @@ class FormulaPolicy(Policy):
             for variable in sorted(formula.variables)
         ]
 
-        # Their values, in a matrix of zeros.
+        # Evaluate the slopes; all others are 0.
         derivatives = np.zeros((*observation.shape[:-1], len(formulas), n))
         if slopes:
             joints, variables, expressions = zip(*slopes, strict=True)
-            found = Tape(expressions, n)(self._read(observation))
-            derivatives[..., list(joints), list(variables)] = found
+            values = Tape(expressions, n)(self._read(observation))
+            derivatives[..., list(joints), list(variables)] = values
         if self._ends is not None:
-            # Beyond its range a reading has no effect.
+            # Outside its range, a quantity has no effect.
             quantities, (low, high) = self._units.quantities(observation), self._ends
             derivatives *= ((quantities >= low) & (quantities <= high))[..., None, :]
         return derivatives / (self.robot.action_scale * self._units.scale)
 
 
 def _factored(term: Expression, state: int | None) -> FactoredTerm:
-    # The numbers among the factors make one weight.
+    # Multiply the constant factors into one weight.
     weight, quantities = 1.0, []
     for factor in _factors(term):
         if factor.operator == "constant":
@@ -282,7 +282,7 @@ def _factored(term: Expression, state: int | None) -> FactoredTerm:
 
 
 def _factors(term: Expression) -> tuple[Expression, ...]:
-    """Splits a term into the factors whose product it is; a sign is the factor -1."""
+    """Splits a term into factors; a minus sign becomes the factor -1."""
     match term:
         case Expression("mul", (left, right)):
             return _factors(left) + _factors(right)
@@ -293,14 +293,14 @@ def _factors(term: Expression) -> tuple[Expression, ...]:
 
 
 class SymbolicPolicy(FormulaPolicy):
-    """Each target is a formula of the observed quantities."""
+    """Each joint has one formula for all RM states."""
 
     kind = "symbolic"
     per_state = False
 
 
 class SymbolicPerStatePolicy(FormulaPolicy):
-    """A formula for each joint and RM state: a hybrid automaton to read."""
+    """Each joint has one formula per RM state: a readable hybrid automaton."""
 
     kind = "symbolic_per_state"
     per_state = True

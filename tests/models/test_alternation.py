@@ -88,7 +88,7 @@ def test_other_students_than_the_experts_are_refused(trot, small_expert):
     trees, expert = load_student("trot", "gbm"), load_expert("trot")
     other = small_expert(trot, imu=True, odometry=expert.estimator)
     assert alone(trees, expert).student is trees
-    message = f"the expert {expert.digest()}, not by that of {other.digest()}"
+    message = f"the estimator of the expert {expert.digest()}, not of {other.digest()}"
     with pytest.raises(InputError, match=message):
         alone(trees, other)
     with pytest.raises(InputError, match="trot does not act beside an expert of the pace"):
