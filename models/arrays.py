@@ -1,4 +1,4 @@
-"""Arrays of numbers."""
+"""The array type, and functions that are faster than NumPy's for small arrays."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -11,26 +11,23 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def clip(values: Array, least: Array | float, greatest: Array | float) -> Array:
-    """Returns the nearest values in ranges, as `np.clip` does; that takes longer for one robot."""
+    """Clips values to ranges; `np.clip` is slower for one robot."""
     return np.minimum(np.maximum(values, least), greatest)
 
 
-def map_arrays(change: Callable[..., Any], *trees: Any) -> Any:
-    """Changes every array of nested tuples, together with those of others of the same shape.
-
-    `change` returns the new array for the arrays at one place; None stays None.
-    """
+def map_arrays(function: Callable[..., Any], *trees: Any) -> Any:
+    """Applies a function to corresponding arrays of nested tuples; None stays None."""
     first = trees[0]
     if first is None:
         return None
     if not isinstance(first, tuple):
-        return change(*trees)
-    parts = [map_arrays(change, *values) for values in zip(*trees, strict=True)]
-    return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+        return function(*trees)
+    results = [map_arrays(function, *values) for values in zip(*trees, strict=True)]
+    return type(first)(*results) if hasattr(first, "_fields") else tuple(results)
 
 
 def stacked(*components: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Returns arrays (...) side by side (..., k); for few robots `np.stack` is slower."""
+    """Stacks k arrays (...) along a new last axis; `np.stack` is slower for few robots."""
     first = np.asarray(components[0])
     values = np.empty((*first.shape, len(components)), first.dtype)
     for i, component in enumerate(components):

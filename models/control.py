@@ -1,12 +1,11 @@
-"""One control step: what stands between a robot's sensors and its joints.
+"""One control step, from a robot's sensors to its joint targets.
 
     command ──────────────────────────────────┐
     sensors ─► contacts ─► reward machine ─► observation ─► policy ─► limits ─► joint targets
        └──────────┴──────► estimate ──────────┘
 
-The functions are pure and batch-first: robots stand along the first axes. The batch simulator calls
-them for many robots. The systems of the diagram are shells over the same parts, and the C of an
-exported controller has them as sections.
+The functions are pure and take robots along the leading axes. The batch simulator calls them for
+many robots, the systems of the diagram wrap them, and the exported C has one section for each.
 """
 
 from collections.abc import Callable
@@ -31,7 +30,7 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.observation import LARGEST_SOUND, N_ESTIMATED, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
-NO_READING: Array = np.full(N_IMU, np.nan)  # of a robot without an IMU
+NO_READING: Array = np.full(N_IMU, np.nan)  # reading of a missing IMU
 NO_READING.flags.writeable = False
 
 
@@ -41,7 +40,7 @@ class Sensors(NamedTuple):
     joint_position: Array  # (..., 12; rad)
     joint_velocity: Array  # (..., 12; rad/s)
     touching: BoolArray  # whether each contact sensor reads a contact (..., 4)
-    imu: Array = NO_READING  # (..., 9), where something needs it
+    imu: Array = NO_READING  # (..., 9); only needed if `ControlStep.needs_imu`
 
 
 class Memory(NamedTuple):
@@ -51,7 +50,7 @@ class Memory(NamedTuple):
     machine: MachineState
     odometry: OdometryState
     estimate: Array  # the body state (..., 7; m/s, m); zeros without an estimator
-    action: Array  # the one that the joints follow (..., 12)
+    action: Array  # the action that the joints follow (..., 12)
 
 
 def _are_sound(*values: Array) -> BoolArray:
@@ -65,16 +64,16 @@ class ControlStep:
     robot: Robot
     machine: RewardMachine
     law: JointLaw
-    # Odometry, or what maps proprioception to the body state (..., 7); None where the true body
-    # state is observed.
+    # Odometry, or a function of proprioception that returns the body state (..., 7); None if the
+    # true body state is observed.
     estimator: Callable[[Array], Array] | Odometry | None
     observes_imu: bool = False  # whether gravity's direction and the angular velocity are observed
 
     @property
     def needs_imu(self) -> bool:
         """True if the IMU is read."""
-        uses = isinstance(self.estimator, Odometry) or self.law.limits is not None
-        return self.observes_imu or uses
+        has_odometry = isinstance(self.estimator, Odometry)
+        return self.observes_imu or has_odometry or self.law.limits is not None
 
     def step(
         self,
@@ -83,26 +82,26 @@ class ControlStep:
         command: Command,
         policy: Callable[[Array], Array],
     ) -> tuple[Array, Memory]:
-        """Returns joint targets (..., 12; rad), and what to remember until the next step.
+        """Returns joint targets (..., 12; rad) and the memory for the next step.
 
-        For a robot with a reading or an estimate that is not finite or beyond `LARGEST_SOUND`
-        nothing changes. One whose policy asks for such an action keeps its targets.
+        A robot keeps its memory if a reading or an estimate is not finite or exceeds
+        `LARGEST_SOUND`. It keeps its targets if the policy's action is not finite.
         """
-        # Readings that are not sound are replaced, so that the others are computed undisturbed.
+        # Replace unsound readings, so that they do not disturb the other robots.
         position, velocity, touching, imu = sensors
         sound = _are_sound(position, velocity, *([imu] if self.needs_imu else []))
         position = np.where(sound[..., None], position, self.robot.default_stance)
-        velocity, imu = (np.where(sound[..., None], one, 0.0) for one in (velocity, imu))
+        velocity, imu = (np.where(sound[..., None], values, 0.0) for values in (velocity, imu))
         read = Sensors(position, velocity, touching, imu)
 
-        # A robot whose first readings were not sound begins now.
+        # If the first readings were unsound, the episode begins now.
         if before is not None and (before.trust.reading == UNREAD).all():
             before = None
         memory, _ = self.sense(before, read, command)
         action = policy(self.observation(memory, read, command))
         memory = memory._replace(action=self.limited(memory, read, action))
 
-        # Keep the memory of the step before where something is not sound.
+        # A robot with an unsound reading or estimate keeps its previous memory.
         odometry, last = memory.odometry, self.initial(position) if before is None else before
         feet = odometry.footholds.reshape(*sound.shape, -1)
         sound &= _are_sound(odometry.velocity, feet, odometry.turning, memory.estimate)
@@ -120,12 +119,12 @@ class ControlStep:
     ) -> tuple[Memory, MachineStep]:
         """Reads the sensors: contacts, reward machine and estimate.
 
-        The machine reads the foot heights that were estimated a step before, since an estimator may
+        The machine reads the foot heights estimated in the previous step, since an estimator may
         observe the machine's state.
 
         Args:
-            before: What is remembered of the step before; None at an episode's first step.
-            true_height: Heights of the feet (..., 4; m), read where there is no estimator.
+            before: The memory of the previous step; None at an episode's first step.
+            true_height: Heights of the feet (..., 4; m), used if there is no estimator.
             difficulty: See `RewardMachine.step`.
         """
         last = self.initial(sensors.joint_position) if before is None else before
@@ -133,13 +132,13 @@ class ControlStep:
         height = last.estimate[..., -quadruped.N_LEGS :] if true_height is None else true_height
 
         def expected_height() -> Array:
-            # Before it is known which feet touch.
+            # Odometry predicts them, because this step's contacts are not known yet.
             if true_height is not None or not isinstance(self.estimator, Odometry):
                 return height
             position = sensors.joint_position
             return self.estimator.expected_heights(self.robot, last.odometry, position)
 
-        # Contacts, of which a stuck sensor may say nothing true.
+        # Contacts; the foot's height replaces a sensor that seems stuck.
         contacts = believed_contacts(last.trust, sensors.touching, expected_height)
 
         # The reward machine. It follows the believed contacts.
@@ -151,7 +150,7 @@ class ControlStep:
             difficulty=difficulty,
         )
 
-        # The estimate. A network's observes the machine's state, so it comes last.
+        # The estimate comes last, because a network observes the machine's state.
         odometry = last.odometry
         if isinstance(self.estimator, Odometry) and before is not None:
             odometry = self.estimator.advance(
@@ -166,7 +165,7 @@ class ControlStep:
         return self.estimated(memory, sensors, command), machine
 
     def initial(self, joint_position: Array) -> Memory:
-        """Returns what is remembered before the first step of robots (..., 12; rad) at rest."""
+        """Returns the memory before the first step of robots at rest (..., 12; rad)."""
         shape = joint_position.shape[:-1]
         return Memory(
             trust=ContactTrust.begin(shape),
@@ -177,7 +176,7 @@ class ControlStep:
         )
 
     def estimated(self, memory: Memory, sensors: Sensors, command: Command) -> Memory:
-        """Returns the memory with the body state that is estimated at this instant."""
+        """Returns the memory with a new estimate of the body state."""
         match self.estimator:
             case None:
                 return memory
@@ -189,7 +188,7 @@ class ControlStep:
         return memory._replace(estimate=estimate)
 
     def proprioception(self, memory: Memory, sensors: Sensors, command: Command) -> Array:
-        """Observes the part that needs no estimator (..., 40 + n_states; with an IMU 6 more)."""
+        """Returns the observation without body state (..., 40 + n_states; 6 more with an IMU)."""
         return proprioception(
             self.robot,
             command=command.velocity,
@@ -206,18 +205,15 @@ class ControlStep:
     def observation(
         self, memory: Memory, sensors: Sensors, command: Command, body: Array | None = None
     ) -> Array:
-        """Observes everything (..., 47 + n_states; with an IMU 6 more).
+        """Returns the observation (..., 47 + n_states; 6 more with an IMU).
 
-        The body state (..., 7) is the estimate, or what is given as true.
+        `body` is the true body state (..., 7); by default it is the estimate.
         """
         body = memory.estimate if body is None else body
         return np.concatenate([self.proprioception(memory, sensors, command), body], axis=-1)
 
     def limited(self, memory: Memory, sensors: Sensors, action: Array) -> Array:
-        """Returns what limits leave of the actions (..., 12) that a policy asks for.
-
-        A robot keeps its last action where not all that is asked is finite.
-        """
+        """Limits a policy's actions (..., 12); a robot keeps its last one if any is not finite."""
         if self.law.limits is None:
             finite = np.isfinite(action).all(axis=-1, keepdims=True)
             return np.where(finite, action, memory.action)

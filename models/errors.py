@@ -1,4 +1,4 @@
-"""The error that bad input raises, in one sentence."""
+"""The error for bad input, and helpers that write its one sentence."""
 
 import reprlib
 from collections.abc import Iterable
@@ -13,24 +13,24 @@ _SHORT.maxstring = _SHORT.maxother = 80
 
 
 class InputError(Exception):
-    """A file, key or argument that a person gave cannot be used; the message says how to mend it.
+    """A user's file, key or argument cannot be used; the message says how to correct it.
 
-    It is no ValueError: tyro would frame the sentence with its own.
+    It is not a ValueError, because tyro would wrap the message in its own.
     """
 
 
 def unknown_name(kind: str, name: object, known: Iterable[str], remedy: str = "") -> InputError:
-    """Returns the refusal of a name, with the nearest known one and a further remedy."""
+    """Returns the error for an unknown name; it suggests the closest known one."""
     names = tuple(known)
-    near = "".join(f", perhaps {one!r}" for one in get_close_matches(str(name), names, n=1))
-    several = f"{kind}s".replace("ys", "ies")
+    near = "".join(f", perhaps {match!r}" for match in get_close_matches(str(name), names, n=1))
+    plural = f"{kind}s".replace("ys", "ies")
     return InputError(
-        f"unknown {kind} {shown(str(name))}{near}; the {several} are {', '.join(names)}{remedy}"
+        f"unknown {kind} {shown(str(name))}{near}; the {plural} are {', '.join(names)}{remedy}"
     )
 
 
 def brief(text: str) -> str:
-    """Cuts what a library or a person wrote to a short line, for an error's sentence."""
+    """Shortens a library's or a user's text to one line for an error message."""
     line = " ".join(text.split())
     return line if len(line) <= LONGEST else f"{line[: LONGEST - 1]}…"
 
@@ -40,5 +40,5 @@ def shown(value: Any) -> str:
     try:
         return brief(_SHORT.repr(value))
     except ValueError:
-        # Python refuses to write whole numbers of thousands of digits.
+        # Python refuses to print integers of thousands of digits.
         return f"a {type(value).__name__} too long to write"

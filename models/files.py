@@ -18,13 +18,13 @@ from safetensors.numpy import save
 from glassgait.models.errors import InputError, brief
 
 TEXT_BYTES = 1_000_000  # greatest size of a text file that a person writes
-YAML_BYTES = 100_000  # greatest size of a YAML file, which takes about a second to read
+YAML_BYTES = 100_000  # greatest size of a YAML file; reading one takes about a second
 RECORD_BYTES = 100_000_000  # greatest size of a record that a run writes
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f]")
 
 _PATHS = ("gait", "robot", "scenario", "warm_start", "output")
-"""Keys of settings that may hold a path, in place of a name."""
+"""Keys of settings that may hold a path instead of a name."""
 
 _SUFFIXES = (".yaml", ".yml", ".formulas", ".safetensors")
 
@@ -76,7 +76,7 @@ def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") 
 
 
 def resolve_paths(path: Path, values: Any, key: str = "") -> Any:
-    """Completes the paths among the values of a file, which are relative to its folder."""
+    """Resolves the paths among a file's values, which are relative to its folder."""
     if isinstance(values, dict):
         return {name: resolve_paths(path, value, name) for name, value in values.items()}
     if isinstance(values, list):
@@ -86,7 +86,7 @@ def resolve_paths(path: Path, values: Any, key: str = "") -> Any:
 
 
 def read_yaml(path: Path) -> Any:
-    """Reads plain values from a YAML file, as `parse_yaml` reads them from text."""
+    """Reads plain values from a YAML file; see `parse_yaml`."""
     text = read_text(path, YAML_BYTES)
     try:
         return parse_yaml(text)
@@ -97,7 +97,7 @@ def read_yaml(path: Path) -> Any:
 def parse_yaml(text: str) -> Any:
     """Reads plain values from YAML text.
 
-    Aliases, which may unfold to gigabytes, tags and keys given twice are refused. A date is text.
+    Refuses aliases, which may expand to gigabytes, tags and duplicate keys. Dates stay text.
     """
     try:
         return yaml.load(text, Loader=_Loader)
@@ -105,20 +105,20 @@ def parse_yaml(text: str) -> Any:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}: " if mark else ""
         problem = where + brief(error.problem or error.context or "")
-        raise InputError(f"is not valid YAML ({problem}); mend that line") from error
+        raise InputError(f"is not valid YAML ({problem}); correct that line") from error
     except yaml.YAMLError as error:
-        raise InputError(f"is not valid YAML ({brief(str(error))}); mend it") from error
+        raise InputError(f"is not valid YAML ({brief(str(error))}); correct it") from error
     except (ValueError, OverflowError) as error:
         raise InputError(f"holds a number that cannot be read ({brief(str(error))})") from error
     except RecursionError as error:
-        raise InputError("is nested too deep; mend it") from error
+        raise InputError("is nested too deeply; simplify it") from error
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML without aliases, tags, dates and keys that are given twice."""
+    """Loads safe YAML without aliases, tags, dates or duplicate keys."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012
-        first: [own for own in resolvers if not own[0].endswith((":timestamp", ":merge"))]
+        first: [pair for pair in resolvers if not pair[0].endswith((":timestamp", ":merge"))]
         for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
 
@@ -134,71 +134,71 @@ class _Loader(yaml.SafeLoader):
         seen = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                raise _refusal(key, "a key is not a text")
+                raise _refusal(key, "a key is not text")
             if key.value in seen:
                 raise _refusal(key, f"key {brief(key.value)!r} is given twice")
             seen.add(key.value)
         return super().construct_mapping(node, deep)
 
 
-def _refusal(found: Any, problem: str) -> yaml.MarkedYAMLError:
-    return yaml.MarkedYAMLError(problem=problem, problem_mark=found.start_mark)
+def _refusal(node: Any, problem: str) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
     """Writes named arrays and a JSON header to one safetensors file, atomically.
 
-    The header's key "sha256" is kept for a checksum of both.
+    The header's key "sha256" is reserved for a checksum of both.
     """
-    whole = {
+    little_endian = {
         name: np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
         for name, value in arrays.items()
     }
-    # One entry of metadata, since safetensors does not keep their order and equal runs are to give
+    # A single metadata entry: safetensors does not preserve their order, and equal runs must give
     # equal files.
-    text = json.dumps({**header, "sha256": _checksum(whole, header)})
-    write_atomically(path, save(whole, metadata={"header": text}))
+    text = json.dumps({**header, "sha256": _checksum(little_endian, header)})
+    write_atomically(path, save(little_endian, metadata={"header": text}))
 
 
 def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Reads back the arrays and the header that `save_arrays` wrote, and refuses damaged files."""
+    """Reads the arrays and the header that `save_arrays` wrote; refuses damaged files."""
     try:
         _refuse_irregular(path)
         with safe_open(path, framework="numpy") as file:
             header = json.loads((file.metadata() or {})["header"])
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        # With `ml_dtypes` installed, which ONNX brings, safetensors also reads other types.
+        # If `ml_dtypes` is installed (ONNX requires it), safetensors also reads other types.
         is_sound = all(array.dtype.isbuiltin == 1 for array in arrays.values())
         checksum = header.pop("sha256", None)
         is_sound = is_sound and checksum in (None, _checksum(arrays, header))
     except OSError as error:
         raise _unreadable(path, error) from error
-    except Exception as error:  # which one depends on the byte that is damaged
+    except Exception as error:  # its type depends on the damaged byte
         raise InputError(f"{path}: is damaged or was not written by this project") from error
     if not is_sound:
-        raise InputError(f"{path}: is damaged, its checksum is of other contents; make it anew")
+        raise InputError(f"{path}: is damaged, its checksum does not match; make it anew")
     return arrays, header
 
 
 def write_record(path: Path, values: Any, of: str = "") -> None:
-    """Writes what a run needs in order to resume, as JSON that keeps every digit and NaN.
+    """Writes the values that a run resumes from, as JSON that keeps every digit and NaN.
 
-    `of` names the run and the part of it that the values belong to.
+    `of` names the run, and the part of it, that the values belong to.
     """
     write_atomically(path, json.dumps({"of": of, "values": values}) + "\n")
 
 
 def read_record(path: Path, of: str | None = None) -> Any:
-    """Reads back the values that `write_record` wrote, and refuses those of something else."""
+    """Reads the values that `write_record` wrote; refuses those of another run or part."""
     data = _read_bytes(path, RECORD_BYTES)
     try:
         record = json.loads(data)
-        values, theirs = record["values"], record["of"]
+        values, written_for = record["values"], record["of"]
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew") from error
-    if of is not None and theirs != of:
+    if of is not None and written_for != of:
         raise InputError(
-            f"{path}: is of another run, or of another part of this one; delete it, and --resume "
+            f"{path}: belongs to another run or another part of this one; delete it, and --resume "
             "makes it anew"
         )
     return values
@@ -214,9 +214,9 @@ def _checksum(arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> 
 
 
 def _refuse_irregular(path: Path) -> None:
-    """Refuses a path of a folder, device or pipe; opening a pipe would never end."""
+    """Refuses folders, devices and pipes; opening a pipe would never end."""
     if path.exists() and not path.is_file():
-        raise IsADirectoryError(errno.EISDIR, "it is no regular file")
+        raise IsADirectoryError(errno.EISDIR, "not a regular file")
 
 
 def _read_bytes(path: Path, limit: int | None = None) -> bytes:

@@ -1,8 +1,8 @@
 """Settings: frozen dataclasses that pydantic checks.
 
-A range stands in the annotation of its field, such as `Annotated[int, Ge(1)]`. It holds whether
-settings come from the command line, from a file or from Python. What pydantic refuses becomes one
-sentence here: an `InputError` that names the source, the key, the value and what it must be.
+The annotation of a field holds its range, such as `Annotated[int, Ge(1)]`. It is checked whether
+settings come from the command line, from a file or from Python. An error of pydantic becomes an
+`InputError` of one sentence: the source, the key, the value and what it must be.
 """
 
 import json
@@ -24,7 +24,7 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 def _distinct(values: T) -> T:
     if len(set(values)) < len(values):
-        raise ValueError("a list that names nothing twice")
+        raise ValueError("a list without duplicates")
     return values
 
 
@@ -38,20 +38,20 @@ Count = Annotated[int, Ge(1), Lt(2**31)]  # a number of something; libraries cou
 Natural = Annotated[int, Ge(0), Lt(2**31)]  # a number of something that may be zero
 
 Seed = Annotated[int, Ge(0), Lt(2**31)]
-"""A seed. Libraries take 32 bits, and seeds of joints and rollouts are counted on from it."""
+"""A seed. Libraries take 32 bits; joints and rollouts use the numbers that follow it."""
 
 Positive = Annotated[float, Gt(0.0)]
 NotNegative = Annotated[float, Ge(0.0)]
 Share = Annotated[float, Gt(0.0), Le(1.0)]
 
-DISTINCT = AfterValidator(_distinct)  # annotates a list that names nothing twice
+DISTINCT = AfterValidator(_distinct)  # annotates a list without duplicates
 IN_ORDER = AfterValidator(_in_order)  # annotates a pair whose first number is at most the second
-FEW = MaxLen(100)  # bounds a list, which a run records and reads back
+FEW = MaxLen(100)  # limits the length of a list, since runs record it
 
 Range = Annotated[tuple[float, float], IN_ORDER]
 """Least and greatest value of a range; they may be equal."""
 
-# Numbers that YAML 1.1 takes for text: an exponent without its sign, or without a point.
+# Numbers that YAML 1.1 reads as text: their exponent has no sign, or there is no decimal point.
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
 _CONFIG = ConfigDict(
@@ -72,14 +72,14 @@ class Settings:
 
     @classmethod
     def from_plain(cls, values: Any, where: str = "") -> Self:
-        """Builds settings from the plain values that YAML and JSON hold, by the fields' names.
+        """Builds settings from plain values, as in YAML and JSON, by the fields' names.
 
-        Refuses unknown keys, and values of another kind or out of range. Errors begin with `where`,
+        Refuses unknown keys, and values of another type or out of range. Errors begin with `where`,
         the name of the source.
         """
         prefix = f"{where}: " if where else ""
         try:
-            # As JSON, so that lists become tuples and texts become paths, but no text a number.
+            # Validated as JSON: lists become tuples and strings paths, but no string a number.
             return _adapter(cls).validate_json(json.dumps(values, default=str))
         except ValidationError as error:
             raise InputError(f"{prefix}{_sentence(error, cls)}") from error
@@ -96,7 +96,7 @@ S = TypeVar("S", bound=type[Settings])
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def checked(kind: S) -> S:
-    """Makes a class of settings a frozen dataclass that checks every field when it is made."""
+    """Turns a class of settings into a frozen dataclass that checks every field on creation."""
     made: Any = dataclass(frozen=True, config=_CONFIG)(kind)
     initialize: Callable[..., None] = made.__init__
 
@@ -117,12 +117,12 @@ def _adapter(kind: type[Settings]) -> TypeAdapter[Any]:
 
 
 def _sentence(error: ValidationError, kind: type[Settings]) -> str:
-    """Returns what is wrong with the first value that pydantic refuses, and what it must be."""
-    # A misspelt key is also one that lacks: what is written comes first.
-    errors = sorted(error.errors(include_url=False), key=lambda own: own["type"] == "missing")
+    """Describes the first value that pydantic refuses, and what it must be."""
+    # A misspelt key also leaves a key missing; report the misspelling first.
+    errors = sorted(error.errors(include_url=False), key=lambda item: item["type"] == "missing")
     first, path = errors[0], list(errors[0]["loc"])
     if path and isinstance(path[0], int):
-        # A value that was given by its position.
+        # A positional argument.
         path[0] = fields(kind)[path[0]].name  # type: ignore[arg-type]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)[1:]
     if first["type"] == "unexpected_keyword_argument":
@@ -134,14 +134,14 @@ def _sentence(error: ValidationError, kind: type[Settings]) -> str:
     wanted = first["msg"].replace(" after validation", "")
     wanted = re.sub(r"^\w+ should", "it must", wanted).replace("Value error,", "it must be")
     if isinstance(first["input"], bool) and first["type"] in ("string_type", "literal_error"):
-        wanted = "YAML takes yes, no, on and off for true and false; quote the word"
+        wanted = "YAML reads yes, no, on and off as true and false; quote the word"
     if first["type"] == "float_type" and _EXPONENT.fullmatch(str(first["input"])):
-        wanted = "YAML takes it for text; write it as 1.0e-5 is written"
+        wanted = "YAML reads it as text; write it like 1.0e-5"
     return f"{key} is {shown(first['input'])}; {wanted}".lstrip()
 
 
 def _names_at(kind: Any, path: list[Any]) -> list[str]:
-    """Lists the keys of the settings at a path inside of others."""
-    for part in path:
-        kind = get_type_hints(kind).get(part) if is_dataclass(kind) else None
-    return [own.name for own in fields(kind)] if is_dataclass(kind) else []
+    """Lists the keys of the nested settings at a path."""
+    for name in path:
+        kind = get_type_hints(kind).get(name) if is_dataclass(kind) else None
+    return [item.name for item in fields(kind)] if is_dataclass(kind) else []

@@ -1,1 +1,1 @@
-"""Robots as data, what quadrupeds have in common, and their closed-form kinematics."""
+"""Robots as data, the layout that quadrupeds share, and their closed-form kinematics."""

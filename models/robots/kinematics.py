@@ -12,7 +12,7 @@ from glassgait.models.arrays import Array, cross, stacked
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
-LEVEL = 1e-9  # greatest rise of an edge, over its length, that counts as level
+LEVEL = 1e-9  # greatest slope of an edge that counts as level
 
 
 def rotation_matrix(quaternion: Array) -> Array:
@@ -80,13 +80,14 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
 def rolling_velocity(robot: Robot, turning: Array, down: Array) -> Array:
     """Returns velocities of the feet's lowest points relative to their centres (..., 4, 3; m/s).
 
-    Feet turn by trunk and joints (..., 4, 3; rad/s); `down` is the world's axis (..., 1, 3).
+    `turning` holds the feet's angular velocities (..., 4, 3; rad/s), `down` is the world's downward
+    axis (..., 1, 3); both are in the trunk's frame.
     """
     return cross(turning, robot.foot_radius * down)
 
 
 class LegAngles(NamedTuple):
-    """Sines and cosines of each leg's angles (..., 4); the shank's counts from the thigh's zero."""
+    """Sines and cosines of each leg's angles (..., 4); the shank's is thigh plus calf."""
 
     sin_hip: Array
     sin_thigh: Array
@@ -108,18 +109,18 @@ def leg_angles(joint_position: Array) -> LegAngles:
 
 
 def _knee(robot: Robot, legs: LegAngles) -> tuple[Array, Array]:
-    """Returns where the knee is in the leg's plane: x and z (..., 4; m)."""
+    """Returns the knee's x and z in the leg's plane (..., 4; m)."""
     return 0.0 - robot.thigh_length * legs.sin_thigh, 0.0 - robot.thigh_length * legs.cos_thigh
 
 
 def _foot(robot: Robot, legs: LegAngles, knee: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Returns where the foot's centre is in the leg's plane: x and z (..., 4; m)."""
+    """Returns the x and z of the foot's centre in the leg's plane (..., 4; m)."""
     x, z = knee
     return x - robot.calf_length * legs.sin_shank, z - robot.calf_length * legs.cos_shank
 
 
 def _swung(robot: Robot, legs: LegAngles, x: Array, z: Array) -> Array:
-    """Returns points of the legs' planes (..., 4; m) from their hips (..., 4, 3; m)."""
+    """Converts points in the legs' planes (..., 4; m) to vectors from the hips (..., 4, 3; m)."""
     offset = robot.thigh_offsets
     return stacked(
         x, legs.cos_hip * offset - legs.sin_hip * z, legs.sin_hip * offset + legs.cos_hip * z
@@ -147,7 +148,7 @@ def _heights_of_feet(robot: Robot, feet: Array, up: Array, base_height: Array) -
 
 
 def _in_world(positions: Array, points: Array) -> Array:
-    """Returns points (..., k, 3; m) of the trunk's frame in the world's."""
+    """Converts points (..., k, 3; m) from the trunk's frame to the world's."""
     to_world = rotation_matrix(positions[..., quadruped.QUATERNION])
     turned = np.einsum("...ij,...kj->...ki", to_world, points)
     return turned + positions[..., None, quadruped.POSITION]
@@ -162,18 +163,18 @@ def world_feet(robot: Robot, positions: Array) -> Array:
 def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
     """Locates the lowest points (..., 9, 3; m, in the world) of the boxes of `clearances`.
 
-    A limb's is the lower end of its middle line: beside a step, a corner of its box would be taken
-    for one inside of the step.
+    For a limb, this is the lower end of its centre line. Next to a step, a corner of its box would
+    seem to be inside the step.
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
     legs = leg_angles(positions[..., quadruped.JOINT_POSITION])
     thigh, knee, foot = leg_points(robot, legs)
 
     def lower(start: Array, end: Array) -> Array:
-        falls = np.einsum("...lk,...k->...l", end - start, up) < 0.0
-        return np.where(falls[..., None], end, start)
+        descends = np.einsum("...lk,...k->...l", end - start, up) < 0.0
+        return np.where(descends[..., None], end, start)
 
-    # A level trunk has no lowest corner; its middle stands for it.
+    # Level edges have no lower end; use their middle.
     corner = np.where(np.abs(up) < LEVEL, 0.0, np.sign(up))
     trunk = -0.5 * corner * np.array(robot.trunk_box)
     shank_end = knee + shank_share * (foot - knee)
@@ -183,7 +184,7 @@ def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0)
 
 
 class Clearances(NamedTuple):
-    """Heights above the ground of what may touch it and of the trunk, and how upright that is."""
+    """Heights of the boxes, the feet and the trunk above the ground, and the trunk's lean."""
 
     body: Array  # lowest points of the trunk's, the thighs' and the calves' boxes (..., 9; m)
     feet: Array  # lowest points of the feet (..., 4; m)
@@ -192,7 +193,7 @@ class Clearances(NamedTuple):
 
 
 def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clearances:
-    """Measures the lowest points of the collision boxes, which must never touch, and of the feet.
+    """Measures the lowest points of the collision boxes, which must not touch, and of the feet.
 
     `shank_share` is the share of the calf's box, from the knee down, that is measured.
     """
@@ -239,7 +240,7 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
 def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     """Returns states x (..., 37) of level robots at the origin, at rest on their lowest foot.
 
-    Joint positions (..., 12; rad) are those of the default stance unless they are given.
+    Joint positions (..., 12; rad) are the default stance unless given.
     """
     if joint_position is None:
         joint_position = robot.default_stance
@@ -250,19 +251,19 @@ def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     return state
 
 
-def moved_by(states: Array, away: Array) -> Array:
-    """Returns plant states x (..., 37) with trunks moved (..., 3; m)."""
-    if not away.any():
+def moved_by(states: Array, offset: Array) -> Array:
+    """Returns plant states x (..., 37) with the trunks moved by an offset (..., 3; m)."""
+    if not offset.any():
         return states
     states = states.copy()
-    states[..., quadruped.POSITION] += away
+    states[..., quadruped.POSITION] += offset
     return states
 
 
 def _unit_components(quaternion: Array) -> tuple[Array, Array, Array, Array]:
-    # A discrete plant adds rates to its quaternion and never shortens it: within a minute of
-    # walking it is a tenth too long.
+    # A discrete plant does not normalise its quaternion: after a minute of walking it is a tenth
+    # too long.
     norm = np.sqrt(np.add.reduce(np.square(quaternion), axis=-1, keepdims=True))
-    # All zeros stand for a state that is not finite; no attitude.
+    # All zeros stand for a non-finite state, which has no attitude.
     unit = quaternion / np.where(norm > 0.0, norm, 1.0)
     return unit[..., 0], unit[..., 1], unit[..., 2], unit[..., 3]

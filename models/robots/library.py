@@ -1,4 +1,4 @@
-"""Robots of files: `<name>/robot.yaml` and a URDF. Adding a robot takes no code."""
+"""Loads robots from files, `<name>/robot.yaml` and a URDF. Adding a robot takes no code."""
 
 import copyreg
 from functools import cache
@@ -24,10 +24,10 @@ def robot_names() -> tuple[str, ...]:
 
 
 def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
-    """Loads a robot that ships by its name, or another from its file, once a process and edit."""
+    """Loads a shipped robot by name, or another from its file; reloads a file that changed."""
     path = Path(robot)
     if path.is_dir() and str(robot) not in robot_names():
-        raise InputError(f"{path}: is a folder; give a robot's file in it, as {path / ROBOT_FILE}")
+        raise InputError(f"{path}: is a folder; give the robot's file, {path / ROBOT_FILE}")
     if path.suffix not in (".yaml", ".yml"):
         if str(robot) not in robot_names():
             remedy = ", or give the path of a robot's file ending in .yaml"
@@ -38,16 +38,16 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
 
 
 def robot_of(path: Path, name: object, robot: Robot | None = None) -> Robot:
-    """Returns the robot that a file is of, by its key "robot"; without one, the default robot.
+    """Returns the robot that a file's key "robot" names, by default the default robot.
 
-    The file has to be of `robot` if that is given, else of any robot that ships.
+    It must be `robot` if that is given, otherwise a shipped robot.
     """
     name = DEFAULT_ROBOT if name is None else name
     if robot is None:
         if name not in robot_names():
             raise InputError(
                 f"{path}: key 'robot' is {shown(name)}, and no such robot ships; give its "
-                "robot.yaml by --robot"
+                "robot.yaml with --robot"
             )
         return load_robot(str(name))
     if name != robot.name:
@@ -59,29 +59,29 @@ def robot_of(path: Path, name: object, robot: Robot | None = None) -> Robot:
 
 
 def robot_folder(directory: Path, robot: str = DEFAULT_ROBOT) -> Path:
-    """Returns the part of a directory of files or runs that is of a robot, by its name."""
+    """Returns a robot's folder in a directory of files or runs."""
     return directory if robot == DEFAULT_ROBOT else directory / robot
 
 
 @cache
 def _load(path: Path, _edited: int) -> Robot:
-    found = read_yaml(path)
-    if not isinstance(found, dict) or not isinstance(found.get("description"), str):
-        raise InputError(f"{path}: lacks the key 'description'; name the URDF beside the file")
-    joints = found.pop("joints", DEFAULT_JOINTS)
+    values = read_yaml(path)
+    if not isinstance(values, dict) or not isinstance(values.get("description"), str):
+        raise InputError(f"{path}: lacks the key 'description'; name a URDF in the same folder")
+    joints = values.pop("joints", DEFAULT_JOINTS)
     if not _are_joints(joints):
         raise InputError(
             f"{path}: key 'joints' is {shown(joints)}; name hip, thigh and calf for each of "
             f"{', '.join(LEGS)}"
         )
-    measured = Urdf(path.parent / found["description"], joints).fields()
-    if twice := sorted({*found} & {*measured, "path"}):
-        raise InputError(f"{path}: key {twice[0]!r} is what the URDF says; remove it")
+    from_urdf = Urdf(path.parent / values["description"], joints).fields()
+    if twice := sorted({*values} & {*from_urdf, "path"}):
+        raise InputError(f"{path}: key {twice[0]!r} is read from the URDF; remove it")
     try:
-        robot = Robot.from_plain({**found, **measured, "path": str(path)})
+        robot = Robot.from_plain({**values, **from_urdf, "path": str(path)})
     except InputError as error:
         key = str(error).partition(" ")[0].partition("[")[0]
-        file = path.parent / found["description"] if key in measured else path
+        file = path.parent / values["description"] if key in from_urdf else path
         raise InputError(f"{file}: {error}") from error
     if robot.name in robot_names() and not robot.is_shipped:
         raise InputError(
@@ -93,8 +93,10 @@ def _load(path: Path, _edited: int) -> Robot:
 def _are_joints(joints: Any) -> bool:
     if not isinstance(joints, dict) or {*joints} != {*LEGS}:
         return False
-    return all(isinstance(own, list) and [*map(type, own)] == [str] * 3 for own in joints.values())
+    return all(
+        isinstance(names, list) and [*map(type, names)] == [str] * 3 for names in joints.values()
+    )
 
 
-# A copy of a robot, and what another process gets, is the one that the file stands for.
+# Copying or unpickling a robot loads its file, so that a process has one object for each robot.
 copyreg.pickle(Robot, lambda robot: (load_robot, (robot.path,)))

@@ -31,10 +31,10 @@ JOINT_VELOCITY = slice(N_POSITIONS + 6, N_POSITIONS + N_VELOCITIES)
 
 
 def joint_index(joint: str | int) -> int:
-    """Returns the index of a joint such as FL_hip; an index stays one."""
+    """Returns the index of a joint such as FL_hip; returns an index as it is."""
     if isinstance(joint, str) and joint in JOINTS:
         return JOINTS.index(joint)
-    # True and False are whole numbers, too.
+    # True and False are integers in Python.
     is_number = not isinstance(joint, str | bool) and isinstance(joint, int | np.integer)
     if is_number and int(joint) in range(N_JOINTS):
         return int(joint)

@@ -1,4 +1,4 @@
-"""A robot as data, laid out as in `quadruped`, and the law by which its joints follow targets."""
+"""A robot as data, laid out as in `quadruped`, and the control law of its joints."""
 
 import math
 from dataclasses import asdict, field, replace
@@ -15,8 +15,8 @@ from glassgait.models.errors import InputError
 from glassgait.models.robots.quadruped import JOINTS, LEGS
 from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
 
-DEFAULT_ROBOT = "a1"  # name of the robot that is meant where none is named
-ROBOT_DIRECTORY = Path(__file__).resolve().parent  # folders of the robots that ship, by name
+DEFAULT_ROBOT = "a1"
+ROBOT_DIRECTORY = Path(__file__).resolve().parent  # has a folder for each shipped robot
 
 RobotName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
 Length = Annotated[float, Ge(1e-3), Le(10.0)]
@@ -30,21 +30,21 @@ Box = tuple[Length, Length, Length]
 class Robot(Settings):
     """A quadruped: lengths, limits, gains and the joint-level law that drives it.
 
-    `library.load_robot` makes robots: sizes, mass and limits are from the URDF, the rest is from
-    `robot.yaml`. Robots are equal only if they are the same object.
+    `library.load_robot` takes sizes, mass and limits from the URDF and the rest from `robot.yaml`.
+    Robots are equal only if they are the same object.
     """
 
     title: ClassVar[str] = "robot"
 
     name: RobotName
     full_name: Annotated[str, MinLen(1), MaxLen(80)]  # Name for people.
-    description: Annotated[str, MinLen(1), MaxLen(200)]  # File of its URDF, beside its own.
+    description: Annotated[str, MinLen(1), MaxLen(200)]  # URDF file, in the folder of `path`.
     # Joint angles of the default stance by leg: hip, thigh, calf (rad).
     stance: dict[str, tuple[Angle, Angle, Angle]]
     # Gains of the joints' position and velocity control (N·m/rad, N·m·s/rad).
     stiffness: Annotated[float, Ge(0.01), Le(1000.0)]
     damping: Annotated[float, Ge(0.001), Le(100.0)]
-    # What an action of 1 adds to a joint's target (rad).
+    # Change of a joint's target for an action of 1 (rad).
     action_scale: Annotated[float, Ge(0.001), Le(10.0)]
     mass: Annotated[float, Ge(0.1), Le(1000.0)]  # kg
     # Distance of a hip joint from the trunk's centre, along x and along y (m).
@@ -54,16 +54,16 @@ class Robot(Settings):
     calf_length: Length  # From the knee to the foot's centre (m).
     foot_radius: Length  # Radius of the feet, which are spheres (m).
     trunk_box: Box  # Sizes of the trunk's collision box (m).
-    thigh_box: Box  # Sizes of a thigh's; the first is along the limb (m).
-    calf_box: Box  # Sizes of a calf's (m).
+    thigh_box: Box  # Sizes of a thigh's box (m); the first is along the limb.
+    calf_box: Box  # Sizes of a calf's box (m); the first is along the limb.
     # Least and greatest angle of each joint (rad).
     position_limits: tuple[Annotated[tuple[Angle, Angle], IN_ORDER], ...]
     effort_limits: tuple[Effort, ...]  # Greatest torque of each joint (N·m).
     velocity_limits: tuple[Velocity, ...]  # Greatest velocity of each joint (rad/s).
-    urdf: str = field(repr=False)  # What Drake and MuJoCo read.
-    # Legs in the order in which the vendor's controller numbers their motors.
+    urdf: str = field(repr=False)  # Text of the URDF that Drake and MuJoCo read.
+    # Legs in the order of the vendor's motor numbers.
     motor_order: Annotated[tuple[str, ...], DISTINCT] = LEGS
-    path: str = ""  # File it was loaded from.
+    path: str = ""  # The `robot.yaml` that it was loaded from.
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__
@@ -71,14 +71,14 @@ class Robot(Settings):
     def __post_init__(self) -> None:
         for key, legs in (("stance", self.stance), ("motor_order", self.motor_order)):
             if sorted(legs) != sorted(LEGS):
-                raise InputError(f"{key} is of {', '.join(legs)}; name {', '.join(LEGS)}")
+                raise InputError(f"{key} has the legs {', '.join(legs)}; name {', '.join(LEGS)}")
         for joint, angle, low, high in zip(
             JOINTS, self.default_stance, self.lower_limits, self.upper_limits, strict=True
         ):
             if not low <= angle <= high:
                 raise InputError(
-                    f"stance has {joint} at {angle:g} rad, outside of its range, {low:g} to "
-                    f"{high:g}; give an angle in this range"
+                    f"stance has {joint} at {angle:g} rad, outside its range, {low:g} to {high:g}; "
+                    "give an angle in this range"
                 )
 
     @cached_property
@@ -98,7 +98,7 @@ class Robot(Settings):
 
     @cached_property
     def urdf_path(self) -> Path:
-        """Path of its description."""
+        """Path of the original URDF."""
         return Path(self.path).parent / self.description
 
     @cached_property
@@ -148,15 +148,15 @@ class Robot(Settings):
 
     @cached_property
     def hip_origin(self) -> Array:
-        """Places of the hip joints in the trunk's frame (4, 3; m)."""
+        """Positions of the hip joints in the trunk's frame (4, 3; m)."""
         ahead = np.array([1.0 if leg[0] == "F" else -1.0 for leg in LEGS])
         x, y = self.hip_offset
         return _fixed(np.stack([x * ahead, y * self.side, np.zeros(len(LEGS))], axis=-1))
 
     def joint_targets(self, action: Array, *, limited: bool = False) -> Array:
-        """Returns the joint position targets (..., 12; rad) that an action (..., 12) asks for.
+        """Converts actions (..., 12) to joint position targets (..., 12; rad).
 
-        If `limited`, they are the nearest within the joints' ranges. NaN stays NaN.
+        If `limited`, clips targets to the joints' ranges. NaN stays NaN.
         """
         targets = self.default_stance + self.action_scale * action
         if not limited:
@@ -164,20 +164,20 @@ class Robot(Settings):
         return clip(targets, self.lower_limits, self.upper_limits)
 
     def limited_action(self, action: Array) -> Array:
-        """Returns the action (..., 12) whose targets are the nearest within the joints' ranges."""
+        """Clips actions (..., 12) so that their targets are within the joints' ranges."""
         least, greatest = self._action_limits
         return clip(action, least, greatest)
 
     @cached_property
     def _action_limits(self) -> tuple[Array, Array]:
         limits = (self.lower_limits, self.upper_limits)
-        least, greatest = ((own - self.default_stance) / self.action_scale for own in limits)
+        least, greatest = ((angles - self.default_stance) / self.action_scale for angles in limits)
         return _fixed(least), _fixed(greatest)
 
     def joint_torque(
         self, *, target: Array, position: Array, velocity: Array, gains: tuple[float, float]
     ) -> Array:
-        """Evaluates the joints' PD law, limited to the motors' effort, at one instant.
+        """Evaluates the joints' PD law at one instant, limited to the motors' effort.
 
         Targets and positions are in rad, velocities in rad/s (..., 12 each); gains are stiffness
         and damping (N·m/rad, N·m·s/rad).
@@ -201,9 +201,9 @@ Gains = tuple[Stiffness, Damping]
 
 @checked
 class TargetLimits(Settings):
-    """Limits of joint targets that come last and hold whatever a policy asks for.
+    """Limits that are applied last to joint targets, and hold for any policy.
 
-    As formula files hold them, of each joint:
+    For each joint, as formula files write them:
 
         reach = torque/stiffness
         wanted = asked if g.z < -cos(lean) else q
@@ -211,45 +211,45 @@ class TargetLimits(Settings):
         slow = clip(weak, before - reach, before + reach)
         target = clip(slow, lowest + margin, highest - margin)
 
-    `asked` is what the policy asks for, `before` the target of the step before, `q` the measured
-    angle, all in rad; the first target is the default stance. Where not all angles and all that is
-    asked are finite, every joint keeps its target.
+    `asked` is the policy's target, `before` the target of the previous step and `q` the measured
+    angle, all in rad. The first target is the default stance. If an angle or a policy's target is
+    not finite, all joints keep their targets.
 
-    From the order of these lines it follows, whatever a policy asks and however its sensors fail:
+    The order of these lines guarantees, for any policy and any failure of its sensors:
 
-    - **Range.** A target is from `lowest + margin` to `highest - margin`, the first one as well.
-    - **Rate.** It moves by `reach` in a step at most: the last line brings a target nearer to the
-      one before, which was within its limits.
+    - **Range.** Each target, also the first one, is from `lowest + margin` to `highest - margin`.
+    - **Rate.** It moves by at most `reach` in a step: the last line can only bring it nearer to the
+      previous target, which was within these ends.
 
-    And as long as all that is asked and read is finite:
+    As long as the policy's targets and the readings are finite:
 
-    - **Torque.** A target that is within `reach` of the reading stays so, while the reading moves
-      by `reach` a step at most and is within `reach` of the limits: at rest the joint asks its
-      motor for no more torque than it has. For the target before is then within twice `reach` of
-      the reading, and the two intervals meet. A robot that starts, or a reading that jumps, further
-      away is met by `reach` a step.
-    - **Lean.** Where the trunk leans by more than `lean`, a joint is sent to where it is, or as
-      near to it as limits allow, so that its motor damps it and does nothing else.
+    - **Torque.** Suppose that a target is within `reach` of the reading, and that the reading moves
+      by at most `reach` in a step and is at most `reach` beyond the ends. Then the old target is
+      within twice `reach` of the reading, so the two intervals meet, and the next target is also
+      within `reach` of the reading: a joint at rest never demands more torque than its motor has.
+      From further away, as after a jump of the reading, the target approaches by `reach` a step.
+    - **Lean.** If the trunk leans by more than `lean`, the target is the measured angle, or as near
+      to it as the limits allow, so that the motor only damps the joint.
     """
 
     title: ClassVar[str] = "limits"
 
-    # Stiffness that torques at rest are computed with (N·m/rad).
+    # Stiffness from which the torque at rest is computed (N·m/rad).
     stiffness: Annotated[float, Ge(0.01), Le(1000.0)]
-    # Distance of targets from the ends of a joint's range (rad); by default the greatest error of
-    # an encoder in training.
+    # Distance of targets from the ends of a joint's range (rad); the default is the greatest error
+    # of an encoder in training.
     margin: Annotated[float, Ge(0.0), Le(0.2)] = 0.02
-    # Angle of the trunk beyond which joints are only damped (°); by default that of a fall.
+    # Angle of the trunk beyond which joints are only damped (°); the default is that of a fall.
     lean: Annotated[float, Gt(0.0), Le(90.0)] = 60.0
 
     @cached_property
     def upright(self) -> float:
-        """Greatest upward part of gravity's direction at which policies act."""
-        # Rounded, so that the C of a lean of 60° reads -0.5.
+        """Value of `g.z` (see above) below which the policy acts."""
+        # Rounded, so that the exported C has -0.5 for a lean of 60°.
         return -round(math.cos(math.radians(self.lean)), 12)
 
     def check(self, robot: Robot) -> None:
-        """Refuses a robot whose default stance, from which robots start, is beyond the limits."""
+        """Refuses a robot whose default stance, where robots start, is outside the limits."""
         least, greatest = self.ends(robot)
         for joint, low, high in zip(JOINTS, least, greatest, strict=True):
             if not low <= 0.0 <= high:
@@ -267,13 +267,13 @@ class TargetLimits(Settings):
     def applied(
         self, robot: Robot, action: Array, *, before: Array, position: Array, gravity: Array
     ) -> Array:
-        """Returns what the limits leave of actions (..., 12); those within them keep every digit.
+        """Limits actions (..., 12); those within the limits keep every digit.
 
-        `before` are the actions of the step before (..., 12), within the limits; measured are joint
-        positions (..., 12; rad) and gravity's direction in the trunk's frame (..., 3).
+        `before` holds the previous actions (..., 12), which are within the limits. Joint positions
+        (..., 12; rad) and gravity's direction (..., 3; trunk frame) are measured.
         """
         here = (position - robot.default_stance) / robot.action_scale
-        # The greatest distance of targets from joints and from targets before.
+        # The greatest distance of targets from the joints and from the previous targets.
         reach = robot.effort / self.stiffness / robot.action_scale
         least, greatest = self.ends(robot)
         is_upright = gravity[..., 2:] < self.upright
@@ -292,14 +292,14 @@ class JointLaw(Settings):
     title: ClassVar[str] = "joint_law"
 
     gains: Gains | None = None  # Stiffness and damping (N·m/rad, N·m·s/rad); by default the robot's
-    # Whether joints follow the nearest target within their ranges, which the policy then observes
+    # Whether targets are clipped to the joints' ranges; the policy then observes the clipped action
     # as its previous action.
     limited: bool = False
-    # Limits that come last; the policy observes the limited action as its previous one.
+    # Limits that are applied last; the policy observes the limited action as its previous action.
     limits: TargetLimits | None = None
 
     def __post_init__(self) -> None:
-        # What limits leave lies within the joints' ranges, but for rounding.
+        # Limited targets are within the joints' ranges, except for rounding.
         object.__setattr__(self, "limited", self.limited or self.limits is not None)
 
     def gains_of(self, robot: Robot) -> tuple[float, float]:
@@ -316,32 +316,32 @@ class JointLaw(Settings):
         )
 
     def merged(self, other: "JointLaw") -> "JointLaw":
-        """Returns this law with another's gains where it has none; either may limit targets."""
+        """Completes the law with the gains and limits of another one."""
         limits = self.limits or other.limits
         return JointLaw(self.gains or other.gains, self.limited or other.limited, limits)
 
     def with_limits(self, robot: Robot) -> "JointLaw":
-        """Returns this law with limits that count torques by its own stiffness."""
+        """Returns this law with target limits for its stiffness."""
         stiffness, _ = self.gains_of(robot)
         limits = TargetLimits(stiffness)
         limits.check(robot)
         return replace(self, limits=limits)
 
     def check(self, robot: Robot) -> None:
-        """Refuses limits that let a joint at rest ask its motor for more torque than it has."""
+        """Refuses limits with which a joint at rest could demand more than its motor's torque."""
         stiffness, _ = self.gains_of(robot)
         if self.limits is not None and self.limits.stiffness < stiffness:
             raise InputError(
                 f"limits: torque is divided by {self.limits.stiffness:g}, and the joints' "
-                f"stiffness is {stiffness:g} N·m/rad, so that a joint at rest could ask its motor "
-                f"for more than it has; divide by {stiffness:g} or more"
+                f"stiffness is {stiffness:g} N·m/rad, so a joint at rest could demand more than "
+                f"its motor's torque; divide by {stiffness:g} or more"
             )
 
     def to_plain(self) -> dict[str, Any]:
-        """Returns what differs from the robot's own law, as values that JSON can hold."""
+        """Returns the differences from `DEFAULT_LAW` as values for JSON."""
         gains = {} if self.gains is None else {"gains": list(self.gains)}
         limits = {} if self.limits is None else {"limits": asdict(self.limits)}
         return gains | ({"limited": True} if self.limited else {}) | limits
 
 
-DEFAULT_LAW = JointLaw()  # the robot's own gains, and targets wherever they are
+DEFAULT_LAW = JointLaw()  # the robot's gains, and targets without limits

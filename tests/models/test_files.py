@@ -111,7 +111,7 @@ def test_yaml_holds_plain_values(tmp_path, text, values):
         ("a: &x [1]\nb: *x", "line 1: anchors and aliases"),
         ("a: 1\nb: !!python/object:os.system x", "line 2: tags"),
         ("a: {b: 1, b: 2}", "line 1: key 'b' is given twice"),
-        ("[1]: 2", "line 1: a key is not a text"),
+        ("[1]: 2", "line 1: a key is not text"),
         ("a: [", "line 1"),
         ("a: " + "9" * 5000, "number that cannot be read"),
         ("[" * 5000, "nested too deep"),

@@ -59,9 +59,9 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(write_robot
     ("file", "old", "new", "message"),
     [
         ("robot.yaml", "FL: [0.1, 0.8, -1.5]", "FL: [0.1, 0.8, -0.5]", "stance has FL_calf"),
-        ("robot.yaml", "  FL: [0.1", "  LF: [0.1", "stance is of LF"),
+        ("robot.yaml", "  FL: [0.1", "  LF: [0.1", "stance has the legs LF"),
         ("robot.yaml", "damping: 1.0", "damping: -1.0", "damping is -1.0"),
-        ("robot.yaml", "damping: 1.0", "mass: 12.0", "'mass' is what the URDF says"),
+        ("robot.yaml", "damping: 1.0", "mass: 12.0", "'mass' is read from the URDF"),
         ("robot.yaml", "name: dog", "name: go2", "name is 'go2'"),
         ("robot.yaml", "description: a1.urdf", "description: none.urdf", "none.urdf"),
         ("robot.yaml", "description: a1.urdf", "", "lacks the key 'description'"),

@@ -43,7 +43,7 @@ REFUSED = [
     ({"count": "1"}, "count is '1'; it must be a valid integer"),
     ({"count": 2**31}, "count is 2147483648; it must be less than 2147483648"),
     ({"scale": 0.0}, "scale is 0.0; it must be greater than 0"),
-    ({"scale": "1e-5"}, "YAML takes it for text; write it as 1.0e-5 is written"),
+    ({"scale": "1e-5"}, "YAML reads it as text; write it like 1.0e-5"),
     ({"scale": float("nan")}, "scale is nan; it must be a finite number"),
     ({"on": 1}, "on is 1; it must be a valid boolean"),
     ({"cuont": 1}, "unknown key 'cuont'; write 'count', or remove it"),
@@ -51,7 +51,7 @@ REFUSED = [
 BY_HAND = [
     *REFUSED,
     ({"counts": (2, 0)}, "counts[1] is 0; it must be greater than or equal to 1"),
-    ({"counts": (2, 2)}, "counts is (2, 2); it must be a list that names nothing twice"),
+    ({"counts": (2, 2)}, "counts is (2, 2); it must be a list without duplicates"),
     ({"bounds": (2.0, 1.0)}, "bounds is (2.0, 1.0); it must be the least, then the greatest"),
     ({"inner": 3}, "inner is 3; it must be an instance of Inner"),
 ]
@@ -59,7 +59,7 @@ FROM_FILE = [
     *REFUSED,
     ({"inner": {"share": 2}}, "inner.share is 2; it must be less than or equal to 1"),
     ({"inner": {"kind": "c"}}, "inner.kind is 'c'; it must be 'a' or 'b'"),
-    ({"inner": {"kind": False}}, "inner.kind is False; YAML takes yes, no, on and off for true"),
+    ({"inner": {"kind": False}}, "inner.kind is False; YAML reads yes, no, on and off as true"),
     ({"count": date(2020, 1, 2)}, "it must be a valid integer"),
     ({"count": 10**5000}, "holds a value that cannot be read"),
     ({"count": 13}, "outer: count is 13; name another"),
