@@ -1,4 +1,4 @@
-"""Students of a library's models, one for each joint: boosted trees and explainable boosting."""
+"""Students of one library model per joint: boosted trees and explainable boosting."""
 
 from abc import abstractmethod
 from dataclasses import replace
@@ -17,31 +17,31 @@ from glassgait.studies.distillation.dataset import TrainingSet
 from glassgait.studies.distillation.students import StudentSettings
 
 Depth = Annotated[Count, Le(16)]
-"""Depth of a tree: compiled trees are complete, and of this depth have 65,536 leaves."""
+"""Depth of a tree. Compiled trees are complete; at depth 16 they have 65,536 leaves."""
 
 Bins = Annotated[Count, Ge(3)]
-"""Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
+"""Bins of an observation; interpret reserves one for missing and one for unknown values."""
 
 
 @checked
 class EnsembleSettings(StudentSettings):
-    """Settings of a library's model of one joint, which `policy` compiles."""
+    """Settings of the library model of one joint, which `policy` compiles."""
 
     policy: ClassVar[type[BoostedTreesPolicy] | type[AdditivePolicy]]
 
     @abstractmethod
     def regressor(self, n_observations: int, seed: int) -> Any:
-        """Makes the library's model, not yet fitted."""
+        """Returns the library's model before the fit."""
 
 
 @checked
 class GbmSettings(EnsembleSettings):
     """Settings of scikit-learn's gradient boosting.
 
-    The paper uses the library's defaults: 100 trees of depth 3, of all samples and observations.
+    The paper uses the library's defaults: 100 trees of depth 3 on all samples and observations.
 
     Attributes:
-        subsample: Share of the samples that a tree sees.
+        subsample: Share of the samples that each tree is fitted to.
         feature_share: Share of the observations that a split may choose from.
     """
 
@@ -69,7 +69,7 @@ class GbmSettings(EnsembleSettings):
 
 @checked
 class HistogramGbmSettings(EnsembleSettings):
-    """Settings of scikit-learn's histogram gradient boosting, the fast one.
+    """Settings of scikit-learn's histogram gradient boosting, which is fitted faster.
 
     Attributes:
         round_trees: Number of trees while samples are collected.
@@ -106,15 +106,15 @@ class EbmSettings(EnsembleSettings):
     """Settings of interpret's explainable boosting.
 
     Attributes:
-        outer_bags: Models that are averaged; functions' error bands are how much they differ.
-        round_bags: The same, at most, while samples are collected and in the fit that the paper's
-            split scores.
-        interactions: Functions of two observations, a joint; None for five of each observation,
-            which is interpret's default.
-        round_interactions: The same, at most, while samples are collected; None for as many.
-        max_interaction_bins: Bins of an observation in functions of two.
+        outer_bags: Number of averaged models; their differences are the functions' error bands.
+        round_bags: Upper limit of `outer_bags` while samples are collected and in the fit for the
+            paper's split.
+        interactions: Functions of two observations per joint; None for interpret's default, five
+            per observation.
+        round_interactions: Upper limit of `interactions` while samples are collected, if any.
+        max_interaction_bins: Bins of an observation in functions of two observations.
         smoothing_rounds: Rounds of smooth fitting before the greedy ones.
-        interaction_smoothing_rounds: The same, for functions of two.
+        interaction_smoothing_rounds: The same, for functions of two observations.
     """
 
     title: ClassVar[str] = "distillation: ebm"
@@ -133,7 +133,7 @@ class EbmSettings(EnsembleSettings):
 
     def __post_init__(self) -> None:
         if self.max_interaction_bins > self.max_bins:
-            # Joints could not share their bins: each would keep the finer ones where it has them.
+            # Joints share bins, which is impossible if their pairs have finer ones.
             raise InputError(
                 f"{self.title}: max_interaction_bins is {self.max_interaction_bins}, more than "
                 f"max_bins = {self.max_bins}; lower it or raise max_bins"
@@ -141,8 +141,7 @@ class EbmSettings(EnsembleSettings):
 
     def for_rounds(self) -> Self:
         counts = [n for n in (self.round_interactions, self.interactions) if n is not None]
-        few = self.for_shuffled_split()
-        return replace(few, interactions=min(counts, default=None))
+        return replace(self.for_shuffled_split(), interactions=min(counts, default=None))
 
     def for_shuffled_split(self) -> Self:
         return replace(self, outer_bags=min(self.round_bags, self.outer_bags))
@@ -151,7 +150,7 @@ class EbmSettings(EnsembleSettings):
         from interpret.glassbox import ExplainableBoostingRegressor
 
         return ExplainableBoostingRegressor(
-            # One-hot observations are numbers to every student alike.
+            # Treat one-hot observations as numbers, as all students do.
             feature_types=["continuous"] * n_observations,
             outer_bags=self.outer_bags,
             interactions="5x" if self.interactions is None else self.interactions,
@@ -167,7 +166,7 @@ class EbmSettings(EnsembleSettings):
 
 
 def fit_ensemble(samples: TrainingSet, settings: EnsembleSettings, *, seed: int) -> Policy:
-    """Fits a library's models of all joints, some at once, and compiles them to a policy."""
+    """Fits one library model per joint, in parallel, and compiles them to a policy."""
     names, observations = samples.observation_names, samples.observations
     calls = (
         delayed(settings.regressor(len(names), seed + joint).fit)(observations, target)

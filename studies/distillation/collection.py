@@ -1,4 +1,4 @@
-"""Collects the expert's actions in the states that expert and student visit together."""
+"""Collection of the expert's actions in the states that expert and student visit."""
 
 from dataclasses import replace
 
@@ -39,18 +39,18 @@ def collect(
     generator: np.random.Generator,
     speeds: Array | None = None,
 ) -> Dataset:
-    """Rolls out the episodes of one round at once (paper, Algorithm 1, lines 8 to 18).
+    """Rolls out the episodes of one round as a batch (paper, Algorithm 1, lines 8 to 18).
 
-    Commands are drawn over the gait's range and change every 10 s, except for given forward speeds,
-    which stay. A robot that falls starts again within its episode.
+    Commands are drawn from the gait's range and change every 10 s; given forward speeds do not
+    change. A robot that falls restarts within its episode.
 
     Args:
         episodes: Numbers of the episodes, counted from 1.
-        speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
+        speeds: Forward speeds (m/s) that the episodes cycle through, beginning at episode 1.
     """
     controller.refuse_other_machine(gait)
 
-    # The scenario, or a station for each robot.
+    # Use the given scenario, or draw a station for each robot.
     n, numbers = len(episodes), np.array(episodes)
     if isinstance(worlds, Scenario):
         world: Scenario | World = replace(worlds, command=DrawnCommands())
@@ -86,7 +86,7 @@ def collect(
 
 
 def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Event:
-    """Returns the event that keeps each robot's forward speed (n,; m/s) and draws its turns."""
+    """Returns the event that holds each robot's forward speed (n,; m/s) and draws turn rates."""
     turns = None
 
     def command(step: int, simulator: BatchSimulator) -> None:
@@ -94,14 +94,14 @@ def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Ev
         if turns is None or step % COMMAND_STEPS == 0:
             turns = sample_commands(gait, len(speeds), generator)
         velocity = np.stack([speeds, turns.velocity[:, 1]], axis=1)
-        # A robot that starts again has drawn another command.
+        # Set it at every step, since a robot that restarts draws another command.
         simulator.set_command(Command(velocity, turns.dwell))
 
     return command
 
 
 class _Samples(Observer):
-    """Records observations and the expert's actions there."""
+    """Records observations with the expert's actions."""
 
     def __init__(self, expert: Policy) -> None:
         self._expert = expert
@@ -109,22 +109,22 @@ class _Samples(Observer):
         self._labels: list[Array] = []
 
     def observe(self, step: ControlStep) -> None:
-        # Where the expert acts, its action is known.
+        # The expert's action is known at steps at which it acts.
         by_expert = step.output.expert_acts.all()
         label = step.output.action if by_expert else self._expert(step.observation)
-        found = first_not_finite(np.concatenate([step.observation, label], axis=1))
-        if found is not None:
+        invalid = first_not_finite(np.concatenate([step.observation, label], axis=1))
+        if invalid is not None:
             actions = (f"the action of {joint}" for joint in quadruped.JOINTS)
-            name = (*self._expert.observation_names, *actions)[found[1]]
+            name = (*self._expert.observation_names, *actions)[invalid[1]]
             raise InputError(
                 f"expert: {name} is not finite at control step {step.step} of its episode; train "
-                "it again, or name the run of another with --source"
+                "the expert again, or name another run with --source"
             )
         self._observations.append(step.observation)
         self._labels.append(label)
 
     def dataset(self, episodes: IntArray) -> Dataset:
-        # One episode after the other.
+        # Concatenate the episodes.
         observations, labels = (
             np.swapaxes(rows, 0, 1).reshape(len(episodes) * len(rows), -1)
             for rows in (self._observations, self._labels)

@@ -1,4 +1,4 @@
-"""`glassgait distill` and `glassgait refine`: make students, and train their numbers on."""
+"""`glassgait distill` and `glassgait refine`: fit students, and fine-tune formulas."""
 
 from dataclasses import field, replace
 from functools import partial
@@ -37,12 +37,12 @@ class Distill(SettingsFile):
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         n_seeds: Number of seeds of each gait: seed, seed + 1, …
-        workers: Where jobs run; of one gait and seed, where its students are made.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
-        source: Folder of a run of train, whose expert is taken; by default the one that ships, or
-            what was trained here.
-        output: Folder of the run; runs/distill/<gait> by default. Of several gaits each has
-            its folder <gait> in it, of several seeds seed_<seed> in that.
+        workers: Where jobs run; with one gait and seed, where its students are fitted.
+        robot: Name of a robot, or path of its robot.yaml; by default the expert's.
+        source: Folder of a run of train that contains the expert; by default, the expert that
+            ships is used or, for other gaits, the one in runs/train/<gait>.
+        output: Folder of the run; runs/distill/<gait> by default. Several gaits have subfolders
+            <gait>, and several seeds have subfolders seed_<seed> in these.
         resume: Continue the run that the folder holds.
     """
 
@@ -63,7 +63,7 @@ class Distill(SettingsFile):
         """Runs the study."""
         from glassgait.studies.common.tables import print_table
 
-        # Refused before any job is begun.
+        # Refuse invalid settings before any job begins.
         gaits = [load_gait(name) for name in gaits_named(self.gait)]
         for gait in gaits:
             self.config.for_gait(gait)
@@ -103,7 +103,7 @@ def _distill_job(
 
 @checked
 class Refine(OnePolicy, SettingsFile):
-    """Let a policy of formulas learn on in closed loop, by PPO; only its numbers change.
+    """Fine-tune the numbers in a policy of formulas in closed loop, by PPO.
 
     Attributes:
         output: Folder of the run; runs/refine/<gait>/<policy> by default.
@@ -122,11 +122,11 @@ class Refine(OnePolicy, SettingsFile):
         """Runs the study."""
         from glassgait.studies.distillation.refinement import RefinementRun
 
-        found, named = self.find()
-        # Where there is no expert, the second says so.
-        policy, expert = found.formulas(named), found.expert_of(named) or found.expert
-        gait, name = found.gait, Path(named).stem
-        folder = self.output or found.output(self.title) / name
+        policies, named = self.find()
+        # Without an expert, `policies.expert` raises an error.
+        policy, expert = policies.formulas(named), policies.expert_of(named) or policies.expert
+        gait, name = policies.gait, Path(named).stem
+        folder = self.output or policies.output(self.title) / name
         with open_run(
             folder,
             study=self.title,
@@ -137,7 +137,7 @@ class Refine(OnePolicy, SettingsFile):
         ):
             begun = (folder / CHECKPOINT_NAME).exists()
             run = RefinementRun(self.config, gait, expert, policy, folder, name=name, resume=begun)
-            # The formulas observe by its estimator, wherever the folder is moved.
+            # The formulas need the expert's state estimator, even if the folder is moved.
             expert.save(policy_path(folder, EXPERT))
             run.run()
         console.print(f"formulas written to {folder / name}{policy.suffix}")

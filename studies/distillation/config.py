@@ -28,12 +28,12 @@ from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, Sy
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
 Steps = Annotated[Count, Ge(2)]
-"""Control steps of an episode: R² needs two samples of one that is held out."""
+"""Control steps of an episode; R² needs two samples of a held-out episode."""
 
 
 @checked
 class StudentsSettings(Settings):
-    """Settings of every student that has any."""
+    """Settings of the students, by kind."""
 
     title: ClassVar[str] = "distillation"
 
@@ -54,25 +54,25 @@ class DistillationConfig(Settings):
     """Settings of a distillation (paper, Algorithm 1 and Section III-B).
 
     Attributes:
-        collector: Student that collects the samples of all; by default each collects its own, but
-            exact trees take those of histogram trees. With `itself`, the paper's way, each does.
-        episodes: Episodes in all, the paper's max_episodes.
+        collector: Student that collects the samples of all. By default each student collects its
+            samples itself, but gbm uses those of histogram_gbm. With `itself`, as in the paper,
+            each does.
+        episodes: Episodes with alternation, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.
-        episodes_per_fit: Episodes that share a student, a divisor of those that share a ratio; by
-            default as many. The paper's is 1: it fits after every episode.
-        alone_rounds: Rounds after those of the curriculum in which only the student acts; the
-            paper has none.
-        alone_episodes: Episodes of such a round; by default 16, and 48 for machines of more than
-            two states. Formulas have a setting of their own.
-        overdue_weight: How often a sample of a robot that waits is counted: its machine's state has
-            lasted two control steps longer than commanded. By default 1, the paper's, and 4 for
-            machines of more than two states.
-        speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's;
-            by default each is drawn over the gait's range, and another after 10 s. The paper's are
-            0, 0.25, 0.5 and 0.75.
-        worlds: The randomised scenarios of the samples: those that experts learn in.
-        scenario: Name of a scenario that ships, or path of a scenario file. Samples are collected
-            in it instead, except for its commands.
+        episodes_per_fit: Episodes from one fit to the next, a divisor of episodes_per_round; by
+            default equal to it. The paper fits after every episode: 1.
+        alone_rounds: Further rounds, in which only the student acts; the paper has none.
+        alone_episodes: Episodes of such a round; by default 16, or 48 for machines of more than
+            two states. Formulas have a separate setting.
+        overdue_weight: Weight of the samples of robots that wait: their RM state has lasted two
+            control steps longer than commanded. By default 1, as in the paper, or 4 for machines of
+            more than two states.
+        speeds: Commanded forward speeds (m/s) that the episodes cycle through, limited to the
+            gait's greatest. By default, speeds are drawn from the gait's range every 10 s. The
+            paper's are 0, 0.25, 0.5 and 0.75.
+        worlds: The randomised scenarios of the samples; by default those that experts train in.
+        scenario: Name of a scenario that ships, or path of a scenario file, to collect samples in
+            instead; its commands are not used.
     """
 
     title: ClassVar[str] = "distillation"
@@ -107,13 +107,13 @@ class DistillationConfig(Settings):
             n_episodes = self.episodes + self.alone_rounds * n_alone
             if n_episodes < HELD_OUT_EVERY:
                 raise InputError(
-                    f"distillation: of fewer than {HELD_OUT_EVERY} episodes none is held out to "
-                    f"score {kind} with; raise episodes or alone_rounds"
+                    f"distillation: {n_episodes} episodes of {kind} are too few to hold one out; "
+                    "raise episodes or alone_rounds"
                 )
 
     def for_gait(self, gait: Gait) -> "DistillationConfig":
-        """Returns the settings with the gait's defaults in the place of those that are not set."""
-        # Refuse what the gait cannot do.
+        """Returns the settings, with the gait's defaults for those that are not set."""
+        # Refuse settings that do not suit the gait.
         for kind in dict.fromkeys((*self.students, *map(self.collector_of, self.students))):
             self.settings.of(kind).refuse_for(gait)
         if self.speeds is not None and min(self.speeds) < -gait.max_speed:
@@ -122,7 +122,7 @@ class DistillationConfig(Settings):
                 f"{-gait.max_speed} to {gait.max_speed} m/s"
             )
 
-        # Machines of more than two states wait for one foot at a time, and robots more often.
+        # Robots wait more often if the machine has more than two states.
         episodes, weight = (16, 1) if gait.n_states <= 2 else (48, 4)
         return replace(
             self,
@@ -131,7 +131,7 @@ class DistillationConfig(Settings):
         )
 
     def collector_of(self, kind: str) -> str:
-        """Returns the kind of student that collects a student's samples: mostly itself."""
+        """Returns the kind of the student that collects a student's samples."""
         if self.collector == ITSELF:
             return kind
         return self.collector or STUDENTS[kind].collector or kind
@@ -139,10 +139,10 @@ class DistillationConfig(Settings):
 
 @dataclass(frozen=True)
 class Round:
-    """Episodes of as many control steps that share a student and an alternation ratio.
+    """Episodes of equal length that share a student and an alternation ratio.
 
-    The expert acts after each period of control steps, or never if it is 0; rounds and episodes
-    are counted from 1.
+    The expert acts every `period` control steps, or never if it is 0. Rounds and episodes are
+    counted from 1.
     """
 
     number: int
@@ -152,7 +152,7 @@ class Round:
 
 
 def rounds(config: DistillationConfig, kind: str) -> list[Round]:
-    """Lists the rounds in which a student collects its samples, by the settings for a gait."""
+    """Lists the rounds in which a student collects samples; `config` is a result of `for_gait`."""
     # First the expert acts at every k-th step, with k growing from 1.
     size = config.episodes_per_fit or config.episodes_per_round
     planned = []
@@ -161,7 +161,7 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
         period = math.ceil(first / config.episodes_per_round)
         planned.append(Round(len(planned) + 1, period, episodes, config.episode_steps))
 
-    # Then only the student acts. A kind with a number of such episodes has them of full length.
+    # Then only the student acts. Kinds with a separate `alone_episodes` have full-length episodes.
     n_alone = config.settings.of(kind).alone_episodes
     steps = config.alone_steps if n_alone is None else config.episode_steps
     size = n_alone or config.alone_episodes
@@ -172,7 +172,7 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
 
 
 REFINING = PpoConfig(critic_updates=10, entropy=0.0, final_entropy=0.0, initial_std=0.1)
-"""PPO of a policy that walks already: it explores close to its actions."""
+"""PPO settings for a policy that walks already, with little exploration."""
 
 MILD = DomainRandomization(
     groups=GroupRanges(
@@ -183,10 +183,10 @@ MILD = DomainRandomization(
     ),
     randomization=replace(HARSH, push_speed=1.2, latency=(0.0, 0.015)),
 )
-"""About half of what experts meet: in the harshest scenarios few terms forget level ground."""
+"""About half as hard as the experts' scenarios; in these, formulas got worse on level ground."""
 
 FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0, initial_hardship=1.0)
-"""No curriculum: the whole dwell, clearance, pushes and ground from the first update on."""
+"""No curriculum: full dwell, clearance, pushes and terrain from the first update on."""
 
 
 @checked
@@ -194,10 +194,10 @@ class RefinementConfig(Settings):
     """Settings of a refinement.
 
     Attributes:
-        candidate_updates: Updates from one candidate, and one checkpoint, to the next. At the end
-            of the run the candidates walk without the expert; the best of them is the result.
-        candidate_steps: Control steps that each of a candidate's robots walks.
-        n_robots: Robots that walk at once.
+        candidate_updates: Updates from one candidate, and checkpoint, to the next. At the end of
+            the run, the candidates walk without the expert, and the best is the result.
+        candidate_steps: Control steps of a candidate's rollouts.
+        n_robots: Number of robots in parallel.
     """
 
     title: ClassVar[str] = "refinement"
@@ -211,7 +211,7 @@ class RefinementConfig(Settings):
     ppo: Annotated[PpoConfig, IN_FILE] = REFINING
 
     def training(self, gait: str, robot: str, law: JointLaw) -> TrainingConfig:
-        """Returns the settings of the run that learns."""
+        """Returns the settings of the training run."""
         station = self.worlds.station.with_gains(load_robot(robot), law)
         return TrainingConfig(
             robot=robot,

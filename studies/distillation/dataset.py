@@ -19,17 +19,17 @@ from glassgait.models.task.observation import machine_state_entries, overdue
 from glassgait.models.task.symmetry import mirrored_states
 
 START_STEPS = 5
-"""Control steps that an episode's start takes: the robot stands and has hardly acted before."""
+"""Number of control steps that count as an episode's start."""
 
 HELD_OUT_EVERY = 5
-"""Every fifth episode is held out, so that each of the paper's four speeds is held out alike."""
+"""Every fifth episode is held out, so that the paper's four speeds are held out equally often."""
 
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """Observations (m, n) with the expert's actions (m, 12), of episodes' starts or not (m,).
+    """Observations (m, n), the expert's actions (m, 12), and a mask of episodes' starts (m,).
 
-    The mirror lists each state's image; it is None where the machine favours a side.
+    `mirror` lists each RM state's mirror image; it is None if the machine favours a side.
     """
 
     gait: str
@@ -41,7 +41,7 @@ class TrainingSet:
     robot: Robot = field(default_factory=load_robot)
 
     def subset(self, index: NDArray[np.int64]) -> "TrainingSet":
-        """Returns the samples at an index (k,), which may name one more than once."""
+        """Returns the samples at indices (k,), which may repeat."""
         return replace(
             self,
             observations=self.observations[index],
@@ -50,22 +50,22 @@ class TrainingSet:
         )
 
     def with_overdue(self, weight: int) -> "TrainingSet":
-        """Repeats the samples of robots that wait for a foot as many times as the weight says."""
+        """Returns the samples, those of robots that wait for a foot repeated `weight` times."""
         waits = overdue(self.observations, self.observation_names)
         return self.subset(np.repeat(np.arange(len(waits)), np.where(waits, weight, 1)))
 
     def by_state(self) -> list[NDArray[np.bool_]]:
-        """Returns masks (m,) of the samples in each state of the machine."""
-        # A state that was never visited is fitted like all states together.
-        visited = self.observations[:, machine_state_entries(self.observation_names)].T > 0.5
-        return [mine if mine.any() else np.ones_like(mine) for mine in visited]
+        """Returns masks (m,) of the samples in each RM state."""
+        # A state that was never visited is fitted to all samples.
+        masks = self.observations[:, machine_state_entries(self.observation_names)].T > 0.5
+        return [mask if mask.any() else np.ones_like(mask) for mask in masks]
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """Observations (m, n) with the expert's actions (m, 12) and their episodes (m,), from 1.
+    """Observations (m, n), the expert's actions (m, 12), and episode numbers (m,), from 1.
 
-    Minutes are the wall time of collecting them, with the fits of the students that acted.
+    `minutes` is the wall time of the collection, including fits of the students that acted.
     """
 
     observations: Array
@@ -80,7 +80,7 @@ class Dataset:
 
     @property
     def starts(self) -> NDArray[np.bool_]:
-        """Whether each sample is of its episode's first `START_STEPS` control steps (m,)."""
+        """True for samples of an episode's first `START_STEPS` control steps (m,)."""
         first = np.flatnonzero(np.diff(self.episodes, prepend=0))
         lengths = np.diff(first, append=len(self.episodes))
         return np.arange(len(self.episodes)) - np.repeat(first, lengths) < START_STEPS
@@ -99,7 +99,7 @@ class Dataset:
         )
 
     def training_set(self, gait: Gait, expert: Policy) -> TrainingSet:
-        """Returns the samples as a student of an expert is fitted to them."""
+        """Returns the samples in the form that students are fitted to."""
         return TrainingSet(
             gait.name,
             expert.observation_names,
@@ -125,7 +125,7 @@ class Dataset:
             if len(sizes) > 1 or data.actions.shape[1:] != (quadruped.N_JOINTS,):
                 raise ValueError("arrays of different lengths")
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{path}: holds no samples; delete it, and collect anew") from error
+            raise InputError(f"{path}: holds no samples; delete it and resume the run") from error
         return data
 
 
@@ -133,9 +133,7 @@ def load_rounds(folder: Path) -> Dataset:
     """Reads all samples in a student's folder."""
     paths = sorted(folder.glob("round_*.safetensors"))
     if not paths:
-        raise InputError(
-            f"{folder}: holds no samples; name the folder of a student in a run of distill"
-        )
+        raise InputError(f"{folder}: holds no samples; name a student's folder in a run of distill")
     return reduce(Dataset.union, map(Dataset.load, paths))
 
 

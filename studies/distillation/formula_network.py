@@ -1,4 +1,4 @@
-"""Formulas as a network: PPO changes their numbers, and nothing else."""
+"""Formulas as a network, whose only parameters are the numbers in the formulas."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,21 +25,21 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import REFLECT_JOINTS, indices_of, reflect_observation
 
 UNIT_EFFECT = 0.1
-"""Average effect of a unit of change on a target (rad): PPO's usual rates suit it."""
+"""Mean effect of a unit change on a target (rad), chosen for PPO's usual learning rates."""
 
 LEAST_EFFECT = 1e-3
-"""Least effect of a number of 1 on a target (rad) that its unit is computed from."""
+"""Lower limit of a number's effect on a target (rad), to compute its unit."""
 
 RIDGE = 1e-2
-"""Added to the small differences of nearly equal terms, so that they do not part too fast."""
+"""Added to the eigenvalues, which limits steps along differences of nearly equal terms."""
 
 
 @dataclass(frozen=True)
 class _Weights:
-    """The numbers that multiply terms in one state, in formulas of the robot or of its image.
+    """The numbers that multiply terms in an RM state, in formulas of the robot or its mirror image.
 
-    `rest` (m, 12) holds the terms that no number multiplies, 1 or -1 where one belongs to a joint.
-    Number, times its sign, multiplies the term of the joint.
+    `rest` (m, 12) is 1 or -1 where a joint has a term without a number. In the other tensors, an
+    entry is a number's index, the term and joint that it multiplies, and its sign.
     """
 
     rest: torch.Tensor
@@ -55,21 +55,20 @@ class _Weights:
 
 
 class FormulaNetwork(nn.Module):
-    """A policy of formulas in torch; it learns the numbers of the formulas that its file holds.
+    """A policy of formulas in torch, whose parameters are the numbers of its file's formulas.
 
     Each number must be the weight of a term. Terms are evaluated once, and targets are a product of
-    matrices. Formulas that are mirror images stay so: they share their numbers. Definitions stay as
-    they are.
+    matrices. Mirror images share their numbers. Definitions do not change.
 
-    The numbers are `start + unit @ changes`, and an optimizer sees the changes. A step of any
-    direction among them does as much to the targets: a step of the natural gradient.
+    The numbers are `start + unit @ changes`, where `changes` is the parameter. Its steps of equal
+    size change the targets equally, as steps of the natural gradient do.
     """
 
     start: torch.Tensor
     unit: torch.Tensor
 
     def __init__(self, policy: FormulaPolicy, name: str = "formulas") -> None:
-        """Begins with a policy, which errors call by the name."""
+        """Begins with the numbers of a policy; error messages use the name."""
         super().__init__()
         self._name, self._robot = name, policy.robot
         self._file = file = policy.to_file()
@@ -78,12 +77,12 @@ class FormulaNetwork(nn.Module):
         for place, formula in self._written.items():
             if (weighted := WeightedSum.of(formula)) is None:
                 raise InputError(
-                    f"{name}: has numbers that are not weights of terms, and cannot learn; name "
-                    "another policy with --policy"
+                    f"{name}: has numbers that are not weights of terms, and cannot be refined; "
+                    "name another policy with --policy"
                 )
             sums[place] = weighted
 
-        # The numbers, and where each formula's stand among all.
+        # The numbers, and each formula's slice of them.
         numbers = [value for formula in self._written.values() for value in numbers_of(formula)]
         ends = np.cumsum([len(weighted.terms) for weighted in sums.values()]).tolist()
         self._spans = dict(zip(sums, map(slice, [0, *ends], ends), strict=False))
@@ -91,7 +90,7 @@ class FormulaNetwork(nn.Module):
         self.register_buffer("unit", torch.eye(len(numbers)))
         self.changes = nn.Parameter(torch.zeros(len(numbers)))
 
-        # The observations as formulas read them.
+        # Units and limits of the formulas' inputs.
         units, readings = RobotUnits.of(policy.robot, names), policy.readings or Readings(())
         self._scale, self._offset = _tensor(units.scale), _tensor(units.offset)
         self._least, self._greatest = map(_tensor, readings.ends(names))
@@ -102,7 +101,7 @@ class FormulaNetwork(nn.Module):
             self._mirror = FormulaMirror.of(file.vocabulary, file.mirror)
             self._reflect = reflect_observation(names, file.mirror)
 
-        # The terms; one that stands in several formulas is evaluated once.
+        # The terms; a term in several formulas is evaluated once.
         terms = [term for each in sums.values() for term in (*each.terms, each.rest)]
         columns = {term: column for column, term in enumerate(dict.fromkeys(terms))}
         self._tape = Tape([file.vocabulary.expanded(term) for term in columns], len(names))
@@ -119,10 +118,10 @@ class FormulaNetwork(nn.Module):
         sums: Mapping[Place, WeightedSum],
         columns: Mapping[Expression, int],
     ) -> _Weights:
-        """Finds the weights of joints whose formulas read the mirror image, or of the others."""
+        """Returns the weights of joints whose formulas are mirror images, or of the others."""
         # Numbers with their terms, joints and signs, a joint at a time.
         rest = torch.zeros((len(columns), quadruped.N_JOINTS))
-        found: list[tuple[int, int, int, float]] = []
+        entries: list[tuple[int, int, int, float]] = []
         for joint in range(quadruped.N_JOINTS):
             place, sign = (*state, joint), 1.0
             if mirrored == (place in sums):
@@ -132,43 +131,42 @@ class FormulaNetwork(nn.Module):
                 place, sign = self._mirror.place(place), float(REFLECT_JOINTS.sign[joint])
             rest[columns[sums[place].rest], joint] = sign
             for number, term in enumerate(sums[place].terms, self._spans[place].start):
-                found.append((number, columns[term], joint, sign))
+                entries.append((number, columns[term], joint, sign))
 
-        # As tensors.
-        index = torch.tensor([entry[:3] for entry in found], dtype=torch.long).reshape(-1, 3)
+        index = torch.tensor([entry[:3] for entry in entries], dtype=torch.long).reshape(-1, 3)
         numbers, terms, joints = index.unbind(dim=1)
-        return _Weights(rest, numbers, terms, joints, torch.tensor([entry[3] for entry in found]))
+        return _Weights(rest, numbers, terms, joints, torch.tensor([entry[3] for entry in entries]))
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Maps observations (n, n_observations) to actions (n, 12)."""
         read, rows, numbers = self._terms(observation), self._rows(observation), self._numbers()
-        parts = []
-        for here, sides in zip(rows, self._weights, strict=True):
+        by_state = []
+        for robots, sides in zip(rows, self._weights, strict=True):
             matrices = [side.matrix(numbers) for side in sides]
-            # Without a mirror image there is nothing that the second side reads.
-            products = [terms[here] @ each for terms, each in zip(read, matrices, strict=False)]
-            parts.append(torch.stack(products).sum(dim=0))
-        # Each row has a state, so that the parts are all rows in another order.
-        targets = torch.cat(parts)[torch.argsort(torch.cat(rows))]
-        # PPO would go on, and learn nothing but that.
+            # Without a mirror, there are no terms for the second side.
+            products = [terms[robots] @ each for terms, each in zip(read, matrices, strict=False)]
+            by_state.append(torch.stack(products).sum(dim=0))
+        # Each robot is in one state; restore their order.
+        targets = torch.cat(by_state)[torch.argsort(torch.cat(rows))]
+        # Otherwise PPO would continue without any message.
         self._refuse_not_finite("the formula", targets, observation)
         return (targets - self._stance) / self._robot.action_scale
 
     def balance(self, observations: torch.Tensor) -> None:
-        """Sets the units by the numbers' effects at observations (m, n_observations)."""
+        """Sets the units from the numbers' effects at observations (m, n_observations)."""
         slopes = self._slopes(observations)
         self._refuse_not_finite("a slope of the formula", slopes, observations)
         blocks = []
         for span in self._spans.values():
             effects = slopes[:, :, span].flatten(0, 1).double()
-            # Only the numbers of one formula work together.
+            # Numbers of different formulas have independent effects.
             sizes = effects.square().sum(dim=0).div(len(observations)).sqrt()
             sizes = sizes.clamp(min=LEAST_EFFECT)
-            likeness = (effects / sizes).T @ (effects / sizes) / len(observations)
-            # The inverse square root of the likeness makes all directions equally effective.
-            squares, directions = torch.linalg.eigh(likeness)
-            apart = directions @ torch.diag((squares.clamp(min=0.0) + RIDGE).rsqrt())
-            blocks.append(UNIT_EFFECT * (apart @ directions.T) / sizes[:, None])
+            correlation = (effects / sizes).T @ (effects / sizes) / len(observations)
+            # The inverse square root of the correlation makes all directions equally effective.
+            squares, directions = torch.linalg.eigh(correlation)
+            whitened = directions @ torch.diag((squares.clamp(min=0.0) + RIDGE).rsqrt())
+            blocks.append(UNIT_EFFECT * (whitened @ directions.T) / sizes[:, None])
         self.unit.copy_(torch.block_diag(*blocks))
 
     def to_policy(self) -> FormulaPolicy:
@@ -185,13 +183,13 @@ class FormulaNetwork(nn.Module):
         return self.start + self.unit @ self.changes
 
     def _slopes(self, observations: torch.Tensor) -> torch.Tensor:
-        """Differentiates targets by numbers (n, 12, p; rad)."""
+        """Returns the derivatives of targets by numbers (n, 12, p; rad)."""
         slopes = torch.zeros((len(observations), quadruped.N_JOINTS, len(self.start)))
         read = self._terms(observations)
-        for here, sides in zip(self._rows(observations), self._weights, strict=True):
+        for robots, sides in zip(self._rows(observations), self._weights, strict=True):
             for terms, side in zip(read, sides, strict=False):
-                effects = side.signs * terms[here][:, side.terms]
-                slopes[here[:, None], side.joints, side.numbers] = effects
+                effects = side.signs * terms[robots][:, side.terms]
+                slopes[robots[:, None], side.joints, side.numbers] = effects
         return slopes
 
     def _rows(self, observation: torch.Tensor) -> list[torch.Tensor]:
@@ -202,28 +200,30 @@ class FormulaNetwork(nn.Module):
         return [torch.nonzero(state == index).flatten() for index in range(self._file.n_states)]
 
     def _terms(self, observation: torch.Tensor) -> list[torch.Tensor]:
-        """Evaluates all terms (n, m), of observations and of their mirror images."""
-        seen = [observation]
+        """Evaluates all terms (n, m) for observations and, with a mirror, for their images."""
+        sides = [observation]
         if self._mirror is not None:
             sign = _tensor(self._reflect.sign)
-            seen.append(observation[:, torch.from_numpy(self._reflect.index)] * sign)
+            sides.append(observation[:, torch.from_numpy(self._reflect.index)] * sign)
         read = [
-            (each / self._scale + self._offset).clamp(self._least, self._greatest) for each in seen
+            (side / self._scale + self._offset).clamp(self._least, self._greatest) for side in sides
         ]
         return [torch.from_numpy(self._tape(each.double().numpy())).float() for each in read]
 
-    def _refuse_not_finite(self, what: str, values: torch.Tensor, seen: torch.Tensor) -> None:
-        """Refuses values of joints' formulas (n, 12, ...) that are not finite."""
-        found = first_not_finite(values.detach().numpy())
-        if found is None:
+    def _refuse_not_finite(
+        self, name: str, values: torch.Tensor, observations: torch.Tensor
+    ) -> None:
+        """Raises an InputError if values of joints' formulas (n, 12, ...) are not finite."""
+        invalid = first_not_finite(values.detach().numpy())
+        if invalid is None:
             return
-        where = ""
+        state = ""
         if self._file.n_states is not None:
-            where = f" in state {int(seen[found[0], self._states].argmax())}"
+            state = f" in state {int(observations[invalid[0], self._states].argmax())}"
         raise InputError(
-            f"{self._name}: {what} of {quadruped.JOINTS[found[1]]}{where} is not finite where a "
-            "robot walks; change it, as where it divides by what may be 0, or name another policy "
-            "with --policy"
+            f"{self._name}: {name} of {quadruped.JOINTS[invalid[1]]}{state} is not finite for a "
+            "walking robot; change it if it divides by a quantity that may be 0, or name another "
+            "policy with --policy"
         )
 
 

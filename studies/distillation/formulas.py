@@ -1,4 +1,4 @@
-"""Fitting formulas as they are written: in the robot's units, with three digits, mirrored."""
+"""Fitting of formulas in their written form: robot's units, three digits, mirrored."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,19 +36,19 @@ DIGITS = 3
 
 
 def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
-    """Returns the gates for one state: the gait's moment, joints' last targets and the course."""
-    # A network remembers only its last targets, and networks that learned on real ground use them
-    # as switches.
+    """Returns the gates of formulas of one RM state: gait, previous targets, and motion."""
+    # An expert's only memory is its previous targets; experts trained on uneven ground use them as
+    # switches.
     sent = (f"sent.{joint}" for joint in quadruped.JOINTS)
-    # On real ground, commanded forward as well as back, the commanded speed, sideways drift, slope
-    # ahead and pitch rate change the effect of all others.
+    # On uneven ground, forward and backward, the commanded speed, sideways drift, slope ahead and
+    # pitch rate change the effect of all other observations.
     course = (symbol for symbol in ("cmd.v", "v.y", "g.x", "w.y") if symbol in vocabulary.symbols)
     return tuple(vocabulary.variable(symbol) for symbol in (*GATES, *sent, *course))
 
 
 def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
-    """Returns the gates of formulas that serve every state of the machine."""
-    # The last state is where all others are 0.
+    """Returns the gates of formulas that are shared by all RM states."""
+    # The last state needs no gate: in it, all others are 0.
     symbols = [vocabulary.symbols[i] for i in indices_of("machine state", vocabulary.names)]
     states = [vocabulary.variable(symbol) for symbol in symbols[:-1]]
     late, *others = gates(vocabulary)
@@ -92,7 +92,7 @@ def written_places(vocabulary: Vocabulary, mirror: Sequence[int] | None) -> tupl
 def samples_by_state(
     samples: TrainingSet, vocabulary: Vocabulary, mirror: Sequence[int] | None
 ) -> list[FormulaSamples]:
-    """Sorts samples by the state whose formulas they serve; with a mirror, each counts twice."""
+    """Groups samples by the RM state whose formulas they fit; with a mirror, each counts twice."""
     # Add the mirror images.
     if mirror is not None:
         reflect = reflect_observation(samples.observation_names, mirror)
@@ -103,16 +103,16 @@ def samples_by_state(
             starts=np.tile(samples.starts, 2),
         )
 
-    # Sort by state, the targets by the formulas that are written.
+    # Group by state, and select the targets of the written formulas.
     targets = samples.robot.joint_targets(samples.actions)
-    places, parts = written_places(vocabulary, mirror), []
-    for state, mine in enumerate(samples.by_state()):
-        here = tuple(place for place in places if place[0] == state)
-        if here:
-            joints = [joint for _, joint in here]
-            observations = samples.observations[mine]
-            parts.append(FormulaSamples(here, observations, targets[mine][:, joints]))
-    return parts
+    written, groups = written_places(vocabulary, mirror), []
+    for state, mask in enumerate(samples.by_state()):
+        places = tuple(place for place in written if place[0] == state)
+        if places:
+            joints = [joint for _, joint in places]
+            observations = samples.observations[mask]
+            groups.append(FormulaSamples(places, observations, targets[mask][:, joints]))
+    return groups
 
 
 def formula_policy(
@@ -121,7 +121,7 @@ def formula_policy(
     formulas: Mapping[Place, Expression],
     mirror: tuple[int, ...] | None = None,
 ) -> FormulaPolicy:
-    """Makes the policy that acts by formulas and, with a mirror, by their images."""
+    """Returns the policy of the formulas and, with a mirror, of their mirror images."""
     if mirror is not None:
         formulas = FormulaMirror.of(vocabulary, mirror).complete(formulas)
     robot = samples.robot
@@ -131,13 +131,13 @@ def formula_policy(
 
 
 def readings_of(gait: Gait, robot: Robot, names: tuple[str, ...], observations: Array) -> Readings:
-    """Returns the ranges that formulas read within: those of samples (m, n), and a margin."""
+    """Returns the ranges that observations are clamped to: the samples' (m, n) and a margin."""
     box = measured_box(gait, robot, names, observations.min(axis=0), observations.max(axis=0))
     return Readings.around(names, box.lower, box.upper)
 
 
 def settled(formula: Expression, names: Sequence[str], state: int) -> Expression:
-    """Replaces the entries of the machine's state in a formula by their values in that state."""
+    """Replaces the entries of the RM state in a formula by their values in a given state."""
     known = {index: float(i == state) for i, index in enumerate(indices_of("machine state", names))}
     return _settled(formula, known)
 
@@ -154,9 +154,9 @@ def _settled(formula: Expression, known: Mapping[int, float]) -> Expression:
 
 
 def readable(formulas: Sequence[Expression], values: Array, targets: Array) -> list[Expression]:
-    """Rounds k formulas to the digits that are shown, and corrects their constants.
+    """Rounds k formulas to `DIGITS` digits, and corrects their constants for the bias.
 
-    Values are samples of all variables (m, n), and targets (m, k) what formulas are fitted to.
+    `values` (m, n) are samples of all variables, and `targets` (m, k) those of the fit.
     """
     short = [rounded(formula) for formula in formulas]
     bias = (targets - Tape(short, values.shape[1])(values)).mean(axis=0)
@@ -164,24 +164,24 @@ def readable(formulas: Sequence[Expression], values: Array, targets: Array) -> l
 
 
 def rounded(formula: Expression) -> Expression:
-    """Rounds the numbers of a formula to the digits that are shown, in canonical form."""
+    """Rounds the numbers of a formula to `DIGITS` digits, in canonical form."""
     short = (float(f"{number:.{DIGITS}g}") for number in numbers_of(formula))
     return canonical(with_numbers(formula, short))
 
 
 def short_numbers(policy: FormulaPolicy) -> FormulaPolicy:
-    """Rounds the numbers of all formulas of a policy to the digits that are shown."""
+    """Rounds the numbers of all formulas of a policy to `DIGITS` digits."""
     file = policy.to_file()
     formulas = {place: rounded(formula) for place, formula in file.formulas.items()}
     return FormulaPolicy.from_file(replace(file, formulas=formulas), policy.robot)
 
 
-def _raised(formula: Expression, by: float) -> Expression:
-    """Adds a number to the constant that a sum begins with, if it begins with one."""
+def _raised(formula: Expression, increment: float) -> Expression:
+    """Adds a number to the leading constant of a sum, if there is one."""
     match formula:
         case Expression("constant", value=value):
-            return constant(value + by)
+            return constant(value + increment)
         case Expression(("add" | "sub") as operator, (left, right)):
-            return Expression(operator, (_raised(left, by), right))
+            return Expression(operator, (_raised(left, increment), right))
         case _:
             return formula

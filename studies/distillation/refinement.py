@@ -1,4 +1,4 @@
-"""A refinement in its folder: PPO changes the numbers of formulas while robots walk by them."""
+"""Refinement: PPO adjusts the numbers of formulas while robots walk by them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,20 +21,20 @@ from glassgait.studies.common.tables import write_table
 from glassgait.studies.distillation.config import RefinementConfig
 from glassgait.studies.distillation.formula_network import FormulaNetwork
 from glassgait.studies.distillation.formulas import short_numbers
-from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.distillation.selection import rank_candidates, simplest_of_the_best
 from glassgait.studies.training.environment import Environment, observed_by_actor
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.run import LearningRun
 
-SEEN_STEPS = 50
-"""Control steps that robots walk before the run, to see the effect of each number."""
+BALANCE_STEPS = 50
+"""Control steps that robots walk before the run, to measure the effect of each number."""
 
 N_BALANCED = 512
-"""Observations of these steps from which the numbers' units are set."""
+"""Observations, sampled from these steps, from which the numbers' units are computed."""
 
 
 class RefinementRun(LearningRun):
-    """A refinement in its folder."""
+    """A refinement, whose files are in one folder."""
 
     def __init__(
         self,
@@ -47,11 +47,11 @@ class RefinementRun(LearningRun):
         name: str,
         resume: bool = False,
     ) -> None:
-        """Begins a run, or continues the one that the folder holds.
+        """Begins a run, or continues the one in the folder.
 
         Raises:
-            InputError: if the checkpoint is damaged; or the policy was made for another machine
-                than the gait's, cannot learn, or is not finite where robots walk.
+            InputError: if the checkpoint is damaged, or the policy was made for another reward
+                machine, has numbers that are not weights, or returns targets that are not finite.
         """
         policy.refuse_other_machine(gait)
         self._refinement, self._expert, self._policy, self._name = config, expert, policy, name
@@ -62,12 +62,12 @@ class RefinementRun(LearningRun):
     def update(self) -> dict[str, float]:
         row = super().update()
         if self._is_candidate(self.n_updates):
-            # A resumed run finds the same candidates.
+            # A resumed run has the same candidates.
             self.policy().save(self._candidate(self.n_updates))
         return row
 
     def policy(self) -> FormulaPolicy:
-        """Returns the policy as it is now, with the digits that its file shows."""
+        """Returns the current policy, with numbers rounded as in its file."""
         try:
             policy = short_numbers(self._network.to_policy())
         except InputError as error:
@@ -75,15 +75,15 @@ class RefinementRun(LearningRun):
         return policy.with_estimator_of(self._expert)
 
     def write_result(self) -> None:
-        """Writes formulas, record and curve: the current formulas, and in the end the best."""
-        # Noise and worlds of learning say little of how formulas walk without the expert, and more
-        # learning may make them worse. So the candidates walk, and the best of them is the result.
+        """Writes the formulas (the best candidate's in the end), the record and the curve."""
+        # Training returns include exploration noise and hardly predict how formulas walk, and more
+        # updates may make them worse. So the candidates are compared by rollouts.
         finished = self.n_updates >= self.config.updates
         best = self._best_candidate() if finished else self.policy()
         self._write_learned(best, self._name, self._refinement)
 
     def _best_candidate(self) -> Policy:
-        # Those that the run kept, and the formulas that it began with.
+        # The saved candidates, and the initial formulas.
         candidates: dict[str, Policy] = {
             f"update {update}": load_policy(self._candidate(update))
             for update in range(1, self.n_updates + 1)
@@ -92,10 +92,10 @@ class RefinementRun(LearningRun):
         candidates["as they were"] = self._policy
         say(f"letting {len(candidates)} candidates walk, to choose one")
         n_steps = self._refinement.candidate_steps
-        ranked = rank_alone(candidates, self.gait, self._expert, n_steps)
-        # Of those that fall least the one that earns most, however short the others are.
-        places = {label: place for place, label in enumerate(ranked["candidate"])}
-        chosen = simplest_of_the_best(ranked, places)
+        ranked = rank_candidates(candidates, self.gait, self._expert, n_steps)
+        # Ranks instead of complexities: lengths do not matter here, only falls and return.
+        ranks = {label: rank for rank, label in enumerate(ranked["candidate"])}
+        chosen = simplest_of_the_best(ranked, ranks)
         write_table(ranked.assign(chosen=ranked["candidate"] == chosen), self.folder / "candidates")
         return candidates[chosen]
 
@@ -110,7 +110,7 @@ class RefinementRun(LearningRun):
         return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
 
     def _begin(self) -> tuple[Environment, Learner]:
-        # The expert's estimator no longer learns.
+        # The expert's estimator is not trained further.
         estimator = self._expert.estimator
         if not isinstance(estimator, Odometry):
             estimator = _in_torch(estimator)
@@ -118,25 +118,25 @@ class RefinementRun(LearningRun):
         imu = self._policy.layout.imu
         environment = Environment(self.config, self.gait, estimator, generator, observes_imu=imu)
         self._network = FormulaNetwork(self._policy, self._file_name)
-        # Written at once, what cannot be written is refused before the run has made anything.
+        # Refuse formulas that cannot be written before the run writes any file.
         self.policy()
 
-        # Set the units of the numbers where the policy walks, and let PPO act by them.
+        # Compute the units of the numbers from visited states, and give the network to PPO.
         self._network.balance(self._visited(environment, generator))
         observations = environment.observe()
         actor = act_by(gaussian_actor(self.config.ppo, observations), self._network)
         return environment, Learner(self.config, observations, actor)
 
     def _visited(self, environment: Environment, generator: np.random.Generator) -> torch.Tensor:
-        """Lets the policy walk, and returns some of its observations (m, n_observations)."""
+        """Rolls out the policy, and returns some of its observations (m, n_observations)."""
 
         def act(observations: TensorDict) -> torch.Tensor:
             return self._network(observed_by_actor(observations))
 
         with torch.inference_mode():
-            played = environment.play(act, SEEN_STEPS)
-            every = torch.cat([observed_by_actor(observed) for observed, _ in played])
-        return every[generator.permutation(len(every))[:N_BALANCED]].clone()
+            steps = environment.play(act, BALANCE_STEPS)
+            observations = torch.cat([observed_by_actor(observed) for observed, _ in steps])
+        return observations[generator.permutation(len(observations))[:N_BALANCED]].clone()
 
 
 def _in_torch(estimator: Callable[[Array], Array]) -> Callable[[torch.Tensor], torch.Tensor]:

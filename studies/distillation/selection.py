@@ -1,4 +1,4 @@
-"""Chooses the best of several students by rollouts, since R² does not predict falls."""
+"""Selection of the best of several students by rollouts, since R² does not predict falls."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,11 +20,11 @@ from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.common.rollouts import RolloutConfig, score
 from glassgait.studies.common.scores import summarize
 
-WORTH_A_FALL = 0.97
-"""Share of the best student's return that one must earn to be preferred because it falls less."""
+MIN_RETURN_SHARE = 0.97
+"""Share of the best return below which a candidate is dropped, however rarely it falls."""
 
-WORTH_A_TERM = 0.99
-"""Share of the best student's return that one must earn to be preferred because it is simpler."""
+SIMPLICITY_RETURN_SHARE = 0.99
+"""Share of the best return among those with the fewest falls that a simpler candidate needs."""
 
 ROUGH = Scenario(
     "rough",
@@ -34,13 +34,13 @@ ROUGH = Scenario(
     push_speed=1.0,
     push_interval=5.0,
 )
-"""A scenario with many falls: steep, slippery, loaded, late and pushed at once."""
+"""A scenario with many falls: a slope, low friction, a load, latency and pushes at once."""
 
 SELECTION = tuple(zip(SELECTION_SEEDS, (Scenario(), ROUGH), strict=False))
-"""Seeds and scenarios of the rollouts that select."""
+"""Seeds and scenarios of the rollouts."""
 
 
-def rank_alone(
+def rank_candidates(
     candidates: Mapping[str, Policy],
     gait: Gait,
     expert: NeuralPolicy,
@@ -51,11 +51,10 @@ def rank_alone(
     The mean is over 52 robots, half in the nominal scenario and half in a rough one.
     """
     config = RolloutConfig(n_steps=n_steps)
-    runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]
-    # Roll out all candidates in both scenarios, some at once.
+    runs = [(label, seed, scenario) for label in candidates for seed, scenario in SELECTION]
     work = (
-        delayed(score)(gait, alone(candidates[label], expert), world, replace(config, seed=seed))
-        for label, seed, world in runs
+        delayed(score)(gait, alone(candidates[label], expert), scenario, replace(config, seed=seed))
+        for label, seed, scenario in runs
     )
     scores = [
         table.assign(candidate=label)
@@ -66,14 +65,14 @@ def rank_alone(
 
 
 def simplest_of_the_best(ranked: pd.DataFrame, complexity: Mapping[str, Any]) -> str:
-    """Chooses a student: falls count before simplicity, and simplicity before a little return.
+    """Chooses the simplest of the candidates with the fewest falls and a high return.
 
-    Of equally complex ones it is the one that earns most. Complexities are of any type that has an
-    order, and `ranked` is what `rank_alone` returned.
+    Of equally complex candidates, the one with the greatest return is chosen. `ranked` is the
+    result of `rank_candidates`; complexities are of any ordered type.
     """
-    # First drop those that earn too little, then those that fall more, then the complex ones.
-    able = _within(ranked, WORTH_A_FALL)
-    steady = _within(able[able["falls"] == able["falls"].min()], WORTH_A_TERM)
+    # Drop candidates with a low return, then those with more falls.
+    able = _within(ranked, MIN_RETURN_SHARE)
+    steady = _within(able[able["falls"] == able["falls"].min()], SIMPLICITY_RETURN_SHARE)
     return min(steady["candidate"], key=lambda candidate: complexity[candidate])
 
 

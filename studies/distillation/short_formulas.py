@@ -1,6 +1,7 @@
-"""Short formula files: formulas with so many terms in all that a person reads them at one sitting.
+"""Short formula files: formulas with a limited total number of terms, short enough to read.
 
-Each term goes to the formula that it helps most; a mirror shares formulas between left and right.
+Each term goes to the formula that it improves most. If the gait is symmetric, only the formulas of
+one side are written.
 """
 
 from collections.abc import Sequence
@@ -36,10 +37,10 @@ from glassgait.studies.distillation.gated_sum import PossibleTerms, gated_expres
 from glassgait.studies.distillation.students import StudentSettings
 
 LONGEST = 40
-"""Greatest number of terms of a formula without its constant."""
+"""Greatest number of terms of a formula, without its constant."""
 
-LOOKED_AHEAD = 4
-"""Terms that are weighed together: two may help where one does not."""
+LOOK_AHEAD = 4
+"""Greatest number of terms added in one step: two may help where one does not."""
 
 
 @checked
@@ -47,10 +48,10 @@ class FormulasSettings(StudentSettings):
     """Settings of a short formula file.
 
     Attributes:
-        terms: Terms of all formulas, with constants; mirror images cost none.
-        mirrored: Whether formulas of one side are mirror images of the other's, where the gait's
+        terms: Number of terms of all formulas, with constants; mirror images do not count.
+        mirrored: Whether formulas of one side are mirror images of the other's, if the gait's
             machine has a mirror image.
-        alone_episodes: Episodes of a round in which the student acts without the expert.
+        alone_episodes: Episodes per round without the expert.
     """
 
     title: ClassVar[str] = "distillation: formulas"
@@ -60,7 +61,7 @@ class FormulasSettings(StudentSettings):
     alone_episodes: Count = 13  # type: ignore[assignment]
 
     def refuse_for(self, gait: Gait) -> None:
-        """Refuses fewer terms than a gait has formulas, or more than they may have."""
+        """Raises an InputError if `terms` is too small or too great for the gait's formulas."""
         names = ObservationLayout(gait.n_states).names
         mirror = mirrored_states(gait) if self.mirrored else None
         n_formulas = len(written_places(Vocabulary(names), mirror))
@@ -68,13 +69,13 @@ class FormulasSettings(StudentSettings):
         if not n_formulas <= self.terms <= most:
             raise InputError(
                 f"formulas: terms is {self.terms}; the {gait.name} has {n_formulas} formulas "
-                f"of 1 to {1 + LONGEST} terms, so ask for {n_formulas} to {most}"
+                f"of 1 to {1 + LONGEST} terms, so set {n_formulas} to {most}"
             )
 
 
 @dataclass(frozen=True)
 class _Growth:
-    """A formula after each number of terms: weights, constants, mean squared errors (rad²)."""
+    """One formula at 0, 1, 2, … terms: weights, constants, mean squared errors (rad²)."""
 
     weights: Array
     intercepts: Array
@@ -84,52 +85,52 @@ class _Growth:
 def fit_short_formulas(
     samples: TrainingSet, settings: FormulasSettings, *, seed: int
 ) -> FormulaPolicy:
-    """Fits the formulas of every joint and state of the machine with so many terms in all."""
+    """Fits one formula per joint and RM state, with `terms` terms in total."""
     mirror = samples.mirror if settings.mirrored else None
     variables = FormulaVariables(samples.robot, samples.observation_names)
     vocabulary = variables.vocabulary
-    opened = gates(vocabulary)
+    state_gates = gates(vocabulary)
 
-    # Grow all formulas, then give each its share of the terms.
-    parts = samples_by_state(samples, vocabulary, mirror)
-    grown = [_grow(part, variables(part.observations), opened) for part in parts]
+    # Fit all formulas at every length, then allot the terms.
+    groups = samples_by_state(samples, vocabulary, mirror)
+    grown = [_grow(group, variables(group.observations), state_gates) for group in groups]
     errors = [growth.errors for growths in grown for growth in growths]
     counts = iter(allot(errors, settings.terms))
 
-    # Write each formula as it was when it had that many terms.
+    # Write each formula with its number of terms.
     formulas: dict[Place, Expression] = {}
-    for part, growths in zip(parts, grown, strict=True):
+    for group, growths in zip(groups, grown, strict=True):
         sums = []
         for growth in growths:
-            count = next(counts)
-            written = gated_expression(opened, growth.weights[count], growth.intercepts[count])
-            sums.append(settled(written, vocabulary.names, part.places[0][0]))
-        found = readable(sums, variables(part.observations), part.targets)
-        formulas |= zip(part.places, found, strict=True)
+            n = next(counts)
+            formula = gated_expression(state_gates, growth.weights[n], growth.intercepts[n])
+            sums.append(settled(formula, vocabulary.names, group.places[0][0]))
+        rounded = readable(sums, variables(group.observations), group.targets)
+        formulas |= zip(group.places, rounded, strict=True)
     return formula_policy(samples, vocabulary, formulas, mirror)
 
 
 def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
-    """Distributes terms, constants among them, and returns each formula's without its constant.
+    """Distributes `n_terms` terms, constants included; returns each formula's without the constant.
 
-    Errors are the mean squares of each formula after each number of terms (terms + 1).
+    `errors` has the mean squared errors (terms + 1) of each formula at 0, 1, 2, … terms.
     """
     counts = [0] * len(errors)
     left = n_terms - len(errors)
     while left > 0:
-        # The best gain of a term, by itself or with those that follow.
+        # Each formula's best gain per term, by the next term or the next few.
         gains = [
             max(
                 (
                     ((path[count] - path[count + more]) / more, more)
-                    for more in range(1, min(LOOKED_AHEAD, left, len(path) - 1 - count) + 1)
+                    for more in range(1, min(LOOK_AHEAD, left, len(path) - 1 - count) + 1)
                 ),
                 default=(0.0, 0),
             )
             for path, count in zip(errors, counts, strict=True)
         ]
 
-        # The formula that gains most gets the terms; where none gains, they are left over.
+        # The formula that gains most gets the terms. If no formula gains, terms are left over.
         best = max(range(len(gains)), key=lambda formula: gains[formula])
         gain, more = gains[best]
         if gain <= 0.0:
@@ -139,26 +140,26 @@ def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
     return counts
 
 
-def _grow(part: FormulaSamples, values: Array, opened: Sequence[Expression]) -> list[_Growth]:
-    """Lets the formulas of a state grow term by term."""
-    # Choose terms one after the other, and the constants that go with them.
-    terms = PossibleTerms(values, Tape(opened, values.shape[1])(values))
-    paths, mean = weight_paths(terms, part.targets, LONGEST), terms.moments[0]
+def _grow(group: FormulaSamples, values: Array, state_gates: Sequence[Expression]) -> list[_Growth]:
+    """Fits the formulas of an RM state term by term."""
+    # Choose the terms, and the constant for each number of terms.
+    terms = PossibleTerms(values, Tape(state_gates, values.shape[1])(values))
+    paths, mean = weight_paths(terms, group.targets, LONGEST), terms.moments[0]
     intercepts = [
-        target.mean() - path @ mean for target, path in zip(part.targets.T, paths, strict=True)
+        target.mean() - path @ mean for target, path in zip(group.targets.T, paths, strict=True)
     ]
 
-    # Sum the squared errors after each term, block by block.
+    # Sum the squared errors for each number of terms, block by block.
     squares = [np.zeros(len(path)) for path in paths]
     for rows, block in terms.blocks():
         errors = (
-            block @ path.T + rest - target[:, None]
-            for path, rest, target in zip(paths, intercepts, part.targets[rows].T, strict=True)
+            block @ path.T + bias - target[:, None]
+            for path, bias, target in zip(paths, intercepts, group.targets[rows].T, strict=True)
         )
         squares = [
             total + (error**2).sum(axis=0) for total, error in zip(squares, errors, strict=True)
         ]
     return [
-        _Growth(path.reshape(len(path), -1, values.shape[1]), rest, total / len(values))
-        for path, rest, total in zip(paths, intercepts, squares, strict=True)
+        _Growth(path.reshape(len(path), -1, values.shape[1]), bias, total / len(values))
+        for path, bias, total in zip(paths, intercepts, squares, strict=True)
     ]

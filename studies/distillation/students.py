@@ -1,4 +1,4 @@
-"""The kinds of students: their colours and settings, and where runs keep them."""
+"""The kinds of students: their colours, settings and files in a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.run import CONFIG_NAME, read_run
 
 ITSELF = "itself"
-"""The collector's name in settings where each student collects its own samples."""
+"""Value of the setting `collector` with which each student collects its samples itself."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Student:
     Attributes:
         collector: The student that collects its samples; itself by default.
         brevity: Rank among the sums of terms, 1 for the shortest; None for other students.
-        paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.
+        paper_r2: The paper's R² (Table II), by gait; empty if the paper has no such student.
     """
 
     color: str
@@ -42,7 +42,7 @@ STUDENTS: dict[str, Student] = {
     "gbm": Student(
         "#0072B2",
         "o",
-        # The two differ little in where they go, and histograms are fitted five times as fast.
+        # The two visit similar states, and histograms are fitted five times as fast.
         collector="histogram_gbm",
         paper_r2={"walk": 0.9705, "trot": 0.9863, "pace": 0.9752, "bound": 0.9537},
     ),
@@ -83,29 +83,29 @@ def sums_of_terms() -> tuple[str, ...]:
 
 @checked
 class StudentSettings(Settings):
-    """Settings of a fit: the base of all, and the settings of students that have none."""
+    """Base class of a student's settings, and the settings of students that need none."""
 
-    # Episodes of full length of a round without the expert; None takes the distillation's setting.
+    # Full-length episodes per round without the expert; None uses the distillation's setting.
     alone_episodes: ClassVar[int | None] = None
 
     def refuse_for(self, gait: Gait) -> None:
-        """Refuses a gait that cannot be fitted, before any of its samples is collected."""
+        """Raises an InputError if the gait cannot be fitted, before samples are collected."""
 
     def for_rounds(self) -> Self:
-        """Returns the settings of the students that collect samples: small models, soon made."""
+        """Returns the settings for collecting samples: smaller models, which are fitted faster."""
         return self
 
     def for_shuffled_split(self) -> Self:
-        """Returns the settings of the fit that is scored by the paper's split."""
+        """Returns the settings of the fit that is scored on the paper's split."""
         return self
 
     def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
-        """Returns the settings to choose from by title, each with its complexity."""
+        """Returns the candidate settings by title, each with its complexity."""
         return {}
 
 
 def samples_folder(folder: Path, kind: str) -> Path:
-    """Returns where a run keeps the samples that a student is fitted to."""
+    """Returns the folder of the samples that a student of a run is fitted to."""
     collector = STUDENTS[kind].collector or kind
     if (folder / CONFIG_NAME).exists():
         settings = read_run(folder, "distill")["settings"]
@@ -135,19 +135,19 @@ class OnePolicy(OneGait):
     policy: str | None = None
 
     def find(self) -> tuple[Policies, str]:
-        """Finds the policies of the gait, and the name of the one that is taken."""
-        found = self.policies()
-        return found, self.policy or default_student(found)
+        """Returns the policies of the gait, and the name of the selected one."""
+        policies = self.policies()
+        return policies, self.policy or default_student(policies)
 
 
-def default_student(found: Policies) -> str:
-    """Names the student that is taken by default: the shortest sum of terms of those found."""
+def default_student(policies: Policies) -> str:
+    """Returns the kind of the default student: the shortest of the available sums of terms."""
     for kind in sums_of_terms():
-        if kind in found.files:
+        if kind in policies.files:
             return kind
-    gait = found.gait.name
+    gait, option = policies.gait.name, policies.robot.option
     raise InputError(
-        f"no student of the {gait} in {found.place} acts by a sum of terms; make one with "
-        f"'glassgait distill --gait {gait}{found.robot.option} --students {sums_of_terms()[1]}', "
+        f"no student of the {gait} in {policies.place} acts by a sum of terms; make one with "
+        f"'glassgait distill --gait {gait}{option} --students {sums_of_terms()[1]}', "
         "or name another run with --source"
     )

@@ -41,7 +41,7 @@ from glassgait.studies.distillation.linear import (
     fit_linear_per_state,
     untrained_student,
 )
-from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.distillation.selection import rank_candidates, simplest_of_the_best
 from glassgait.studies.distillation.short_formulas import fit_short_formulas
 from glassgait.studies.distillation.students import STUDENTS, StudentSettings
 from glassgait.studies.distillation.symbolic import fit_symbolic, fit_symbolic_per_state
@@ -73,7 +73,7 @@ def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
         }
     )
     write_table(table, folder / "r2")
-    # Wall time is left out: equal runs give equal metrics.
+    # Without wall time, equal runs have equal metrics.
     metrics = r2.drop(columns="minutes").set_index("student").to_dict(orient="index")
     write_metrics(metrics, folder / "metrics.json")
     return table
@@ -89,14 +89,14 @@ def distill(
 ) -> pd.DataFrame:
     """Distils the expert into every student of the configuration, and returns a row of R² for each.
 
-    Each round's samples and each finished student are written at once: a run that was killed and
-    resumed ends as if it had not been.
+    Each round's samples and each finished student are written immediately, so that a resumed run
+    has the same result as one that was never interrupted.
 
     Raises:
-        InputError: if the folder cannot be claimed for this run (see `open_run`), or holds a file
-            that is damaged.
+        InputError: if the folder cannot be claimed for this run (see `open_run`), or has a damaged
+            file.
     """
-    # The settings, and what the run reads.
+    # The settings and inputs.
     config = config.for_gait(gait)
     inputs = {"gait": gait.digest(), "expert": expert.digest()}
     worlds: DomainRandomization | Scenario = config.worlds
@@ -112,19 +112,19 @@ def distill(
         free=("students",),  # Students are independent of one another.
     ):
         work = _Distillation(config, gait, expert, worlds, folder)
-        # Students that share samples are made one after the other, different ones side by side.
-        # The last come first: what takes long had better not be begun last.
+        # Fit students that share samples in sequence, and others in parallel. The last kinds take
+        # longest and therefore begin first.
         groups: dict[str, list[str]] = {}
         for kind in reversed(config.students):
             groups.setdefault(config.collector_of(kind), []).append(kind)
         if len(groups) == 1:
-            # Joints are fitted side by side instead.
+            # Joints are fitted in parallel instead.
             rows = work.students(config.students)
         else:
             calls = (delayed(work.students)(kinds) for kinds in groups.values())
-            made = run_parallel(calls, in_order=False)
-            rows = {kind: row for group in made for kind, row in group.items()}
-        # Students observe by its estimator, wherever the folder is moved.
+            results = run_parallel(calls, in_order=False)
+            rows = {kind: row for group in results for kind, row in group.items()}
+        # Students need the expert's state estimator, even if the folder is moved.
         expert.save(policy_path(folder, EXPERT))
     return pd.DataFrame([rows[kind] for kind in config.students])
 
@@ -140,26 +140,26 @@ class _Distillation:
     folder: Path
 
     def students(self, kinds: Sequence[str]) -> dict[str, dict[str, Any]]:
-        """Makes students, and returns their rows of the R² table."""
+        """Fits students, and returns their rows of the R² table."""
         return {kind: self._student(kind) for kind in kinds}
 
     def _student(self, kind: str) -> dict[str, Any]:
-        """Collects, fits and records one student, or reads its record if that is done."""
+        """Collects samples for one student, fits and records it, or reads an existing record."""
         record_path = self.folder / kind / "record.json"
         if record_path.exists():
             row = read_record(record_path)
             path = policy_path(self.folder, kind)
             if not path.exists() or digest(path) != row["digest"]:
                 raise InputError(
-                    f"{path}: is not what the run wrote; delete {record_path}, and --resume makes "
-                    "it anew"
+                    f"{path}: is not as the run wrote it; delete {record_path}, then --resume fits "
+                    "the student again"
                 )
         else:
             collector = self.config.collector_of(kind)
             if collector != kind:
                 reason = "as --collector asks" if self.config.collector else "which is fitted fast"
                 say(f"{kind}: takes the samples that {collector} collects, {reason}")
-            # With one thread each, sums have the same last bits in whatever process they are made.
+            # With one thread, sums are bitwise equal in every process.
             with threadpool_limits(1, user_api="blas"):
                 dataset = self._collect(collector)
                 started = time.monotonic()
@@ -171,7 +171,7 @@ class _Distillation:
         return {key: value for key, value in row.items() if key != "digest"}
 
     def _collect(self, kind: str) -> Dataset:
-        """Collects the samples of every round, or reads those that are there."""
+        """Collects the samples of every round, or reads existing ones."""
         planned, dataset = rounds(self.config, kind), None
         for plan in planned:
             path = self.folder / kind / f"round_{plan.number:02d}.safetensors"
@@ -185,21 +185,21 @@ class _Distillation:
         return dataset
 
     def _roll_out(self, kind: str, plan: Round, n_rounds: int, before: Dataset | None) -> Dataset:
-        """Fits the student to the samples so far, and rolls a round out with it."""
+        """Fits the student to the samples so far, and rolls out a round with it."""
         started = time.monotonic()
         config = self.config
 
         # At a ratio of 1 only the expert acts, and the student need not be fitted.
         student = untrained_student(self.expert)
         if before is not None and plan.period != 1:
-            seen = before.subset(~before.held_out)
-            say(f"{kind}: fitting to {len(seen.actions)} samples")
-            student = self._fit(kind, config.settings.of(kind).for_rounds(), self._samples(seen))
+            fitted = before.subset(~before.held_out)
+            say(f"{kind}: fitting to {len(fitted.actions)} samples")
+            student = self._fit(kind, config.settings.of(kind).for_rounds(), self._samples(fitted))
 
-        # Every round draws from its own generator, so that it can be repeated.
+        # Every round has a separate generator, so that it can be repeated.
         say(f"{kind}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
-        asked, most = config.speeds, self.gait.max_speed
-        speeds = None if asked is None else np.minimum(asked, most)
+        limit = self.gait.max_speed
+        speeds = None if config.speeds is None else np.minimum(config.speeds, limit)
         samples = collect(
             self.gait,
             Controller(self.expert, student, plan.period),
@@ -213,23 +213,23 @@ class _Distillation:
 
     def _fit_final(self, kind: str, dataset: Dataset) -> dict[str, Any]:
         """Fits the final student, saves it, and scores it on both splits."""
-        seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
-        say(f"{kind}: fitting to {len(seen.actions)} samples, the last time")
-        settings, student = self._choose(kind, self._samples(seen))
+        fitted, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
+        say(f"{kind}: fitting to {len(fitted.actions)} samples, the last time")
+        settings, student = self._choose(kind, self._samples(fitted))
 
-        # What is scored is what is saved, rounded to single precision where that halves a file.
+        # Score the student as it is saved; large files are rounded to single precision.
         student = student.compact().with_estimator_of(self.expert)
         student = student.with_joint_law(self.expert.joint_law)
         if isinstance(student, FormulaPolicy):
-            names, observations = student.observation_names, seen.observations
+            names, observations = student.observation_names, fitted.observations
             ranges = readings_of(self.gait, student.robot, names, observations)
             student = student.with_readings(ranges).with_machine(self.gait)
             write_atomically(self.folder / f"{kind}.tex", to_latex(student.to_file()))
         student.save(self.folder / f"{kind}{student.suffix}")
         scores = r2_scores(student, held_out)
 
-        # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are
-        # then in the fit.
+        # The paper's split shuffles the steps of its 30 episodes, so that neighbours of a held-out
+        # step are in the training set.
         paper = dataset.subset(dataset.episodes <= self.config.episodes)
         index, share = np.arange(len(paper.episodes)), SHUFFLED_TEST_SHARE
         split = train_test_split(index, test_size=share, random_state=self.config.seed)
@@ -240,7 +240,7 @@ class _Distillation:
         by_joint = zip(quadruped.JOINTS, scores, strict=True)
         return {
             "student": kind,
-            "samples": len(seen.actions),
+            "samples": len(fitted.actions),
             "held_out_samples": len(held_out.actions),
             "r2": float(scores.mean()),
             "r2_shuffled_split": float(r2_scores(shuffled, tested).mean()),
@@ -249,7 +249,7 @@ class _Distillation:
         }
 
     def _choose(self, kind: str, samples: TrainingSet) -> tuple[StudentSettings, Policy]:
-        """Fits the student with all candidate settings, and lets the robots choose."""
+        """Fits the student with all candidate settings, and selects the best by rollouts."""
         settings = self.config.settings.of(kind)
         candidates = settings.candidates()
         if len(candidates) <= 1:
@@ -259,9 +259,9 @@ class _Distillation:
             for title, (candidate, _) in candidates.items()
         }
 
-        # The robots choose.
+        # Select by rollouts.
         say(f"{kind}: letting {len(candidates)} candidates walk, to choose one")
-        ranked = rank_alone(students, self.gait, self.expert, self.config.episode_steps)
+        ranked = rank_candidates(students, self.gait, self.expert, self.config.episode_steps)
         write_table(ranked, self.folder / f"{kind}_candidates")
         complexities = {title: complexity for title, (_, complexity) in candidates.items()}
         chosen = simplest_of_the_best(ranked, complexities)

@@ -53,12 +53,12 @@ class SymbolicSettings(StudentSettings):
             sums are free (pysr).
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
-        shapes: Lengths of the sum that a formula starts from and of the whole formula; equal ones
-            leave nothing to the engine (operon). Rounds take the first.
-        start_weights: How often a sample of an episode's start counts. Rounds, and PySR, take the
-            first.
-        max_samples: Samples that the search sees, drawn evenly (operon).
-        alone_episodes: Episodes of a round in which formulas act without the expert.
+        shapes: Lengths of the initial gated sum and of the whole formula. With equal lengths, the
+            engine does not run (operon). Samples are collected with the first.
+        start_weights: Weights of the samples of an episode's start. Samples are collected with the
+            first; PySR uses only the first.
+        max_samples: Greatest number of samples, evenly spaced, for the search (operon).
+        alone_episodes: Episodes per round without the expert.
     """
 
     title: ClassVar[str] = "distillation: symbolic"
@@ -79,43 +79,44 @@ class SymbolicSettings(StudentSettings):
         for sum_length, length in self.shapes:
             if not 1 <= sum_length <= length:
                 raise InputError(
-                    f"{self.title}: the shape {sum_length} {length} asks for a sum longer than its "
-                    "formula, or for none; name the sum's length first"
+                    f"{self.title}: shapes has {sum_length} {length}; give the sum's length, at "
+                    "least 1, and then the formula's, which is not smaller"
                 )
 
     def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
-        found: dict[str, tuple[Self, tuple[int, ...]]] = {}
+        candidates: dict[str, tuple[Self, tuple[int, ...]]] = {}
         if self.engine == "pysr":
-            return found
+            return candidates
         for shape, weight in product(self.shapes, self.start_weights):
             title = f"sum of {shape[0]}, {shape[1]} in all"
             title += f", starts count {weight}" if weight > 1 else ""
-            # Of equal length, a longer sum leaves less to the engine, whose terms are hard to read.
+            # At equal length, prefer the longer sum, since the engine's terms are hard to read.
             complexity = shape[1], -shape[0]
-            found[title] = replace(self, shapes=(shape,), start_weights=(weight,)), complexity
-        return found
+            settings = replace(self, shapes=(shape,), start_weights=(weight,))
+            candidates[title] = settings, complexity
+        return candidates
 
 
 @checked
 class SymbolicPerStateSettings(SymbolicSettings):
-    """Settings of symbolic regression, where a joint has a formula for each state of the machine.
+    """Settings of symbolic regression with one formula per joint and RM state.
 
     Attributes:
-        mirrored: Whether formulas of one side are mirror images of the other's, where the gait's
+        mirrored: Whether formulas of one side are mirror images of the other's, if the gait's
             machine has a mirror image; each sample then counts twice.
     """
 
     title: ClassVar[str] = "distillation: symbolic_per_state"
 
     mirrored: bool = True
-    # Rounds take the smallest: it strays furthest, and samples of where it goes serve the larger.
+    # Samples are collected with the smallest, which strays furthest; they suit the larger too.
     shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = tuple(
         (n, n) for n in (90, 150, 250, 400)
     )
 
 
 OPERON_SCALING_NODES = 4
-"""Nodes of the scale and the offset that Operon puts around the formula it found."""
+"""Nodes of the scale and offset that Operon adds to a formula."""
 
 OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
 
@@ -123,50 +124,49 @@ PYSR_FUNCTIONS = ("sin", "tanh", "square", "cube")
 
 
 def fit_symbolic(samples: TrainingSet, settings: SymbolicSettings, *, seed: int) -> FormulaPolicy:
-    """Fits a formula for each joint."""
+    """Fits one formula per joint."""
     variables = FormulaVariables(samples.robot, samples.observation_names)
     weighted = _weighted(samples, settings)
     places = tuple((joint,) for joint in range(quadruped.N_JOINTS))
     targets = samples.robot.joint_targets(weighted.actions)
-    part = FormulaSamples(places, weighted.observations, targets)
-    opened = shared_gates(variables.vocabulary)
-    found = fit_formulas(part, variables, opened, settings, seed)
-    return formula_policy(samples, variables.vocabulary, dict(zip(part.places, found, strict=True)))
+    group = FormulaSamples(places, weighted.observations, targets)
+    formulas = fit_formulas(group, variables, shared_gates(variables.vocabulary), settings, seed)
+    return formula_policy(samples, variables.vocabulary, dict(zip(places, formulas, strict=True)))
 
 
 def fit_symbolic_per_state(
     samples: TrainingSet, settings: SymbolicPerStateSettings, *, seed: int
 ) -> FormulaPolicy:
-    """Fits a formula for each joint and state of the machine, or for half of them and a mirror."""
+    """Fits one formula per joint and RM state; with a mirror, only those of one side."""
     names, mirror = samples.observation_names, samples.mirror if settings.mirrored else None
     variables = FormulaVariables(samples.robot, names)
-    opened = gates(variables.vocabulary)
+    state_gates = gates(variables.vocabulary)
 
-    # One state after the other; joints of a state side by side.
+    # Fit the states in sequence, and the joints of a state in parallel.
     formulas: dict[Place, Expression] = {}
-    for part in samples_by_state(_weighted(samples, settings), variables.vocabulary, mirror):
-        found = fit_formulas(part, variables, opened, settings, seed)
-        for place, formula in zip(part.places, found, strict=True):
+    for group in samples_by_state(_weighted(samples, settings), variables.vocabulary, mirror):
+        fitted = fit_formulas(group, variables, state_gates, settings, seed)
+        for place, formula in zip(group.places, fitted, strict=True):
             formulas[place] = settled(formula, names, place[0])
     return formula_policy(samples, variables.vocabulary, formulas, mirror)
 
 
 def _weighted(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:
-    """Repeats the samples of an episode's start as often as settings say."""
+    """Repeats the samples of an episode's start by the first of `start_weights`."""
     counts = np.where(samples.starts, settings.start_weights[0], 1)
     return samples.subset(np.repeat(np.arange(len(counts)), counts))
 
 
 def fit_formulas(
-    part: FormulaSamples,
+    group: FormulaSamples,
     variables: FormulaVariables,
-    opened: Sequence[Expression],
+    gates: Sequence[Expression],
     settings: SymbolicSettings,
     seed: int,
 ) -> list[Expression]:
-    """Searches the formula of each place by the gates `opened`, with the digits that are shown."""
-    values, targets = variables(part.observations), part.targets
-    n_observed = part.observations.shape[1]
+    """Fits the formula of each place, in its written form."""
+    values, targets = variables(group.observations), group.targets
+    n_observed = group.observations.shape[1]
     seeds, observed = range(seed, seed + targets.shape[1]), values[:, :n_observed]
     if settings.engine == "pysr":
         searches = (
@@ -175,20 +175,20 @@ def fit_formulas(
         )
         return readable(list(run_parallel(searches)), values, targets)
 
-    # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
-    # first and the engine evolves what it leaves.
+    # Least squares finds sums much faster than evolution does. Therefore fit a sparse gated sum
+    # first, and let the engine evolve a formula for its residuals.
     sum_length, length = settings.shapes[0]
-    sums = fit_gated_sums(values, targets, opened, sum_length, n_observed)
+    sums = fit_gated_sums(values, targets, gates, sum_length, n_observed)
     if sum_length == length:
         return readable(sums, values, targets)
     residuals = targets - Tape(sums, values.shape[1])(values)
     searches = (
-        delayed(_evolve)(observed, residual, length - found.length - 1, each, settings)
-        for found, residual, each in zip(sums, residuals.T, seeds, strict=True)
+        delayed(_evolve)(observed, residual, length - start.length - 1, each, settings)
+        for start, residual, each in zip(sums, residuals.T, seeds, strict=True)
     )
     corrections = run_parallel(searches)
-    found = [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
-    return readable(found, values, targets)
+    formulas = [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
+    return readable(formulas, values, targets)
 
 
 def _evolve(
@@ -196,7 +196,7 @@ def _evolve(
 ) -> Expression:
     from pyoperon.sklearn import SymbolicRegressor
 
-    # Take every n-th sample, and variables of equal spread.
+    # Use every n-th sample, and scale the variables to equal spread.
     stride = max(1, -(-len(target) // settings.max_samples))
     scale = np.std(observations, axis=0)
     scale[scale == 0] = 1.0
@@ -214,14 +214,14 @@ def _evolve(
         random_state=seed,
     ).fit((observations / scale)[::stride], target[::stride])
 
-    # Read the formula back, as one of the variables themselves.
+    # Parse the formula, and undo the scaling.
     names = variable_names(observations.shape[1])
     text = engine.get_model_string(engine.model_, precision=12, names=list(names))
     return _rescaled(parse_expression(text, names), scale)
 
 
 def _rescaled(expression: Expression, scale: Array) -> Expression:
-    """Turns a formula of scaled variables into one of the variables themselves."""
+    """Turns a formula of scaled variables into one of unscaled variables."""
     match expression:
         case Expression("variable", variable=index):
             return scaled(expression, 1.0 / scale[index])
@@ -235,9 +235,9 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
 
 
 def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
-    """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations."""
-    # PySR's `constraints` bound the size of what a function or a product is applied to. Sums are
-    # free, or no formula could have the paper's 90 nodes.
+    """Returns the arguments of `PySRRegressor`: the paper's operators, limits and iterations."""
+    # PySR's `constraints` limit the size of the arguments of functions and products. Sums have no
+    # limit, since otherwise no formula could have the paper's 90 nodes.
     limit = settings.operator_complexity
     return {
         "unary_operators": list(PYSR_FUNCTIONS),
@@ -255,8 +255,8 @@ def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
 
 
 def pysr_starts() -> bool:
-    """Returns whether PySR and its Julia start here; missing ones are fetched first."""
-    # They start in another process: one that holds both PyTorch and Julia may crash.
+    """Returns whether PySR and Julia start; PySR first downloads Julia if it is missing."""
+    # Start them in another process, since one with both PyTorch and Julia may crash.
     command = [sys.executable, "-c", "import pysr"]
     return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
@@ -265,7 +265,7 @@ def _fit_pysr(
     observations: Array, target: Array, seed: int, settings: SymbolicSettings
 ) -> Expression:
     try:
-        # Importing PySR starts Julia, and fetches it first where it is missing.
+        # Importing PySR starts Julia, and downloads it first if it is missing.
         from pysr import PySRRegressor
     except Exception as error:
         raise InputError(
@@ -276,12 +276,11 @@ def _fit_pysr(
     model: Any = PySRRegressor(**pysr_arguments(seed, settings))
     try:
         model.fit(observations, target, variable_names=list(names))
-        found = str(model.get_best()["equation"])
+        text = str(model.get_best()["equation"])
     except Exception as error:
         # Julia's errors have no common class.
         problem = brief(str(error)) or type(error).__name__
         raise InputError(
-            f"the engine 'pysr' ended with an error ({problem}); mend its settings, or use the "
-            "engine 'operon'"
+            f"the engine 'pysr' failed ({problem}); change its settings, or use the engine 'operon'"
         ) from error
-    return parse_expression(found, names)
+    return parse_expression(text, names)

@@ -103,7 +103,7 @@ def refinement(short_page):
 @pytest.fixture(autouse=True)
 def seen_for_a_moment(monkeypatch):
     """Lets robots walk for few steps before a run, to see what each number does."""
-    monkeypatch.setattr(refinement_module, "SEEN_STEPS", 20)
+    monkeypatch.setattr(refinement_module, "BALANCE_STEPS", 20)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_the_best_of_the_candidates_is_the_result(refinement, tmp_path, monkeypa
         table = pd.DataFrame({"candidate": list(candidates), "return": rewards, "falls": 0})
         return table.sort_values("return", ascending=False, ignore_index=True)
 
-    monkeypatch.setattr(refinement_module, "rank_alone", rank)
+    monkeypatch.setattr(refinement_module, "rank_candidates", rank)
     run = refinement(tmp_path)
     texts = {}
     while run.n_updates < run.config.updates:
