@@ -1,4 +1,4 @@
-"""Lets a leaf system of your own act, a trot written by hand, and logs the robot's state.
+"""Builds a diagram with a policy written by hand, a trot, and logs the robot's state.
 
     python -m glassgait.studies.examples.own_policy
 
@@ -7,7 +7,7 @@ at a time and swings it forward. Three robots go for 5 s, each with another sens
 """
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
 from glassgait.diagrams import FixedCommand, MakeLocomotion, Scenario, make_simulator, stop_at_falls
@@ -34,41 +34,20 @@ def trot(observation: Array) -> Array:
     return offsets.ravel() / 0.25
 
 
-class OwnPolicy(LeafSystem):
-    """Acts by a function.
-
-    Inputs: observation (55).
-    Outputs: action (12).
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.DeclareVectorInputPort("observation", 55)
-        self.DeclareVectorOutputPort("action", 12, self._calc_action)
-
-    def _calc_action(self, context: Context, action: BasicVector) -> None:
-        action.SetFromVector(trot(self.get_input_port().Eval(context)))
-
-
 def main() -> None:
     """Prints mean speeds and falls."""
-    # Without a policy the robot has an input for actions.
     builder = DiagramBuilder()
     scenario = Scenario(command=FixedCommand(speed=0.3, dwell=DWELL))
-    robot = builder.AddSystem(MakeLocomotion("trot", scenario))
-    policy = builder.AddSystem(OwnPolicy())
-    builder.Connect(robot.GetOutputPort("observation"), policy.get_input_port())
-    builder.Connect(policy.get_output_port(), robot.GetInputPort("action"))
-    sink = LogVectorOutput(robot.GetOutputPort("state"), builder, publish_period=0.02)
+    robot = builder.AddSystem(MakeLocomotion("trot", scenario, policy=trot))
+    log = LogVectorOutput(robot.GetOutputPort("state"), builder, publish_period=0.02)
     diagram = builder.Build()
-
     falls = 0
     for seed in range(3):
         simulator = make_simulator(diagram, seed=seed)
         stop_at_falls(simulator)
         status = simulator.AdvanceTo(5.0)
         falls += status.reason() == status.ReturnReason.kReachedTerminationCondition
-        speed = base_velocity(sink.FindLog(simulator.get_context()).data().T)[0][:, 0]
+        speed = base_velocity(log.FindLog(simulator.get_context()).data().T)[0][:, 0]
         print(f"robot {seed}: {speed[50:].mean():.3f} m/s forward")
     print(f"falls: {falls} of 3")
 
