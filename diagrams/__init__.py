@@ -1,4 +1,4 @@
-"""Assembly: the station, the closed locomotion loop, the batch simulator and their pictures."""
+"""Diagrams of the station and the locomotion loop, the batch simulator, and visualization."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
-    # Imported when asked for: each part of the package stands without the others.
+    # Import lazily, so that each module can be used without the others.
     for module, names in _MODULES.items():
         if name in names:
             return getattr(import_module(f"{__name__}.{module}"), name)

@@ -1,6 +1,6 @@
 """The batch simulator: the locomotion task for hundreds of robots at once.
 
-Physics runs in C++ threads; the control step is that of `glassgait.models.control`.
+Physics runs in C++ threads; `glassgait.models.control` computes the control step.
 """
 
 from typing import NamedTuple
@@ -34,14 +34,14 @@ class BatchStep(NamedTuple):
     plain_reward: Array  # without it (n,)
     terms: Array  # weighted (n, 12)
     fired: BoolArray  # whether a transition fired (n,)
-    served_dwell: Array  # control steps of rhythm (n,); see `MachineStep`
+    served_dwell: Array  # control steps (n,); see `MachineStep`
     failures: BoolArray  # in the order of `FAILURES` (n, 7)
     terminated: BoolArray  # whether any failure showed (n,)
     truncated: BoolArray  # whether the episode reached its end (n,)
 
 
 class _Moved(NamedTuple):
-    """Result of a control period of physics; lost robots keep their state."""
+    """Robots after a control period of physics; lost robots keep their previous state."""
 
     plant: Array
     touching: BoolArray
@@ -51,7 +51,7 @@ class _Moved(NamedTuple):
 
 
 class BatchSimulator:
-    """Plays the locomotion task with many robots; the caller resets those whose episode ended."""
+    """Simulates the locomotion task with many robots; the caller resets robots at episode ends."""
 
     def __init__(
         self,
@@ -63,12 +63,12 @@ class BatchSimulator:
         estimator: Estimator | None,
         difficulty: float = 1.0,
     ) -> None:
-        """Observes the true body state without an estimator; see `RewardMachine` on difficulty."""
+        """Without an estimator, observes the true body state; see `RewardMachine` on difficulty."""
         self.task, self.n_robots, self.generator = task, n_robots, generator
         self.estimator, self.difficulty = estimator, difficulty
         self.push_share = 1.0  # factor on the speed of pushes
 
-        # The control step, of all robots at once.
+        # The control step of all robots.
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(task.gait.n_states, imu=task.observes_imu)
         if (limits := task.joint_law.limits) is not None:
@@ -80,29 +80,29 @@ class BatchSimulator:
         # The robots at the start of their first episode.
         self._is_commanded = False
         self._all_robots = np.arange(n_robots)
-        self._stand_on(physics)
-        self._state: TaskState = self._fresh(self._all_robots)
+        self._set_physics(physics)
+        self._state: TaskState = self._draw_start(self._all_robots)
         self.resample_friction()
 
     @property
     def state(self) -> TaskState:
-        """All that the task remembers; change it with `restore`."""
+        """The state of the task; change it with `restore`."""
         return self._state
 
     def restore(self, state: TaskState) -> None:
-        """Continues from a state taken earlier."""
+        """Continues from an earlier state."""
         self._state = state
 
     def change_ground(self, physics: Physics) -> None:
-        """Replaces the physics by one of as many groups; robots are put on its ground."""
-        self._stand_on(physics)
+        """Replaces the physics by one with as many groups, and puts robots on its ground."""
+        self._set_physics(physics)
         self.physics.set_friction(self.friction)
         plant = self._state.plant
         standing = self._ground.stand(self.task.robot, plant)
         plant = np.where(self._ground.is_rough[:, None], standing, plant)
         self._state = self._state._replace(plant=plant)
 
-    def _stand_on(self, physics: Physics) -> None:
+    def _set_physics(self, physics: Physics) -> None:
         self.physics = physics
         self.gravity = physics.gravity(self.n_robots)  # acceleration (n, 3; m/s²)
         self._ground = physics.ground(self.n_robots)
@@ -127,21 +127,21 @@ class BatchSimulator:
         if index is None:
             index = self._all_robots
         if len(index):
-            self._state = self._state.with_robots(index, self._fresh(index))
+            self._state = self._state.with_robots(index, self._draw_start(index))
 
     def start_at(self, plant: Array, command: Command) -> None:
-        """Starts a new episode for all robots in plant states x (n, 37), with given commands."""
+        """Starts a new episode of all robots from plant states x (n, 37) with given commands."""
         self._state = self._begin(self._all_robots, plant, command)
 
     def set_command(self, command: Command) -> None:
-        """Gives every robot a command; from then on only episodes begin with drawn ones."""
+        """Commands every robot; from now on commands are drawn only at the start of episodes."""
         self._is_commanded = True
         s = self._state._replace(command=command)
         # A learned estimator observes the command.
         self._state = s._replace(memory=self.control.estimated(s.memory, s.sensors(), command))
 
     def proprioception(self) -> Array:
-        """Observes the part that needs no estimator (n, 40 + n_states)."""
+        """Returns the part of the observation that needs no estimator (n, 40 + n_states)."""
         s = self._state
         return self.control.proprioception(s.memory, s.sensors(), s.command)
 
@@ -150,33 +150,33 @@ class BatchSimulator:
         return body_state(self.task.robot, self._state.plant, self._ground)
 
     def observe(self) -> Array:
-        """Observes everything (n, 47 + n_states), in the order of `layout`."""
+        """Returns the observation (n, 47 + n_states), in the order of `layout`."""
         s, body = self._state, self.body_state() if self.estimator is None else None
         return self.control.observation(s.memory, s.sensors(), s.command, body)
 
     def limited(self, action: Array) -> Array:
-        """Returns actions (n, 12) within the controllers' limits."""
+        """Applies the controllers' limits to actions (n, 12)."""
         return self.control.limited(self._state.memory, self._state.sensors(), action)
 
     def step(self, action: Array) -> BatchStep:
-        """Holds actions (n, 12), within limits, for one control step and moves the task on."""
+        """Advances the task by one control step, which holds actions (n, 12) within limits."""
         s, task = self._state, self.task
-        moved = self._moved(s, self.limited(action), np.isfinite(action).all(axis=1))
+        moved = self._move(s, self.limited(action), np.isfinite(action).all(axis=1))
 
-        # Draw noise, pushes and commands of the next instant. A new command holds from the end of
-        # the step on, for the machine too.
+        # Draw noise, pushes and commands of the next instant. A new command takes effect at the
+        # end of the step, also for the reward machine.
         steps = s.steps + 1
-        joint_noise = self._joint_errors(s.bias)
+        joint_noise = self._draw_joint_errors(s.bias)
         push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
-        command = self._commanded(s, steps)
+        command = self._next_command(s, steps)
         wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
 
         # Reward the step, before the push.
         feet = sense_feet(task.robot, moved.plant, s.touching, moved.touching, self._ground)
-        reward = self._rewarded(s, moved, command, feet)
+        reward = self._reward(s, moved, command, feet)
         plain = np.where(moved.lost, 0.0, reward.plain)
 
-        # Sense the state after the push. The machine follows the contacts.
+        # Sense the state after the push, and step the reward machine.
         after = s._replace(
             plant=moved.plant,
             command=command,
@@ -210,10 +210,10 @@ class BatchSimulator:
             truncated=steps >= task.episode_steps,
         )
 
-    def _moved(self, s: TaskState, action: Array, is_finite: BoolArray) -> _Moved:
-        """Moves robots by limited actions (n, 12), asked for as finite ones or not (n,)."""
-        stepped = self._followed(s, action)
-        shown = failures(
+    def _move(self, s: TaskState, action: Array, is_finite: BoolArray) -> _Moved:
+        """Moves robots by limited actions (n, 12) whose asked actions are finite or not (n,)."""
+        stepped = self._step_physics(s, action)
+        flags = failures(
             self.task.robot,
             stepped.states,
             action=action,
@@ -221,33 +221,33 @@ class BatchSimulator:
             limits=self.task.limits,
             ground=self._ground,
         )
-        # A lost robot keeps its last sound state, so that nothing below meets a NaN.
-        lost = shown[:, NOT_FINITE].copy()
-        shown[:, NOT_FINITE] |= ~is_finite
+        # A lost robot keeps its last finite state, so that no NaN reaches the code below.
+        lost = flags[:, NOT_FINITE].copy()
+        flags[:, NOT_FINITE] |= ~is_finite
         return _Moved(
             plant=np.where(lost[:, None], s.plant, stepped.states),
             touching=np.where(lost[:, None], s.touching, stepped.touching),
             action=action,
-            failures=shown,
+            failures=flags,
             lost=lost,
         )
 
-    def _followed(self, s: TaskState, action: Array) -> PhysicsStep:
-        """Lets the joints follow actions (n, 12) as late as they come, for a control period."""
-        # An action that is more than a period late comes in the period after this one.
-        very_late = s.latency > CONTROL_PERIOD
+    def _step_physics(self, s: TaskState, action: Array) -> PhysicsStep:
+        """Advances physics by a control period with actions (n, 12) delayed by the latency."""
+        # With a latency above one period, the previous action arrives in this period.
+        is_long = s.latency > CONTROL_PERIOD
         last = s.memory.action
-        coming = np.where(very_late[:, None], last, action)
-        held = np.where(very_late[:, None], s.action_before, last)
+        arriving = np.where(is_long[:, None], last, action)
+        held = np.where(is_long[:, None], s.action_before, last)
         return self.physics.step(
             s.plant,
-            self.control.joint_targets(coming),
+            self.control.joint_targets(arriving),
             previous_targets=self.control.joint_targets(held),
-            latency=np.where(very_late, s.latency - CONTROL_PERIOD, s.latency),
+            latency=np.where(is_long, s.latency - CONTROL_PERIOD, s.latency),
         )
 
-    def _rewarded(self, s: TaskState, moved: _Moved, command: Command, feet: FootSense) -> Reward:
-        # By the new command, which holds from the end of the step on.
+    def _reward(self, s: TaskState, moved: _Moved, command: Command, feet: FootSense) -> Reward:
+        # The new command counts, which takes effect at the end of the step.
         return step_reward(
             self.task.robot,
             state=moved.plant,
@@ -263,8 +263,8 @@ class BatchSimulator:
             joint_law=self.task.joint_law,
         )
 
-    def _joint_errors(self, bias: Array) -> Array:
-        """Draws errors of measured joints (n, 24; rad, rad/s) around constant ones (n, 21)."""
+    def _draw_joint_errors(self, bias: Array) -> Array:
+        """Draws joint measurement errors (n, 24; rad, rad/s) around constant biases (n, 21)."""
         errors = self.task.randomization.joint_noise(len(bias), self.generator)
         errors[:, : quadruped.N_JOINTS] += bias[:, : quadruped.N_JOINTS]
         return errors
@@ -272,15 +272,15 @@ class BatchSimulator:
     def _read_imu(
         self, plant: Array, before: Array, bias: Array, index: NDArray[np.int64]
     ) -> Array:
-        """Reads the IMU (n, 9) of the robots at `index` in states now and a control step before."""
+        """Measures with the IMUs (n, 9) of robots at `index`, from current and previous states."""
         velocity = before[:, quadruped.LINEAR_VELOCITY]
         reading = measure_imu(plant, velocity, self.gravity[index])
         reading += self.task.randomization.imu_noise(len(index), self.generator)
         reading += bias[:, quadruped.N_JOINTS :]
         return reading
 
-    def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
-        """Returns the commands once each robot's control steps (n,) are over."""
+    def _next_command(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
+        """Returns the commands after the given numbers of control steps (n,)."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
         if len(due) and not self._is_commanded:
             drawn = self._draw_commands(len(due))
@@ -297,32 +297,32 @@ class BatchSimulator:
                     self.task.gait, count, self.generator, speed_range, straight=straight
                 )
 
-    def _fresh(self, index: NDArray[np.int64]) -> TaskState:
-        """Draws states and commands of robots at an episode's start."""
+    def _draw_start(self, index: NDArray[np.int64]) -> TaskState:
+        """Draws states and commands of robots at the start of an episode."""
         robot, ground = self.task.robot, self._ground.of_robots(index)
         draw = self.task.randomization.initial_states
         plant = draw(robot, len(index), self.generator, ground)
         return self._begin(index, plant, self._draw_commands(len(index)))
 
     def _begin(self, index: NDArray[np.int64], plant: Array, command: Command) -> TaskState:
-        """Returns robots at an episode's start."""
+        """Returns the state of robots at the start of an episode."""
         count, task, randomization = len(plant), self.task, self.task.randomization
         no_legs = np.zeros((count, quadruped.N_LEGS))
         no_action, no_speeds = np.zeros((count, quadruped.N_JOINTS)), np.zeros((count, 2))
         ground = self._ground.of_robots(index)
         feet = sense_feet(task.robot, plant, no_legs > 0.0, ground=ground)
 
-        # Draw the errors of the sensors.
+        # Draw sensor errors and latencies.
         wrong = randomization.wrong_contacts(count, self.generator)
         stuck = randomization.stuck_contacts(count, self.generator)
         bias = randomization.biases(count, self.generator)
-        joint_noise = self._joint_errors(bias)
+        joint_noise = self._draw_joint_errors(bias)
         latency = randomization.latencies(count, self.generator)
         imu = np.zeros((count, 1 + randomization.imu.delay, N_IMU))
         if self.control.needs_imu:
             imu[:] = self._read_imu(plant, plant, bias, index)[:, None]
 
-        # Read them for the first time.
+        # Read the sensors for the first time.
         reading = read_contacts(feet.touching, wrong, stuck)
         memory, _ = self.control.sense(
             None,

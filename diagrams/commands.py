@@ -1,4 +1,4 @@
-"""Sources of commands: fixed, drawn, or sliders."""
+"""Sources of commands: fixed, drawn at random, or sliders."""
 
 from dataclasses import asdict
 from typing import Annotated, ClassVar, Literal
@@ -60,14 +60,14 @@ class SliderCommand(Settings):
 
     title: ClassVar[str] = "command"
 
-    # Distinguishes it from other commands in a file.
+    # This key distinguishes it from other commands in a file.
     sliders: Literal[True] = True
 
     def check(self, gait: Gait) -> None:
-        """Does nothing: sliders end where the gait's range does."""
+        """Does nothing, since the sliders have the gait's range."""
 
 
-NAMES = ("command", "commanded_dwell")  # ports of a command
+NAMES = ("command", "commanded_dwell")  # names of the ports
 
 CommandConfig = FixedCommand | DrawnCommands | SliderCommand
 
@@ -75,7 +75,7 @@ CommandConfig = FixedCommand | DrawnCommands | SliderCommand
 def AddCommand(  # noqa: N802
     builder: DiagramBuilder, gait: Gait, config: CommandConfig, meshcat: Meshcat | None
 ) -> dict[str, OutputPort]:
-    """Adds the source of commands, and the inputs that let a planner override it.
+    """Adds a source of commands, and exports inputs with which a planner overrides it.
 
     Returns the outputs command (2; m/s, rad/s) and commanded_dwell (1, control steps).
     """
@@ -95,11 +95,11 @@ def AddCommand(  # noqa: N802
             drawn = [source.GetOutputPort(name) for name in NAMES]
         case SliderCommand():
             if meshcat is None:
-                raise InputError("locomotion: commands from sliders need a Meshcat; give one")
+                raise InputError("locomotion: commands from sliders need a Meshcat; set `meshcat`")
             source = builder.AddNamedSystem("command", MeshcatCommand(gait, meshcat))
             drawn = [source.GetOutputPort(name) for name in NAMES]
 
-    # A planner's commands, where it is connected, come before them.
+    # The commands of a connected planner take precedence.
     given = builder.AddNamedSystem("given_command", GivenCommand(gait))
     builder.Connect(drawn[0], given.GetInputPort("drawn_command"))
     builder.Connect(drawn[1], given.GetInputPort("drawn_dwell"))
@@ -109,10 +109,9 @@ def AddCommand(  # noqa: N802
 
 
 def AddSeed(builder: DiagramBuilder, name: str) -> OutputPort:  # noqa: N802
-    """Adds a number that a random context draws, and that holds for the whole rollout."""
-    # A system written in Python cannot draw its parameters in `SetRandomContext`, but a linear
-    # system draws its initial state, and this one stays where it starts. A RandomSource would draw
-    # another number in the first update.
+    """Adds a number that a random context draws and that stays constant in the rollout."""
+    # A Python system cannot draw its parameters in `SetRandomContext`. This linear system draws its
+    # initial state, which never changes. A RandomSource would draw again at its first update.
     nothing = np.zeros((1, 0))
     seed = LinearSystem(np.eye(1), nothing, np.eye(1), nothing, COMMAND_STEPS * CONTROL_PERIOD)
     seed.configure_random_state(np.eye(1))

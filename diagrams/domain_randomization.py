@@ -1,4 +1,4 @@
-"""Domain randomization: the loads, motors, grounds, delays and pushes that robots learn with."""
+"""Domain randomization of training: loads, motors, grounds, delays and pushes."""
 
 from collections.abc import Sequence
 from dataclasses import field, replace
@@ -30,17 +30,17 @@ HARSH = Randomization(
     straight=0.2,
     latency=(0.0, 0.03),
 )
-"""Differences between robots and episodes of training."""
+"""Randomization of robots and episodes in training."""
 
 
 @checked
 class TerrainRanges(Settings):
-    """Ranges of the grounds of groups of robots."""
+    """Ranges from which the grounds of groups of robots are drawn."""
 
     title: ClassVar[str] = "terrains"
 
-    share: Share = 0.75  # of the groups; the others have the station's ground
-    # In turn; planes are slopes.
+    share: Share = 0.75  # share of the groups; the others have the station's ground
+    # Kinds of ground, assigned in turn; planes are slopes.
     kinds: Annotated[tuple[Kind, ...], FEW, MinLen(1)] = (
         "plane",
         "blocks",
@@ -52,12 +52,12 @@ class TerrainRanges(Settings):
     slope: Annotated[float, Ge(0.0), Le(45.0)] = 25.0  # greatest angle (°), in any direction
     # Greatest height of the highest cell of blocks and uneven ground above the lowest (m).
     amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
-    # Greatest height of a step (m). Steps lead up and down again, up for ever, or down.
+    # Greatest height of a step (m). Steps lead up and down again, endlessly up, or endlessly down.
     height: Annotated[float, Gt(0.0), Le(1.0)] = 0.07
     patches: Share = 0.0  # share of cells with another friction
 
     def draw(self, ground: Terrain, count: int, generator: np.random.Generator) -> list[Terrain]:
-        """Draws the ground of `count` groups; without a share of them nothing is drawn."""
+        """Draws the grounds of `count` groups; a share of 0 draws no random numbers."""
         drawn = round(self.share * count)
         if drawn == 0:
             return [ground] * count
@@ -66,10 +66,10 @@ class TerrainRanges(Settings):
         return [grounds[i] if i < drawn else ground for i in order]
 
     def _draw_one(self, i: int, count: int, generator: np.random.Generator) -> Terrain:
-        # The kind goes round.
-        turn, n_kinds = divmod(i, len(self.kinds))
-        kind = self.kinds[n_kinds]
-        # As with the other ranges, each group draws from another part, the greatest first.
+        # Cycle through the kinds.
+        turn, index = divmod(i, len(self.kinds))
+        kind = self.kinds[index]
+        # Split the range by rounds, as `GroupRanges` does by groups; the greatest values are first.
         rounds = -(-count // len(self.kinds))
         share = (rounds - turn - generator.random()) / rounds
         direction, seed = generator.uniform(0.0, 360.0), int(generator.integers(2**31))
@@ -85,10 +85,10 @@ class TerrainRanges(Settings):
 
 @checked
 class GroupRanges(Settings):
-    """Ranges of the stations of groups of robots.
+    """Ranges from which the stations of groups of robots are drawn.
 
-    Every range is cut into as many parts as there are groups, and each group draws from another
-    part, so that few groups cover the ranges.
+    Each range is divided into one interval per group, and each group draws from its interval, so
+    that few groups cover the range.
     """
 
     title: ClassVar[str] = "groups"
@@ -97,7 +97,7 @@ class GroupRanges(Settings):
     # Greatest distance from the trunk's centre, along each horizontal axis (m).
     payload_offset: Annotated[float, Ge(0.0), Le(1.0)] = 0.08
     motor_strength: Range = (0.8, 1.2)  # factor on torque
-    gains: Range = (0.8, 1.2)  # factors on stiffness and damping, each drawn by itself
+    gains: Range = (0.8, 1.2)  # factors on stiffness and damping, drawn separately
     armature: Range = (0.0, 0.01)  # inertia of the rotors (kg·m²)
     relaxation_time: Range = (0.005, 0.03)  # of contacts (s)
     terrains: TerrainRanges = field(default_factory=TerrainRanges)
@@ -105,20 +105,20 @@ class GroupRanges(Settings):
     def draw(
         self, robot: Robot, station: StationConfig, count: int, generator: np.random.Generator
     ) -> list[StationConfig]:
-        """Draws the stations of `count` groups of a robot, as variations of `station`."""
+        """Draws variations of `station` for `count` groups of a robot."""
 
         def spread(least: float, greatest: float) -> list[float]:
             shares = (generator.permutation(count) + generator.random(count)) / count
             return (least + (greatest - least) * shares).tolist()
 
-        # The order of draws is part of a seed's meaning.
+        # Another order of draws would change the results of a seed.
         masses, strengths = spread(*self.payload), spread(*self.motor_strength)
         stiffness, damping = spread(*self.gains), spread(*self.gains)
         rotors, relaxation_times = spread(*self.armature), spread(*self.relaxation_time)
         x, y = (spread(-self.payload_offset, self.payload_offset) for _ in range(2))
         grounds = self.terrains.draw(station.terrain, count, generator)
 
-        # Gains vary around those of the station.
+        # Gains are factors of the station's gains.
         nominal_stiffness, nominal_damping = station.gains(robot)
         return [
             replace(
@@ -138,18 +138,18 @@ class GroupRanges(Settings):
 
 @checked
 class DomainRandomization(Settings):
-    """The randomised stations of groups of robots, and the differences between robots."""
+    """Randomization of stations, which groups of robots share, and of robots."""
 
     title: ClassVar[str] = "domain randomization"
 
     n_groups: Count = 16
     groups: GroupRanges = field(default_factory=GroupRanges)
-    # Time steps (s) of one group each, finer than the station's.
+    # Time steps (s), shorter than the station's, each of one Drake group.
     fine_steps: Annotated[tuple[Positive, ...], FEW] = ()
-    # Share of the groups, with contacts of all bodies; none of them has a fine step.
+    # Share of the groups that MuJoCo simulates, where all bodies collide.
     mujoco_share: Annotated[NotNegative, Le(1.0)] = 0.875
-    mujoco_step: Positive = 0.005  # of their plants (s)
-    # Time constant (s); see `StationConfig`.
+    mujoco_step: Positive = 0.005  # time step of MuJoCo groups (s)
+    # Time constant of MuJoCo's contacts (s); see `StationConfig`.
     mujoco_contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
     station: StationConfig = field(default_factory=lambda: StationConfig(feet_only=True))
     randomization: Randomization = HARSH
@@ -158,18 +158,18 @@ class DomainRandomization(Settings):
         if len(self.fine_steps) > self.n_groups:
             raise InputError(
                 f"{self.title}: {len(self.fine_steps)} fine_steps do not fit in n_groups = "
-                f"{self.n_groups}; raise n_groups or name fewer"
+                f"{self.n_groups}; raise n_groups or give fewer fine_steps"
             )
         if any(step >= self.station.time_step for step in self.fine_steps):
             raise InputError(
-                f"{self.title}: fine_steps is {self.fine_steps}; name steps that are shorter than "
+                f"{self.title}: fine_steps is {self.fine_steps}; give steps that are shorter than "
                 f"the station's time_step, {self.station.time_step}"
             )
 
     def stations(
         self, robot: Robot, generator: np.random.Generator, law: JointLaw = DEFAULT_LAW
     ) -> list[StationConfig]:
-        """Draws the physics of every group; the law gives gains that the station leaves out."""
+        """Draws the station of every group; gains that the station lacks come from the law."""
         station = self.station.with_gains(robot, law)
         drawn = self.groups.draw(robot, station, self.n_groups, generator)
         fine = [
@@ -177,7 +177,7 @@ class DomainRandomization(Settings):
             for station, step in zip(drawn, self.fine_steps, strict=False)
         ]
 
-        # MuJoCo has no relaxation time, and all bodies collide in it at no great cost.
+        # MuJoCo has no relaxation time, and collides all bodies at little cost.
         others = drawn[len(fine) :]
         mujoco = [
             replace(
@@ -194,5 +194,5 @@ class DomainRandomization(Settings):
 
 
 def at_hardship(stations: Sequence[StationConfig], hardship: float) -> list[StationConfig]:
-    """Returns stations with the angles and heights of their grounds multiplied by a hardship."""
+    """Scales the slopes and heights of the stations' grounds by a factor, the hardship."""
     return [replace(station, terrain=station.terrain.scaled(hardship)) for station in stations]

@@ -1,4 +1,4 @@
-"""Batch physics: hundreds of stations stepped in C++ threads, without Python in the loop."""
+"""Batch physics with Drake: steps hundreds of stations in C++ threads."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,11 +16,11 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 
 FEW_ROBOTS = 2
-"""Robots for which Drake's batch takes longer to copy a context than they take in Python's loop."""
+"""Greatest number of robots that a Python loop advances faster than Drake's batch."""
 
 
 class DrakeEngine(Engine):
-    """Steps the states of many stations in parallel; each group has its station."""
+    """Steps the states of many robots in parallel; each group has its station."""
 
     def __init__(
         self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
@@ -28,12 +28,12 @@ class DrakeEngine(Engine):
         super().__init__(stations)
         self._groups = [_Group(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
-        # Drake releases the interpreter's lock, so groups run side by side, each on its share of
-        # the threads: with a group after another, threads would wait at the end of each.
+        # Drake releases the interpreter's lock, so groups run concurrently, each on its share of
+        # the threads. One group after another would leave threads idle at the end of each.
         n_workers = min(len(stations), n_threads)
         self._workers = ThreadPoolExecutor(n_workers)
         self._parallelism = Parallelism(n_threads // n_workers) if n_threads > 1 else None
-        # The slowest group starts first, or the others would be waiting for it in the end.
+        # Start the slowest groups first, so that no thread waits for them at the end.
         self._order = sorted(range(len(stations)), key=lambda i: stations[i].time_step)
 
     def set_friction(self, friction: Array) -> None:
@@ -44,8 +44,8 @@ class DrakeEngine(Engine):
         after = np.full_like(states, np.nan)
 
         def step(i: int) -> None:
-            mine = members[i]
-            after[mine] = self._groups[i].step(states[mine], held.of(mine), self._parallelism)
+            robots = members[i]
+            after[robots] = self._groups[i].step(states[robots], held.of(robots), self._parallelism)
 
         for _ in self._workers.map(step, self._order):
             pass
@@ -64,12 +64,12 @@ class _Group:
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
 
-        # Drake's batch copies the context at every call, which of many boxes takes longer than
-        # hundreds of steps; a simulator keeps it.
+        # Drake's batch copies the context at every call. With many boxes a copy takes longer than
+        # hundreds of steps, so other ground than a plane uses one simulator.
         self._clock = _Clock(self._diagram, self._context, station.time_step)
         self._in_batch = station.terrain.is_plane
 
-        # The input, in the order of the actuators.
+        # The input is in the order of the actuators.
         port = self._diagram.GetInputPort("desired_state")
         self._desired = port.FixValue(self._context, np.zeros(2 * quadruped.N_JOINTS))
         self._actuator_order = [
@@ -81,10 +81,10 @@ class _Group:
         set_friction(self._plant, self._scene_graph, friction, context, terrain=self._terrain)
 
     def step(self, states: Array, held: Held, parallelism: Parallelism | None) -> Array:
-        """Advances robots by a control period, in Drake's threads or, for None, in Python's."""
+        """Advances robots by a control period, in Drake's threads or, with None, in this one."""
         if len(states) == 0:
             return states
-        # From one robot's change of targets to the next's, all targets stay.
+        # Split the period at the steps where a robot's targets change.
         waits, moved = held.waits(self._n_steps), states
         changes = np.unique([0, *waits, self._n_steps]).tolist()
         try:
@@ -93,13 +93,13 @@ class _Group:
                 moved = self._advance(moved, targets, stop - start, parallelism)
             return moved
         except RuntimeError:
-            # Drake does not say which robot it cannot advance: halve until one is left.
+            # Drake does not name the robot that it cannot advance, so bisect.
             if len(states) == 1:
                 return np.full_like(states, np.nan)
-            half = len(states) // 2
-            parts = slice(None, half), slice(half, None)
+            middle = len(states) // 2
+            halves = slice(None, middle), slice(middle, None)
             return np.concatenate(
-                [self.step(states[part], held.of(part), parallelism) for part in parts]
+                [self.step(states[half], held.of(half), parallelism) for half in halves]
             )
 
     def _advance(
@@ -109,11 +109,11 @@ class _Group:
         desired[:, : quadruped.N_JOINTS] = targets[:, self._actuator_order]
         if not self._in_batch or parallelism is None or len(states) <= FEW_ROBOTS:
             pairs = zip(states, desired, strict=True)
-            return np.array([self._advance_one(state, wanted, n_steps) for state, wanted in pairs])
+            return np.array([self._advance_one(state, target, n_steps) for state, target in pairs])
         return BatchEvalUniquePeriodicDiscreteUpdate(
             self._diagram,
             self._context,
-            # Flat: newer Drake takes a row of one for a column.
+            # A flat array, since newer Drake takes a row of length one for a column.
             times=np.zeros(len(states)),
             states=states.T,
             inputs=desired.T,
@@ -128,28 +128,28 @@ class _Group:
 
 
 class _Clock:
-    """Advances a context by steps of its plant, from any state and at any time."""
+    """Advances a context from any state by a number of plant steps."""
 
     def __init__(self, diagram: Diagram, context: Context, time_step: float) -> None:
         self._diagram, self._context, self._time_step = diagram, context, time_step
-        self._sound = np.array(context.get_discrete_state_vector().value())
+        self._initial_state = np.array(context.get_discrete_state_vector().value())
         self._start()
 
     def advance(self, state: Array, n_steps: int) -> None:
-        """Advances a state x (37); a RuntimeError says that the contact solver cannot."""
+        """Advances a state x (37); raises a RuntimeError if the contact solver fails."""
         self._context.SetDiscreteState(state)
         self._steps += n_steps
         try:
-            # Between two updates, so that rounding of times neither adds one nor leaves one out.
+            # Stop between two updates, so that rounding of times neither adds nor skips one.
             self._simulator.AdvanceTo((self._steps - 0.5) * self._time_step, interruptible=False)
         except RuntimeError:
-            # The state that failed must not stay in the simulator.
+            # Remove the failed state from the simulator.
             self._start()
             raise
 
     def _start(self) -> None:
         self._steps = 0
         self._context.SetTime(0.0)
-        self._context.SetDiscreteState(self._sound)
+        self._context.SetDiscreteState(self._initial_state)
         self._simulator = Simulator(self._diagram, self._context)
         self._simulator.Initialize()

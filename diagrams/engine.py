@@ -1,4 +1,4 @@
-"""Interface of the physics engines, and the joint targets that they hold."""
+"""The interface of the physics engines, and the joint targets that they hold."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -19,21 +19,21 @@ class Held(NamedTuple):
     """Joint targets of robots over a control period."""
 
     targets: Array  # joint positions (n, 12; rad)
-    late: Array  # targets that hold until those come (n, 12; rad)
-    latency: Array  # time until they come (n,; s)
+    late: Array  # previous targets, held until the new ones arrive (n, 12; rad)
+    latency: Array  # time until the new ones arrive (n,; s)
 
-    def of(self, part: slice | IntArray) -> "Held":
-        """Returns the targets of some of the robots."""
-        return Held(*(values[part] for values in self))
+    def of(self, robots: slice | IntArray) -> "Held":
+        """Returns the targets of some robots."""
+        return Held(*(values[robots] for values in self))
 
     def waits(self, n_steps: int) -> IntArray:
-        """Returns the latencies (n,) in steps of a plant that takes `n_steps` in a period."""
+        """Returns the latencies (n,) in plant steps, with `n_steps` in a control period."""
         steps = np.rint(self.latency / CONTROL_PERIOD * n_steps).astype(np.int64)
         return np.clip(steps, 0, n_steps)
 
 
 class Engine(ABC):
-    """Advances groups of robots, each by its station."""
+    """Advances groups of robots, each with its station."""
 
     def __init__(self, stations: Sequence[StationConfig]) -> None:
         self.stations = stations
@@ -48,6 +48,6 @@ class Engine(ABC):
     ) -> tuple[Array, BoolArray | None]:
         """Advances the members of each group by a control period.
 
-        Returns plant states x (n, 37), NaN of others, and which feet press on the ground (n, 4),
-        None where that follows from the pose.
+        Returns plant states x (n, 37), NaN for robots in no group, and which feet touch (n, 4), or
+        None if contact follows from the pose.
         """

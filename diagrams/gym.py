@@ -5,11 +5,11 @@ Importing this module registers `glassgait/Locomotion-v0`::
     import gymnasium
     import glassgait.diagrams.gym
 
-    gymnasium.register_envs(glassgait.diagrams.gym)  # does nothing, but linters see a use
+    gymnasium.register_envs(glassgait.diagrams.gym)  # does nothing; silences linters
     env = gymnasium.make("glassgait/Locomotion-v0", gait="trot")
     envs = gymnasium.make_vec("glassgait/Locomotion-v0", num_envs=16, gait="trot")
 
-`gymnasium.make("glassgait.diagrams.gym:glassgait/Locomotion-v0")` imports it by itself.
+`gymnasium.make("glassgait.diagrams.gym:glassgait/Locomotion-v0")` needs no import.
 """
 
 from collections.abc import Sequence
@@ -44,25 +44,25 @@ from glassgait.models.task.termination import FAILURES
 ENVIRONMENT_ID: Final = "glassgait/Locomotion-v0"
 
 ACTION_BOUND: Final = 8.0
-"""Bound of the action space; eight is 2 rad from the default stance. Shipped experts ask for
--4.9 to 5.2. An episode ends where the squared change of an action in one step is above 60."""
+"""Bound of the action space, 2 rad from the default stance. Shipped experts' actions are from -4.9
+to 5.2. An episode ends if the squared change of the action in one step exceeds 60."""
 
 SENSES: Final = {"true": (False, None), "odometry": (False, Odometry()), "imu": (True, Odometry())}
-"""Whether gravity and the angular velocity are observed, and the estimator of the body state."""
+"""Whether to observe gravity and angular velocity, and the estimator of the body state."""
 
 
 class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     """Many robots in the batch simulator.
 
-    Observations (n, 53 + n_states) are those of the shipped experts, see `ObservationLayout`.
-    Actions (n, 12) are scaled offsets of the joint targets, as the policies' are. Rewards and ends
-    are (n,). `info` has the `failures` by name, the `plain_reward` without the machine's factor,
-    and the `command` (2; m/s, rad/s) of each robot.
+    Observations (n, 53 + n_states) are those of the shipped experts; see `ObservationLayout`.
+    Actions (n, 12) are scaled offsets of the joint targets, as those of policies. Rewards and end
+    flags are (n,). `info` has the names of `failures`, the `plain_reward` without the reward
+    machine's factor and the `command` (2; m/s, rad/s) of each robot.
 
     Each episode draws a state, commands and noise. A group of robots shares its friction, which a
-    reset draws anew. Pushes come between two control steps: the next observation shows them, the
-    reward does not. An episode is terminated by the task's failures; the step after its last begins
-    the next one, ignores the robot's action and pays nothing (`AutoresetMode.NEXT_STEP`).
+    reset draws again. Pushes occur between control steps: the next observation shows them, the
+    reward does not. Failures of the task terminate an episode. The step after an episode's end
+    starts the next one, ignores the robot's action and gives no reward (`AutoresetMode.NEXT_STEP`).
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -78,12 +78,12 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         senses: str = "imu",
         max_episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """Takes gait and robot as names or files, and a station for each group of robots.
+        """Takes names or files of gait and robot, and one station per group of robots.
 
         Args:
-            senses: "imu" to observe what shipped experts do: gravity's direction, the angular
-                velocity, and the odometry's estimates of velocity and foot heights. "odometry" is
-                without the first two; "true" is without them and has true values.
+            senses: "imu" observes what the shipped experts observe: gravity's direction, angular
+                velocity, and odometry's estimates of velocity and foot heights. "odometry" omits
+                the first two. "true" also replaces the estimates by true values.
         """
         if senses not in SENSES:
             raise InputError(
@@ -101,7 +101,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
-        # The task. Its generator changes with the seed of a reset.
+        # The task. A reset replaces its generator.
         self._simulator = BatchSimulator(
             TaskConfig(
                 gait,
@@ -120,7 +120,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Starts an episode for every robot."""
+        """Starts an episode of every robot."""
         super().reset(seed=seed)
         self._simulator.generator = self.np_random
         self._simulator.resample_friction()
@@ -133,19 +133,19 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self, actions: Array
     ) -> tuple[Array, Array, NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Holds actions (n, 12) for one control step."""
-        begun = self._ended
-        outcome = self._simulator.step(np.where(begun[:, None], np.nan, actions))
-        terminated, truncated = outcome.terminated & ~begun, outcome.truncated & ~begun
+        restarts = self._ended
+        outcome = self._simulator.step(np.where(restarts[:, None], np.nan, actions))
+        terminated, truncated = outcome.terminated & ~restarts, outcome.truncated & ~restarts
         self._ended = terminated | truncated
-        self._simulator.reset(np.flatnonzero(begun))
+        self._simulator.reset(np.flatnonzero(restarts))
         reward, plain_reward = (
-            np.where(begun, 0.0, paid) for paid in (outcome.reward, outcome.plain_reward)
+            np.where(restarts, 0.0, values) for values in (outcome.reward, outcome.plain_reward)
         )
-        info = self._info(outcome.failures & ~begun[:, None], plain_reward)
+        info = self._info(outcome.failures & ~restarts[:, None], plain_reward)
         return self._simulator.observe(), reward, terminated, truncated, info
 
     def _info(self, failures: BoolArray, plain_reward: Array) -> dict[str, Any]:
-        # Gymnasium's vectors have a mask beside each entry, of the robots that it is of.
+        # Vector environments add to each entry a mask of the robots that have it.
         names = np.empty(self.num_envs, dtype=object)
         names[:] = [tuple(np.array(FAILURES)[row].tolist()) for row in failures]
         info = {
@@ -157,9 +157,9 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
 
 class LocomotionEnv(gymnasium.Env[Array, Array]):
-    """One robot, as `LocomotionVectorEnv` has them; `gymnasium.make` limits its time to 20 s."""
+    """One robot of `LocomotionVectorEnv`; `gymnasium.make` limits an episode to 20 s."""
 
-    # Drake's `DrakeGymEnv` writes its modes into the one that all environments share.
+    # Not inherited, since Drake's `DrakeGymEnv` changes the shared default.
     metadata = {"render_modes": []}  # noqa: RUF012
 
     def __init__(

@@ -50,7 +50,7 @@ OUTPUTS = (
     *("rm_state", "rm_iterations", "served_dwell", "foot_contact", "foot_height"),
     *("command", "commanded_dwell", "state", "imu"),
 )
-"""The diagram's outputs; some are only there if they are needed."""
+"""The diagram's outputs; some exist only if they are needed."""
 
 S = TypeVar("S", bound=System)
 
@@ -62,7 +62,7 @@ def MakeLocomotion(  # noqa: N802
     policy: "Controller | Callable[[Array], Array] | None" = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
-    """Builds the station with its sensors, the controller and the task around it.
+    """Builds the closed loop of the station, its sensors, the controller and the task.
 
     .. pydrake_system::
 
@@ -73,27 +73,27 @@ def MakeLocomotion(  # noqa: N802
           imu]
 
     Inputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps), from a planner, limited
-    to the gait's ranges; each may stay unconnected, and then the scenario's command holds. action
-    (12), only without a policy.
-    Outputs: action (12), within limits. observation (n), which a policy given as a function, or
-    connected from outside, has with an IMU (53 + n_states). reward and plain_reward (1) of the step
-    that ends now, reward_terms (12). failures (7). rm_state (n_states, one-hot), rm_iterations,
-    served_dwell (1, control steps). foot_contact, foot_height (4; none, m). state (37), the
-    plant's. imu (9), only where it is needed.
+    to the gait's ranges; an unconnected input leaves the scenario's command. action (12), only
+    without a policy.
+    Outputs: action (12), within limits. observation (n); with an IMU n is 53 + n_states, also for a
+    function as the policy and without a policy. reward and plain_reward (1) of the step that ends
+    now, reward_terms (12). failures (7). rm_state (n_states, one-hot), rm_iterations, served_dwell
+    (1, control steps). foot_contact, foot_height (4; {0, 1}, m). state (37), the plant's. imu (9),
+    only if it is needed.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest; `SetRandomContext` draws its pose, the sensors'
-    errors and commands. Pushes come from outside; see `glassgait.diagrams.rollout.push`.
+    errors and commands. The caller applies pushes with `glassgait.diagrams.rollout.push`.
 
     Args:
-        gait, scenario: A `Gait` and a `Scenario`, or the name or the path of a file of each.
+        gait, scenario: A `Gait` and a `Scenario`, or the name or path of a file of each.
         policy: A policy, a `Controller` of two in alternation, or a function from the observation
             (..., n) to an action (..., 12); see `FunctionPolicy`.
 
     Raises:
         InputError: if the policy or the command does not fit the gait or the scenario.
     """
-    # Imported here: programs that only use parts of this module need no policies.
+    # Imported here, since programs that use other parts of this module need no policies.
     from glassgait.models.estimation.odometry import Odometry  # noqa: PLC0415
     from glassgait.models.policies.controller import (  # noqa: PLC0415
         controller_of,
@@ -109,8 +109,8 @@ def MakeLocomotion(  # noqa: N802
     robot, law = scenario.robot_of(controller), scenario.joint_law(controller)
     layout = ObservationLayout(gait.n_states, imu=controller.expert.layout.imu)
 
-    # Systems draw in the order in which they are added: a seed gives the same commands and the same
-    # noise, whatever systems come after.
+    # Systems draw random numbers in the order in which they are added. Commands and sensor errors
+    # come first, so that a seed gives the same ones whatever systems follow.
     ports = AddCommand(builder, gait, scenario.command, meshcat)
     needs_imu = layout.imu or isinstance(estimator, Odometry) or law.limits is not None
     errors = _add_sensor_errors(builder, scenario, imu=needs_imu)
@@ -121,7 +121,7 @@ def MakeLocomotion(  # noqa: N802
     ports["state"] = AddWorldState(builder, plant, station)
     ports |= _add_sensors(builder, robot, scenario, ports["state"], errors, imu=needs_imu)
 
-    # The controller, and the joints that follow its actions some time later.
+    # The controller, and the joints that follow its delayed actions.
     hold = add("action_hold", ActionHold(scenario.latency, station.time_step))
     ports |= _outputs(hold)
     ports |= _add_observation(
@@ -146,11 +146,11 @@ def MakeLocomotion(  # noqa: N802
 
 
 def _outside(observation: Array) -> Array:
-    raise NotImplementedError  # A system outside the diagram acts; this stands for its policy.
+    raise NotImplementedError  # Placeholder for a policy outside the diagram.
 
 
 def _add(builder: DiagramBuilder, name: str, system: S, **inputs: OutputPort | None) -> S:
-    """Adds a system and connects its inputs by their names, except those that are None."""
+    """Adds a system and connects its inputs by name, except those that are None."""
     builder.AddNamedSystem(name, system)
     for port, source in inputs.items():
         if source is not None:
@@ -164,7 +164,7 @@ def _outputs(system: System) -> Ports:
 
 
 def _add_sensor_errors(builder: DiagramBuilder, scenario: Scenario, *, imu: bool) -> Ports:
-    """Adds the sources of the errors of joints, contacts and IMU."""
+    """Adds the error sources of joint, contact and IMU sensors."""
     errors: Ports = {}
     for name, share, size in (
         ("sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS),
@@ -175,7 +175,7 @@ def _add_sensor_errors(builder: DiagramBuilder, scenario: Scenario, *, imu: bool
             noise = RandomSource(RandomDistribution.kUniform, size, CONTROL_PERIOD)
             errors[name] = builder.AddNamedSystem(name, noise).get_output_port()
 
-    # Errors that hold for a whole rollout.
+    # Add errors that are constant in a rollout.
     if scenario.encoder_bias > 0.0 or (imu and scenario.imu.half_widths.any()):
         bias = SensorBias(scenario.randomization())
         _add(builder, "sensor_bias", bias, seed=AddSeed(builder, "sensor_bias_seed"))
@@ -192,7 +192,7 @@ def _add_sensors(
     *,
     imu: bool,
 ) -> Ports:
-    """Adds sensors of joints, feet and trunk; returns their outputs."""
+    """Adds the sensors of joints, feet and trunk; returns their outputs."""
     add = partial(_add, builder)
     joints = JointSensor(scenario.sensor_noise)
     noise, bias = errors.get("sensor_noise"), errors.get("encoder_bias")
@@ -200,7 +200,7 @@ def _add_sensors(
     feet = add("foot_sensor", FootSensor(robot, scenario.station.ground), state=state)
     ports = _outputs(joints) | _outputs(feet)
 
-    # Contact sensors that are wrong now and then, or stuck.
+    # Replace the true contacts if contact sensors flip or are stuck.
     stuck = stuck_sensors(scenario.stuck_open, scenario.stuck_closed)
     if "contact_noise" in errors or stuck.any():
         contacts = ContactSensor(scenario.contact_flips, stuck)
@@ -228,10 +228,10 @@ def _add_observation(
     *,
     limited: bool,
 ) -> Ports:
-    """Adds contacts, machine and estimator; returns observations and the machine's outputs."""
+    """Adds contacts, machine and estimator; returns the observation and the machine's outputs."""
     add = partial(_add, builder)
 
-    # Contacts, the reward machine that follows them, and what needs no estimate.
+    # Contacts, the reward machine, and the part of the observation without estimates.
     trust = add("contact_trust", ContactTrustSystem(), touching=ports["touching"])
     machine = RewardMachineSystem(gait)
     believed, dwell = trust.GetOutputPort("believed_contact"), ports["commanded_dwell"]
@@ -248,8 +248,8 @@ def _add_observation(
         **({"imu": ports["imu"]} if layout.imu else {}),
     )
 
-    # The body state, and the foot heights that contacts and the machine read. Imported here: where
-    # the true body state is observed, nothing is estimated.
+    # The body state, and the foot heights that contacts and the machine read. Imported here, since
+    # only estimates of the body state need them.
     from glassgait.models.estimation.odometry import Odometry  # noqa: PLC0415
     from glassgait.systems.estimation import OdometrySystem, StateEstimator  # noqa: PLC0415
 
@@ -295,7 +295,7 @@ def _add_action(
     hold: ActionHold,
     ports: Ports,
 ) -> OutputPort:
-    """Adds policies, or an input in their place, and the limits; returns the limited action."""
+    """Adds the policies or an input for actions, and the limits; returns the limited action."""
     if controller is None:
         outside = builder.AddNamedSystem("outside_action", PassThrough(quadruped.N_JOINTS))
         builder.ExportInput(outside.get_input_port(), "action")
@@ -318,8 +318,8 @@ def _add_policies(
     layout: ObservationLayout,
     observation: OutputPort,
 ) -> OutputPort:
-    """Adds policies and a switch between them; returns the action that they ask for."""
-    # Drake's switch evaluates only the policy that acts.
+    """Adds policies and a switch between them; returns their action."""
+    # Drake's switch evaluates only the selected policy.
     switch = builder.AddNamedSystem("alternation", PortSwitch(quadruped.N_JOINTS))
     indices: dict[str, InputPortIndex] = {}
     for name, policy in controller.policies.items():
@@ -329,7 +329,7 @@ def _add_policies(
         port = switch.DeclareInputPort(name)
         builder.Connect(acting.get_output_port(), port)
         indices[name] = port.get_index()
-    # A policy that never acts has no port, and is never chosen.
+    # A policy that never acts has no port and is never selected.
     only = next(iter(indices.values()))
     schedule = AlternationSchedule(
         controller.period, indices.get("expert", only), indices.get("student", only)
@@ -366,8 +366,8 @@ def _add_display(
     scene_graph: SceneGraph,
     ports: Ports,
 ) -> None:
-    """Shows robot, ground, contacts and machine state in Meshcat."""
-    # Imported here: most diagrams show nothing.
+    """Shows the robot, ground, contacts and RM state in Meshcat."""
+    # Imported here, since most diagrams have no display.
     from glassgait.diagrams.visualization import draw_ground  # noqa: PLC0415
     from glassgait.systems.gait_display import DISPLAY_PERIOD, GaitDisplay  # noqa: PLC0415
 
@@ -379,7 +379,7 @@ def _add_display(
         builder,
         "gait_display",
         GaitDisplay(robot, gait, meshcat),
-        # The plant's state, on the ground that is laid.
+        # The plant's state is within the modelled ground.
         state=plant.get_state_output_port(),
         rm_state=ports["rm_state"],
         foot_contact=ports["foot_contact"],

@@ -1,4 +1,4 @@
-"""The batch simulator's physics by MuJoCo, a second opinion on what Drake's says."""
+"""Batch physics with MuJoCo, to compare with Drake's."""
 
 from collections.abc import Sequence
 from xml.etree import ElementTree
@@ -18,14 +18,14 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import Terrain
 
 LIMIT_TIME_CONSTANT = 0.004
-"""Time in which a joint's limit gives way (s). MuJoCo's own limits are so soft that joints leave
-their ranges, which counts as a failure."""
+"""Time constant of joint limits (s). MuJoCo's default is so soft that joints leave their ranges,
+which counts as a failure."""
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 class MujocoEngine(Engine):
-    """Steps the states of many robots in parallel; every group has its model."""
+    """Steps the states of many robots in parallel; each group has its model."""
 
     def __init__(
         self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
@@ -48,45 +48,45 @@ class MujocoEngine(Engine):
         touching = np.zeros((len(states), quadruped.N_LEGS), dtype=bool)
         sound = np.concatenate(members)
 
-        # The turning of a free joint is expressed in the body's frame, as nothing else is.
+        # Convert to MuJoCo's order. It has the trunk's angular velocity in the body frame.
         first = self._models[0].nq + 3
-        turning = slice(first, first + 3)
-        given = np.full_like(states, np.nan)
-        given[sound] = states[sound][:, self._order]
-        given[sound, turning] = kinematics.base_velocity(states[sound])[1]
+        angular = slice(first, first + 3)
+        values = np.full_like(states, np.nan)
+        values[sound] = states[sound][:, self._order]
+        values[sound, angular] = kinematics.base_velocity(states[sound])[1]
 
-        # One group after another, each on all threads.
-        for group, mine in enumerate(members):
-            if len(mine):
-                targets = self._at_steps(group, held.of(mine))
-                given[mine], touching[mine] = self._roll_out(group, given[mine], targets)
+        # Advance one group after another, each on all threads.
+        for group, robots in enumerate(members):
+            if len(robots):
+                targets = self._step_targets(group, held.of(robots))
+                values[robots], touching[robots] = self._roll_out(group, values[robots], targets)
 
-        # Back to Drake's order, and to the world's frame.
+        # Convert back to Drake's order and the world frame.
         after = np.full_like(states, np.nan)
-        after[:, self._order] = given
+        after[:, self._order] = values
         to_world = kinematics.rotation_matrix(after[:, quadruped.QUATERNION])
-        after[:, quadruped.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, given[:, turning])
+        after[:, quadruped.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, values[:, angular])
         return after, touching
 
-    def _at_steps(self, group: int, held: Held) -> Array:
-        """Returns the targets at every step of the plant (n, n_steps, 12; rad)."""
+    def _step_targets(self, group: int, held: Held) -> Array:
+        """Returns the targets at every plant step (n, n_steps, 12; rad)."""
         n_steps = self._n_steps[group]
         waiting = np.arange(n_steps) < held.waits(n_steps)[:, None]
         return np.where(waiting[..., None], held.late[:, None], held.targets[:, None])
 
-    def _roll_out(self, group: int, given: Array, targets: Array) -> tuple[Array, BoolArray]:
+    def _roll_out(self, group: int, values: Array, targets: Array) -> tuple[Array, BoolArray]:
         # The first entry of MuJoCo's state is time.
         model = self._models[group]
-        before = np.zeros((len(given), mujoco.mj_stateSize(model, _STATE)))
-        before[:, 1 : 1 + given.shape[1]] = given
+        before = np.zeros((len(values), mujoco.mj_stateSize(model, _STATE)))
+        before[:, 1 : 1 + values.shape[1]] = values
         after, sensed = self._rollout.rollout(model, self._data[group], before, targets)
         assert after is not None and sensed is not None
-        moved = after[:, -1, 1 : 1 + given.shape[1]]
+        moved = after[:, -1, 1 : 1 + values.shape[1]]
         return moved, sensed[:, -1] > self.stations[group].contact_force
 
 
 def _order_of_state(model: mujoco.MjModel) -> IntArray:
-    """Returns where each entry of MuJoCo's positions and velocities stands in a plant state x."""
+    """Returns the index in a plant state x of each of MuJoCo's positions and velocities."""
     index = np.arange(quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
     order, q, v = index.copy(), slice(0, model.nq), slice(model.nq, None)
     joints = [model.joint(name) for name in quadruped.JOINTS]
@@ -99,25 +99,25 @@ def _order_of_state(model: mujoco.MjModel) -> IntArray:
 
 
 def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
-    """Builds MuJoCo's model of the station: the same description, motors, ground and load."""
+    """Builds MuJoCo's model of the station, with the same robot, motors, ground and payload."""
     station.terrain.check(robot)
 
-    # The description, and how it is integrated.
+    # The robot description and the integrator.
     spec = _read(robot)
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
-    # MuJoCo silently resets a robot that it cannot advance.
+    # By default MuJoCo silently resets a robot that it cannot advance.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     spec.option.gravity = station.terrain.gravity
 
-    # Ground, load, motors and sensors.
+    # Ground, payload, motors and sensors.
     for geometry in spec.geoms:
-        # The robot meets the ground, and not itself.
-        meets = not station.feet_only or geometry.name.endswith("_foot")
-        geometry.contype, geometry.conaffinity = int(meets), 0
+        # The robot collides with the ground only, not with itself.
+        collides = not station.feet_only or geometry.name.endswith("_foot")
+        geometry.contype, geometry.conaffinity = int(collides), 0
     _add_ground(spec, station.terrain)
     trunk = spec.body("trunk")
     if not trunk.joints:
@@ -154,7 +154,7 @@ def _add_ground(spec: "mujoco.MjSpec", terrain: Terrain) -> None:
 
 
 def _set_friction(model: mujoco.MjModel, terrain: Terrain, friction: float) -> None:
-    # Of two geometries MuJoCo takes the greater friction; none may be above the ground's.
+    # MuJoCo uses the greater friction of two geometries: the robot's must not exceed the ground's.
     model.geom_friction[:, 0] = friction
     if terrain.patches:
         model.geom_friction[:, 0] = min(friction, terrain.patch_friction)
@@ -167,7 +167,7 @@ def _set_friction(model: mujoco.MjModel, terrain: Terrain, friction: float) -> N
 
 
 def _read(robot: Robot) -> mujoco.MjSpec:
-    """Reads a robot's description without its visuals; MuJoCo cannot read some of them."""
+    """Reads a robot description without its visuals, some of which MuJoCo cannot read."""
     root = ElementTree.fromstring(robot.urdf)
     for link in root.iter("link"):
         for visual in link.findall("visual"):
@@ -180,27 +180,26 @@ def _read(robot: Robot) -> mujoco.MjSpec:
 
 def _refusal(robot: Robot, error: ValueError) -> InputError:
     problem = brief(str(error))
-    return InputError(f"{robot.urdf_path}: MuJoCo refuses it ({problem}); mend the file")
+    return InputError(f"{robot.urdf_path}: MuJoCo cannot load it ({problem}); correct the file")
 
 
 def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:
     mass = station.payload
     if mass == 0:
         return
-    # A solid box.
     squares = np.square(PAYLOAD_BOX)
     trunk.add_body(
         pos=station.payload_position,
         mass=mass,
         ipos=[0.0, 0.0, 0.0],
-        inertia=mass / 12.0 * (squares.sum() - squares),
+        inertia=mass / 12.0 * (squares.sum() - squares),  # of a solid box
         explicitinertial=True,
     )
 
 
 def _add_motors(spec: mujoco.MjSpec, robot: Robot, station: StationConfig) -> None:
-    # A motor's force is affine in its joint's position and velocity: the PD law, whose damping
-    # MuJoCo then integrates implicitly.
+    # The PD law as a motor force that is affine in joint position and velocity, so that MuJoCo
+    # integrates the damping implicitly.
     strength = station.motor_strength
     stiffness, damping = (strength * gain for gain in station.gains(robot))
     for name, effort in zip(quadruped.JOINTS, robot.effort, strict=True):
@@ -223,7 +222,7 @@ def _add_motors(spec: mujoco.MjSpec, robot: Robot, station: StationConfig) -> No
 def _add_foot_sensors(spec: mujoco.MjSpec) -> None:
     for leg in quadruped.LEGS:
         foot = spec.geom(f"{leg}_foot")
-        # A touch sensor adds up the normal forces inside its site, which holds the whole foot.
+        # A touch sensor sums the normal forces inside its site, which contains the whole foot.
         foot.parent.add_site(
             name=leg,
             type=mujoco.mjtGeom.mjGEOM_SPHERE,

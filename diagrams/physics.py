@@ -1,4 +1,4 @@
-"""The physics of many robots, by the engines of their stations."""
+"""Batch physics of many robots, independent of the engine."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -18,36 +18,36 @@ from glassgait.models.task.terrain import Terrain
 
 
 class PhysicsStep(NamedTuple):
-    """Plant states x (n, 37) after a control period, and which feet press on the ground (n, 4)."""
+    """Plant states x (n, 37) after a control period, and which feet touch the ground (n, 4)."""
 
     states: Array
     touching: BoolArray
 
 
 class Physics:
-    """Advances many robots by control periods; they stand in groups, each on its ground."""
+    """Advances many robots by control periods; each group of robots has its station."""
 
     def __init__(self, robot: Robot, engines: Sequence[Engine]) -> None:
-        """Takes the engines of the first groups, of the next ones, and so on."""
+        """Sets the engines, each of some consecutive groups."""
         self.robot, self._engines = robot, engines
         self._terrains = [station.terrain for engine in engines for station in engine.stations]
         self.n_groups = len(self._terrains)
         self._friction: Array | None = None
 
     def __deepcopy__(self, memo: dict[int, object]) -> "Physics":
-        # Engines hold C++ objects that cannot be copied, and remember only the friction.
+        # Engines hold C++ objects that cannot be copied; their only state is the friction.
         stations = [station for engine in self._engines for station in engine.stations]
-        made = make_physics(self.robot, *stations)
+        copied = make_physics(self.robot, *stations)
         if self._friction is not None:
-            made.set_friction(self._friction)
-        return made
+            copied.set_friction(self._friction)
+        return copied
 
     def members(self, n_robots: int) -> list[IntArray]:
-        """Returns the robots of each group: they are split evenly, in order."""
+        """Returns the indices of each group's robots, which are split evenly and in order."""
         return _members(n_robots, self.n_groups)
 
     def gravity(self, n_robots: int) -> Array:
-        """Returns the acceleration by gravity of each robot's group (n_robots, 3; m/s²)."""
+        """Returns the acceleration of gravity for each robot (n_robots, 3; m/s²)."""
         sizes = [len(group) for group in self.members(n_robots)]
         return np.repeat([terrain.gravity for terrain in self._terrains], sizes, axis=0)
 
@@ -56,7 +56,7 @@ class Physics:
         return _ground(tuple(self._terrains), n_robots)
 
     def set_friction(self, friction: Array) -> None:
-        """Sets the friction (n_groups,) of each group's ground."""
+        """Sets the friction of each group's ground (n_groups,)."""
         self._friction = friction
         ends = np.cumsum([len(engine.stations) for engine in self._engines])[:-1]
         for engine, values in zip(self._engines, np.split(friction, ends), strict=True):
@@ -72,39 +72,39 @@ class Physics:
     ) -> PhysicsStep:
         """Advances every robot by one control period.
 
-        A robot whose state or target is not finite, or that the engine cannot advance, comes back
-        as NaN; the others are as they would be without it.
+        The state becomes NaN if it or a target is not finite, or if the engine cannot advance it.
+        The other robots are not affected.
 
         Args:
-            states: Plant states x (n, 37), as Drake lays them out.
-            targets: Joint positions (n, 12; rad), held from the latency on.
-            previous_targets: Those held until then (n, 12; rad).
-            latency: Time until the targets come (n,; s), rounded to the plant's steps.
+            states: Plant states x (n, 37), in Drake's order.
+            targets: Joint positions (n, 12; rad), held after the latency.
+            previous_targets: Joint positions held until then (n, 12; rad).
+            latency: Time until the targets arrive (n,; s), rounded to plant steps.
         """
         late = targets if previous_targets is None else previous_targets
         latency = np.zeros(len(states)) if latency is None else latency
         held = Held(targets, late, latency)
         after, touching = np.empty_like(states), np.empty((len(states), quadruped.N_LEGS), bool)
-        # Groups are contiguous, and none is smaller than the one after it: each engine splits its
-        # robots as they are split here.
+        # Groups are contiguous, and no group is smaller than the next. An engine's even split of
+        # its robots therefore gives the same groups as the split of all robots.
         sizes, start, first = [len(group) for group in self.members(len(states))], 0, 0
         for engine in self._engines:
             last = first + len(engine.stations)
-            part = slice(start, start + sum(sizes[first:last]))
-            after[part], touching[part] = self._advance(engine, states[part], held.of(part))
-            start, first = part.stop, last
+            robots = slice(start, start + sum(sizes[first:last]))
+            after[robots], touching[robots] = self._advance(engine, states[robots], held.of(robots))
+            start, first = robots.stop, last
         return PhysicsStep(after, touching)
 
     def _advance(self, engine: Engine, states: Array, held: Held) -> PhysicsStep:
-        """Advances the sound robots of an engine, each on the tile of ground that is laid."""
-        # One robot that is not finite would stop Drake's batch.
+        """Advances the finite robots of an engine, each within the middle period of its ground."""
+        # A robot that is not finite would stop Drake's batch.
         values = np.concatenate([states, held.targets, held.late], axis=1)
-        sound = np.all(np.isfinite(values), axis=1)
+        is_finite = np.all(np.isfinite(values), axis=1)
         terrains = tuple(station.terrain for station in engine.stations)
         groups = _members(len(states), len(terrains))
-        members = [group[sound[group]] for group in groups]
+        members = [group[is_finite[group]] for group in groups]
 
-        # Ground repeats: physics sees robots on the middle tile, and the caller where they are.
+        # The ground repeats: the engine simulates robots in the middle period.
         ground = _ground(terrains, len(states))
         away = ground.periods(states)
         after, touching = engine.advance(kinematics.moved_by(states, -away), held, members)
@@ -117,11 +117,11 @@ class Physics:
 def make_physics(robot: Robot, *stations: StationConfig, n_threads: int | None = None) -> Physics:
     """Makes the physics of groups of robots, by default on all cores.
 
-    Groups of one engine stand side by side.
+    Consecutive stations with the same engine share an instance of it.
     """
     engines = []
     for name, group in groupby(stations, key=lambda station: station.engine):
-        # Imported here: most processes need one engine.
+        # Imported here, since most processes need one engine only.
         if name == "drake":
             from glassgait.diagrams.drake_physics import DrakeEngine as MakeEngine  # noqa: PLC0415
         else:
@@ -136,6 +136,6 @@ def _members(n_robots: int, n_groups: int) -> list[IntArray]:
 
 @lru_cache(maxsize=16)
 def _ground(terrains: tuple[Terrain, ...], n_robots: int) -> Ground:
-    # Asked for at every control step.
+    # Cached, since every control step needs it.
     sizes = [len(group) for group in _members(n_robots, len(terrains))]
     return Ground(terrains, np.repeat(np.arange(len(terrains)), sizes))

@@ -31,16 +31,16 @@ RECORDED_PORTS = (
 )
 
 KEPT_STEPS = 3000
-"""Control steps that a recording without an end keeps (one minute), the latest ones."""
+"""Number of latest control steps that a recording without an end keeps (one minute)."""
 
 FALL_MONITOR = "fall_monitor"
 
-_INSTANT_TOLERANCE = 1e-9  # rounding error of times that are sums of control periods (s)
+_INSTANT_TOLERANCE = 1e-9  # allows for the rounding of sums of control periods (s)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rollout(Mapping[str, Array]):
-    """Maps names of outputs to values (n + 1, size) at control instants, before their updates."""
+    """Mapping from output names to values (n + 1, size) at control instants before updates."""
 
     time: Array
     outputs: dict[str, Array]
@@ -60,8 +60,8 @@ class Rollout(Mapping[str, Array]):
         return len(self.outputs)
 
     def to_frame(self) -> "pd.DataFrame":
-        """Returns a table with a row for each control instant, a column for each number."""
-        # Imported here: few programs want a table.
+        """Returns a data frame with one row per control instant and one column per number."""
+        # Imported here, since few programs need it.
         import pandas as pd  # noqa: PLC0415
 
         columns = {
@@ -80,24 +80,24 @@ class Rollout(Mapping[str, Array]):
 def make_simulator(
     diagram: Diagram, *, seed: int = 0, state: Array | None = None, accuracy: float | None = None
 ) -> Simulator:
-    """Makes a simulator of the robot's diagram, or of a larger one, that is ready to advance.
+    """Makes a simulator of a diagram with one robot, ready to advance.
 
     Args:
-        diagram: The outermost one.
-        seed: Of all that is drawn at random except the robot's state.
-        state: The plant's x (37); standing at rest by default.
-        accuracy: Of the error-controlled contact integrator, for a continuous plant.
+        diagram: The robot's diagram or a larger root diagram that contains it.
+        seed: Seed of commands and sensor errors; the robot's state is not drawn.
+        state: Plant state x (37); by default standing at rest.
+        accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
 
     Raises:
-        InputError: if the diagram does not hold exactly one robot, or its plant is continuous and
-            not in the outermost diagram.
+        InputError: if the diagram does not contain exactly one robot, or its plant is continuous
+            and not in the root diagram.
     """
     simulator = Simulator(diagram)
     if accuracy is not None:
         if not diagram.HasSubsystemNamed("plant"):
             raise InputError(
-                "simulator: Drake's error-controlled contact integrator needs the plant in the "
-                "outermost diagram; simulate the robot's diagram by itself, or a discrete plant"
+                "simulator: accuracy needs the plant in the root diagram; simulate the robot's "
+                "diagram without the larger one, or omit accuracy and use a discrete plant"
             )
         config = SimulatorConfig(
             integration_scheme="cenic", accuracy=accuracy, use_error_control=True
@@ -108,7 +108,7 @@ def make_simulator(
 
 
 def begin_anew(simulator: Simulator, *, seed: int = 0, state: Array | None = None) -> None:
-    """Puts a simulator back to time 0, as `make_simulator` makes it; fixed inputs stay fixed."""
+    """Resets a simulator to time 0, as `make_simulator` returns it; fixed inputs stay fixed."""
     diagram, context = simulator.get_system(), simulator.get_mutable_context()
     context.SetTime(0.0)
     diagram.SetDefaultContext(context)
@@ -118,22 +118,22 @@ def begin_anew(simulator: Simulator, *, seed: int = 0, state: Array | None = Non
 
 
 def stop_at_falls(simulator: Simulator) -> None:
-    """Ends `Simulator.AdvanceTo` at the first control instant that shows a failure.
+    """Replaces the simulator's monitor by one that ends `AdvanceTo` at the first failure.
 
-    The status then has the reason `kReachedTerminationCondition` and names the failure. The
-    simulator's monitor is replaced.
+    The simulator then stops at that control instant. The status has the reason
+    `kReachedTerminationCondition` and names the failure.
     """
     locomotion = find_locomotion(simulator.get_system())
     port = locomotion.GetOutputPort("failures")
 
     def monitor(root_context: Context) -> EventStatus:
-        # The monitor is called after every step of the plant, also between two control instants.
+        # Drake calls the monitor after every plant step, also between control instants.
         if _control_step(root_context) is None:
             return EventStatus.DidNothing()
-        shown = port.Eval(locomotion.GetMyContextFromRoot(root_context)) > 0.5
-        if not shown.any():
+        failed = port.Eval(locomotion.GetMyContextFromRoot(root_context)) > 0.5
+        if not failed.any():
             return EventStatus.DidNothing()
-        names = ", ".join(np.array(FAILURES)[shown])
+        names = ", ".join(np.array(FAILURES)[failed])
         return EventStatus.ReachedTermination(locomotion, f"the robot shows {names}")
 
     simulator.set_monitor(monitor)
@@ -149,16 +149,16 @@ def record(
     """Advances the simulator by control steps and records every output.
 
     Args:
-        n_steps: Control steps to take. With None only a failure or `stopped` ends the recording,
-            and the last `KEPT_STEPS` are kept.
-        stopped: Called after every step; True ends the recording. A monitor that ends the
-            simulator's advance ends it as well.
+        n_steps: Number of control steps. With None, a failure or `stopped` ends the recording,
+            which keeps the last `KEPT_STEPS`.
+        stopped: Called after every step; True ends the recording. A monitor that ends
+            `AdvanceTo` ends it as well.
 
     Raises:
         InputError: if n_steps is negative, the simulator is between two control instants, or its
-            diagram does not hold exactly one robot.
+            diagram does not contain exactly one robot.
     """
-    # Check where the simulator is.
+    # Check that the simulator is at a control instant.
     if n_steps is not None and n_steps < 0:
         raise InputError(f"record: n_steps is {shown(n_steps)}; it must be 0 or more")
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
@@ -170,18 +170,18 @@ def record(
             f"{CONTROL_PERIOD} s"
         )
 
-    # Without a policy there are no actions to record.
+    # Allocate the recording. Not every diagram has every port.
     names = filter(locomotion.HasOutputPort, RECORDED_PORTS)
     ports = {name: locomotion.GetOutputPort(name) for name in names}
-    kept = None if n_steps is not None else KEPT_STEPS + 1
-    recorded: dict[str, deque[Array]] = {name: deque(maxlen=kept) for name in ports}
-    times: deque[float] = deque(maxlen=kept)
+    maxlen = None if n_steps is not None else KEPT_STEPS + 1
+    recorded: dict[str, deque[Array]] = {name: deque(maxlen=maxlen) for name in ports}
+    times: deque[float] = deque(maxlen=maxlen)
 
-    # Step. Only ground that repeats asks for moving a robot back.
+    # Advance and record. On ground that repeats, the robot must be moved back into the period.
     repeats = locomotion.HasSubsystemNamed(WORLD_STATE)
     for step in count() if n_steps is None else range(n_steps + 1):
-        # AdvanceTo handles updates that are due where it starts and leaves those where it ends, so
-        # even a call with the time it already has would act.
+        # AdvanceTo handles the updates due at its start, but not those due at its end. Even a call
+        # with the current time would therefore change the state.
         if step > 0:
             instant = (first + step) * CONTROL_PERIOD
             if repeats:
@@ -197,26 +197,26 @@ def record(
 
 
 def _control_step(context: Context) -> int | None:
-    """Returns the control step whose updates are due now, or None between two control instants."""
+    """Returns the control step whose updates are due now, or None between control instants."""
     time = context.get_time()
     step = round(time / CONTROL_PERIOD)
-    # Past the instant, even by a rounding error, its updates are done.
+    # After the instant, even by a rounding error, its updates are done.
     return step if 0.0 <= step * CONTROL_PERIOD - time < _INSTANT_TOLERANCE else None
 
 
 def find_locomotion(diagram: Diagram) -> Diagram:
-    """Finds the diagram that `MakeLocomotion` built: this one, or the only such part of it."""
-    found = list(_locomotions(diagram))
-    if len(found) != 1:
+    """Finds the only diagram from `MakeLocomotion`: the given one or one inside it."""
+    diagrams = list(_locomotions(diagram))
+    if len(diagrams) != 1:
         raise InputError(
-            f"diagram {diagram.get_name()!r} holds {len(found)} of what MakeLocomotion builds; "
-            "give one that holds exactly one"
+            f"diagram {diagram.get_name()!r} contains {len(diagrams)} diagrams from "
+            "MakeLocomotion; pass a diagram that contains exactly one"
         )
-    return found[0]
+    return diagrams[0]
 
 
 def _locomotions(diagram: Diagram) -> Iterator[Diagram]:
-    # A larger diagram may give it another name; its fall monitor is always there.
+    # Search for the fall monitor, since a larger diagram may rename the robot's diagram.
     if diagram.HasSubsystemNamed(FALL_MONITOR):
         yield diagram
     for system in diagram.GetSystems():
@@ -225,7 +225,7 @@ def _locomotions(diagram: Diagram) -> Iterator[Diagram]:
 
 
 def set_plant_state(diagram: Diagram, context: Context, state: Array | None = None) -> None:
-    """Puts a robot into a state x (37), wherever in the world; by default standing at rest."""
+    """Sets a robot's unwrapped plant state x (37), by default standing at rest."""
     robot = _Robot(diagram, context)
     if state is None:
         standing = kinematics.standing_state(robot.monitor.robot)
@@ -238,9 +238,9 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
 
 
 def recenter(diagram: Diagram, context: Context) -> None:
-    """Moves a robot that has left the middle period of its ground back by whole periods.
+    """Moves a robot that left the middle period of its ground back by whole periods.
 
-    The diagram's outputs stay as they are. The root context is at a control instant.
+    The diagram's outputs do not change. The root context must be at a control instant.
     """
     robot = _Robot(diagram, context)
     if robot.world is None:
@@ -255,7 +255,7 @@ def recenter(diagram: Diagram, context: Context) -> None:
 
 
 def push(diagram: Diagram, context: Context, velocity: Array) -> None:
-    """Adds a velocity (3; m/s, world frame) to that of a robot's trunk, in the root context."""
+    """Adds a velocity (3; m/s, world frame) to a robot's trunk in the root context."""
     robot = _Robot(diagram, context)
     state = robot.plant.GetPositionsAndVelocities(robot.plant_context)
     state[quadruped.LINEAR_VELOCITY] += velocity
@@ -267,7 +267,7 @@ class _Robot:
         locomotion = find_locomotion(diagram)
         self.plant: MultibodyPlant = locomotion.GetSubsystemByName("plant")  # type: ignore[assignment]
         self.plant_context = self.plant.GetMyMutableContextFromRoot(context)
-        # It knows the robot and its ground.
+        # The monitor holds the robot and its ground.
         self.monitor: FallMonitor = locomotion.GetSubsystemByName(FALL_MONITOR)  # type: ignore[assignment]
         self.world: WorldState | None = None
         if locomotion.HasSubsystemNamed(WORLD_STATE):

@@ -165,5 +165,5 @@ def test_diagrams_of_two_robots_are_refused(trot):
     builder = DiagramBuilder()
     for name, robot in (("one", diagram), ("two", other)):
         builder.AddNamedSystem(name, robot)
-    with pytest.raises(InputError, match="holds 2 of what MakeLocomotion builds"):
+    with pytest.raises(InputError, match="contains 2 diagrams from MakeLocomotion"):
         find_locomotion(builder.Build())
