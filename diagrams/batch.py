@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.physics import Physics, PhysicsStep
-from glassgait.diagrams.task import TaskConfig, TaskState, measured, put
+from glassgait.diagrams.task import TaskConfig, TaskState, read_sensors, replaced
 from glassgait.models.arrays import Array, map_arrays
 from glassgait.models.control import BoolArray, ControlStep
 from glassgait.models.estimation.sensors import N_IMU, measure_imu, read_contacts
@@ -284,7 +284,7 @@ class BatchSimulator:
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
         if len(due) and not self._is_commanded:
             drawn = self._draw_commands(len(due))
-            return map_arrays(lambda values, new: put(values, due, new), state.command, drawn)
+            return map_arrays(lambda values, new: replaced(values, due, new), state.command, drawn)
         return state.command
 
     def _draw_commands(self, count: int) -> Command:
@@ -326,7 +326,7 @@ class BatchSimulator:
         reading = read_contacts(feet.touching, wrong, stuck)
         memory, _ = self.control.sense(
             None,
-            measured(plant, joint_noise, reading, imu),
+            read_sensors(plant, joint_noise, reading, imu),
             command,
             true_height=feet.height if self.estimator is None else None,
             difficulty=self.difficulty,

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import Multiplexer, PassThrough, PortSwitch, Ran
 
 from glassgait.diagrams.commands import AddCommand, AddSeed
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario, load_scenario
-from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints, laid
+from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints, ground_reach
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.sensors import N_IMU, stuck_sensors
 from glassgait.models.robots import quadruped
@@ -117,7 +117,8 @@ def MakeLocomotion(  # noqa: N802
 
     # The robot on its ground with its sensors.
     station = scenario.station.with_gains(robot, law)
-    plant, scene_graph, instance = AddStation(builder, robot, station, reach=laid(station.terrain))
+    reach = ground_reach(station.terrain)
+    plant, scene_graph, instance = AddStation(builder, robot, station, reach=reach)
     ports["state"] = AddWorldState(builder, plant, station)
     ports |= _add_sensors(builder, robot, scenario, ports["state"], errors, imu=needs_imu)
 

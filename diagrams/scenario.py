@@ -1,4 +1,4 @@
-"""Scenarios: the world that a robot is in and how the loop around it is closed."""
+"""Scenarios: the physics, commands and disturbances of an evaluation."""
 
 import hashlib
 import json
@@ -34,10 +34,10 @@ SCENARIO_GROUPS = {
     "grounds": SCENARIO_DIRECTORY / "ground",
     "harsh": SCENARIO_DIRECTORY / "harsh",
 }
-"""Folders of the scenarios that ship."""
+"""Folders of the shipped scenarios."""
 
 LONGEST_NAME = LONGEST_TITLE = 80
-"""Greatest length of a scenario's name, which stands in names of files (bytes), and of a title."""
+"""Greatest length of a scenario's name (bytes), which is part of file names, and of a title."""
 
 
 @checked
@@ -46,78 +46,79 @@ class Scenario(Disturbances):
 
     title: str = "nominal (SAP 10 ms)"  # name in tables and errors
     station: StationConfig = field(default_factory=StationConfig)
-    # Of the error-controlled contact integrator, for a continuous plant.
+    # Accuracy of the error-controlled contact integrator, for a continuous plant.
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
     latency: Latency = 0.0  # from observation to joints (s), in whole steps of a discrete plant
-    limit_targets: bool | None = None  # to the joints' ranges; by default as the policy learned
-    true_body_state: bool = False  # observed instead of estimates, by the reward machine too
-    max_robots: Count | None = None  # for a seed, where physics is slow
+    limit_targets: bool | None = None  # limit to the joints' ranges; by default as in training
+    true_body_state: bool = False  # replaces the estimates, also for the reward machine
+    max_robots: Count | None = None  # greatest number of robots per seed, for slow physics
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
-    # Name of one that ships, or path of a `robot.yaml`; by default that of the policy.
+    # Name of a shipped robot, or path of a `robot.yaml`; by default the policy's robot.
     robot: Annotated[str, MaxLen(1000)] | None = None
 
     def __post_init__(self) -> None:
-        # A robot that is not named is of the policy; the shipped one stands for it here.
+        # Without a robot here, the policy's robot is not known yet; check with the default robot.
         self.station.terrain.check(load_robot() if self.robot is None else load_robot(self.robot))
         if problem := self._problem():
-            raise InputError(f"{self.refused_as()}: {problem}")
+            raise InputError(f"{self.error_name()}: {problem}")
 
-    def refused_as(self) -> str:
-        """Returns the name of the scenario in errors."""
+    def error_name(self) -> str:
+        """Returns the scenario's name in error messages."""
         return f"scenario {shown(self.title)}"
 
     def _problem(self) -> str | None:
         """Returns the first contradiction between settings, if there is one."""
-        step, both = self.station.time_step, {*self.stuck_open} & {*self.stuck_closed}
+        step, legs = self.station.time_step, {*self.stuck_open} & {*self.stuck_closed}
         if not (self.title.isprintable() and 0 < len(self.title.strip()) <= LONGEST_TITLE):
-            return f"title is not of 1 to {LONGEST_TITLE} printable characters"
-        if both:
-            return f"stuck_open and stuck_closed both name {min(both)}; name a leg in one of them"
+            return f"title must have 1 to {LONGEST_TITLE} printable characters"
+        if legs:
+            return f"stuck_open and stuck_closed both name {min(legs)}; remove it from one of them"
         if step > 0:
-            # Otherwise the plant and the controller would drift apart.
+            # Other steps would let the plant and the controller drift apart.
             self.station.plant_steps()
             if abs(round(self.latency / step) * step - self.latency) > 1e-12:
                 return (
                     f"latency is {self.latency:g}; give a multiple of station.time_step, {step:g}"
                 )
             if self.accuracy is not None:
-                return "accuracy is of continuous plants; give station.time_step 0, or leave it out"
+                return "accuracy needs a continuous plant; set station.time_step to 0, or remove it"
             return None
         if self.accuracy is None:
             return "station.time_step is 0; give the accuracy of the integrator, or a time_step"
         if not self.station.terrain.is_plane:
-            return f"station.terrain.kind is {self.station.terrain.kind!r}; give station.time_step"
-        return (
-            "push_speed needs a discrete plant; give station.time_step" if self.push_speed else None
-        )
+            kind = self.station.terrain.kind
+            return f"station.terrain.kind {kind!r} needs a discrete plant; give station.time_step"
+        if self.push_speed:
+            return "push_speed needs a discrete plant; give station.time_step"
+        return None
 
     def robot_of(self, policy: "Controller | Policy | None" = None) -> Robot:
-        """Returns the robot that a policy moves here; refuses a policy of another robot."""
+        """Returns the robot that a policy moves, or raises an InputError if they do not fit."""
         if self.robot is None:
             return load_robot() if policy is None else policy.robot
         robot = load_robot(self.robot)
         if policy is not None and policy.robot is not robot:
             raise InputError(
-                f"{self.refused_as()}: robot is {robot.name!r}, and the policy was made for "
-                f"{policy.robot.name!r}; take a policy of the {robot.name}, or leave robot out"
+                f"{self.error_name()}: robot is {robot.name!r}, and the policy was made for "
+                f"{policy.robot.name!r}; use a policy of the {robot.name}, or remove robot"
             )
         return robot
 
     def joint_law(self, policy: "Controller | Policy | None") -> JointLaw:
-        """Returns how joints follow a policy's targets: as the scenario says, or as it learned."""
+        """Returns the joints' control with the scenario's settings, otherwise the policy's."""
         law = DEFAULT_LAW if policy is None else policy.joint_law
         gains = self.station.gains(self.robot_of(policy), law)
         limited = law.limited if self.limit_targets is None else self.limit_targets
         return JointLaw(gains, limited, law.limits)
 
     def station_of(self, policy: "Controller | Policy | None") -> StationConfig:
-        """Returns the station, its joints with a policy's gains."""
+        """Returns the station with a policy's gains."""
         return self.station.with_gains(self.robot_of(policy), self.joint_law(policy))
 
     def randomization(self) -> Randomization:
-        """Returns the differences between the robots of an evaluation."""
+        """Returns the randomization of the robots of an evaluation."""
         shared = {key.name: getattr(self, key.name) for key in fields(Disturbances)}
         friction, latency = self.station.friction, self.latency
         return replace(NOMINAL, friction=(friction, friction), latency=(latency, latency), **shared)
@@ -128,27 +129,26 @@ class Scenario(Disturbances):
 
 
 def scenario_names(group: str = "all") -> tuple[str, ...]:
-    """Lists the scenarios of a group that ship, the nominal scenario first."""
+    """Lists the shipped scenarios of a group, the nominal scenario first."""
     names = (path.stem for path in SCENARIO_GROUPS[group].glob("*.yaml"))
     return tuple(sorted(names, key=lambda name: (name != NOMINAL_SCENARIO, name)))
 
 
 def scenario_name(scenario: str | Path) -> str:
-    """Returns the name of a scenario, or of the one in a file."""
+    """Returns the name of a scenario, given the name or a file."""
     return _path(scenario).stem
 
 
 def load_scenario(scenario: str | Path) -> Scenario:
     """Loads a scenario by its name, or from a path that ends in .yaml.
 
-    A file names only what differs from the nominal scenario.
+    A file lists only differences from the nominal scenario.
 
     Raises:
-        InputError: if there is no such scenario, or its file breaks a rule.
+        InputError: if the scenario does not exist or its file is invalid.
     """
-    # As Drake's hardware_sim loads one: a dataclass of defaults, and a file that overrides some.
-    # `pydrake.common.yaml.yaml_load_typed` would serve, were it not that it sets the fields of a
-    # frozen dataclass, and reads no `Annotated`, which hold the ranges, and no `Literal`.
+    # As in Drake's hardware_sim, a file overrides some defaults of a dataclass. Drake's
+    # `yaml_load_typed` supports neither frozen dataclasses nor `Annotated` (ranges) and `Literal`.
     path = _path(scenario)
     loaded = _parse(read_yaml(path), path)
     shipped = _shipped(path.stem)
@@ -160,51 +160,49 @@ def load_scenario(scenario: str | Path) -> Scenario:
 
 
 def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
-    """Loads scenarios by their names or paths, or by names of groups: `all`, `grounds`, `harsh`.
+    """Loads scenarios by name, by path, or by group: `all`, `grounds`, `harsh`.
 
     Raises:
-        InputError: as `load_scenario` does, or if two that differ have one name, or one title.
+        InputError: as `load_scenario`, or if two different scenarios have the same name or title.
     """
-    found: dict[str, Scenario] = {}
-    for one in scenarios:
-        for each in scenario_names(one) if one in SCENARIO_GROUPS else (one,):
-            name, scenario = scenario_name(each), load_scenario(each)
-            if found.setdefault(name, scenario) != scenario:
-                raise InputError(
-                    f"{each}: is another scenario than the one before that is called {name!r}; "
-                    "give the file another name"
-                )
+    loaded: dict[str, Scenario] = {}
+    for argument in scenarios:
+        members = scenario_names(argument) if argument in SCENARIO_GROUPS else (argument,)
+        for member in members:
+            name, scenario = scenario_name(member), load_scenario(member)
+            if loaded.setdefault(name, scenario) != scenario:
+                raise InputError(f"{member}: another scenario has the name {name!r}; rename one")
 
-    # Tables show titles.
-    titles = [scenario.title for scenario in found.values()]
-    for name, scenario in found.items():
+    # Tables identify scenarios by their titles.
+    titles = [scenario.title for scenario in loaded.values()]
+    for name, scenario in loaded.items():
         if titles.count(scenario.title) > 1:
             raise InputError(
-                f"scenario {shown(name)}: another one is called {shown(scenario.title)} as well, "
-                "and tables could not distinguish them; give it another title"
+                f"scenario {shown(name)}: another scenario has the title {shown(scenario.title)}; "
+                "change one of them, since tables show titles"
             )
-    return found
+    return loaded
 
 
 def _parse(values: Any, path: Path) -> Scenario:
     if not isinstance(values, dict):
         raise InputError(
-            f"{path}: is not a mapping of settings; write what differs from the nominal scenario, "
+            f"{path}: is not a mapping of settings; list differences from the nominal scenario, "
             "such as station: {friction: 0.3}"
         )
     values = {"title": path.stem} | resolve_paths(path, values)
     if "command" not in values:
         return Scenario.from_plain(values, str(path))
-    # Three kinds of settings stand under one key; their keys tell them apart.
-    given = values.pop("command")
-    command = _command_kind(given).from_plain(given, f"{path}: key 'command'")
+    # The keys of a command determine which of three types it has.
+    settings = values.pop("command")
+    command = _command_type(settings).from_plain(settings, f"{path}: key 'command'")
     return replace(Scenario.from_plain(values, str(path)), command=command)
 
 
-def _command_kind(values: Any) -> type[FixedCommand | DrawnCommands | SliderCommand]:
-    for kind in (DrawnCommands, SliderCommand):
-        if isinstance(values, dict) and any(key.name in values for key in fields(kind)):
-            return kind
+def _command_type(values: Any) -> type[FixedCommand | DrawnCommands | SliderCommand]:
+    for config in (DrawnCommands, SliderCommand):
+        if isinstance(values, dict) and any(key.name in values for key in fields(config)):
+            return config
     return FixedCommand
 
 
@@ -213,8 +211,8 @@ def _path(scenario: str | Path) -> Path:
     if path.suffix in (".yaml", ".yml"):
         if len(os.fsencode(path.stem)) > LONGEST_NAME or not path.stem.isprintable():
             raise InputError(
-                f"scenario file {shown(str(path))}: the scenario takes its name from the file; "
-                f"rename it to printable characters, {LONGEST_NAME} bytes at most"
+                f"scenario file {shown(str(path))}: the file's name is the scenario's name; "
+                f"rename it to at most {LONGEST_NAME} bytes of printable characters"
             )
         return path
     shipped = _shipped(str(scenario))

@@ -1,4 +1,4 @@
-"""The task of the batch simulator, and the state of every robot in it."""
+"""The task of the batch simulator, and the state of its robots."""
 
 from dataclasses import field
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -25,12 +25,12 @@ from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 
-NO_SLIDERS = "command is of sliders, which only a robot in Meshcat has; give a speed"
+NO_SLIDERS = "command uses sliders, which need a robot in Meshcat; give command.speed"
 
 
 @checked
 class TaskConfig(Settings):
-    """The task that the batch simulator plays."""
+    """The task of the batch simulator."""
 
     title: ClassVar[str] = "task"
 
@@ -42,7 +42,7 @@ class TaskConfig(Settings):
     command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
     joint_law: JointLaw = DEFAULT_LAW
     robot: Robot = field(default_factory=load_robot)
-    observes_imu: bool = False  # gravity's direction and the angular velocity
+    observes_imu: bool = False  # observe gravity's direction and the angular velocity
 
     @classmethod
     def of_scenario(
@@ -53,11 +53,10 @@ class TaskConfig(Settings):
         *,
         episode_steps: int = EPISODE_STEPS,
     ) -> "TaskConfig":
-        """Returns the task of a gait in a scenario, with a policy's joints and observation."""
-        # Refuse what cannot be played.
+        """Returns the task of a gait in a scenario, with a policy's joint law and observation."""
         command = scenario.command
         if isinstance(command, SliderCommand):
-            raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
+            raise InputError(f"{scenario.error_name()}: {NO_SLIDERS}")
         command.check(gait)
         if policy is not None:
             policy.refuse_other_machine(gait)
@@ -75,29 +74,29 @@ class TaskConfig(Settings):
 
 
 class TaskState(NamedTuple):
-    """State of each robot between two control steps; a value."""
+    """State of each robot between two control steps."""
 
-    # Arrays are never written to: a change gives another state.
+    # Arrays are never modified in place.
     plant: Array  # states x (n, 37)
     command: Command  # velocities (n, 2; m/s, rad/s), dwells (n,; control steps)
     memory: Memory  # of the controllers, with the last step's action
-    touching: BoolArray  # feet (n, 4)
+    touching: BoolArray  # foot contacts (n, 4)
     air_time: Array  # of each foot (n, 4; s)
     tracked: Array  # speeds compared with the command (n, 2; m/s, rad/s)
     action_before: Array  # actions of the step before the last (n, 12)
-    joint_noise: Array  # on positions, then velocities (n, 24; rad, rad/s)
-    bias: Array  # of joint positions, then of the IMU (n, 21; rad, its units)
-    imu: Array  # readings, the latest first, one more than it is late (n, k, 9)
-    stuck: NDArray[np.int8]  # contact sensors (n, 4), by `stuck_sensors`
-    latency: Array  # until an action reaches the joints (n,; s)
-    steps: NDArray[np.int64]  # since the episode's start (n,)
+    joint_noise: Array  # errors of positions, then velocities (n, 24; rad, rad/s)
+    bias: Array  # of joint positions, then of IMU readings (n, 21; rad, the IMU's units)
+    imu: Array  # current and delayed readings, the latest first (n, 1 + delay, 9)
+    stuck: NDArray[np.int8]  # states of contact sensors (n, 4); see `stuck_sensors`
+    latency: Array  # time until an action reaches the joints (n,; s)
+    steps: NDArray[np.int64]  # control steps since the episode's start (n,)
 
     def as_arrays(self) -> dict[str, NDArray]:
         """Returns every array by name, robots along the first axis."""
         return dict(_named(self))
 
     def with_arrays(self, arrays: dict[str, NDArray]) -> "TaskState":
-        """Returns the state that `as_arrays` took apart."""
+        """Returns the state from the result of `as_arrays`."""
         names = iter(self.as_arrays())
         return map_arrays(lambda _: arrays[next(names)], self)
 
@@ -106,23 +105,23 @@ class TaskState(NamedTuple):
         return map_arrays(lambda values: values[index], self)
 
     def with_robots(self, index: NDArray[np.int64], others: "TaskState") -> "TaskState":
-        """Returns a state whose robots at `index` are those of `others`, in their order."""
-        return map_arrays(lambda values, new: put(values, index, new), self, others)
+        """Returns a state with the robots at `index` replaced by `others`, in order."""
+        return map_arrays(lambda values, new: replaced(values, index, new), self, others)
 
     def sensors(self, touching: BoolArray | None = None) -> Sensors:
-        """Returns the controllers' sensor readings, by default with the last contacts (n, 4)."""
-        read = self.memory.trust.reading == 1 if touching is None else touching
-        return measured(self.plant, self.joint_noise, read, self.imu)
+        """Returns the sensor readings, by default with the last contact readings (n, 4)."""
+        contacts = self.memory.trust.reading == 1 if touching is None else touching
+        return read_sensors(self.plant, self.joint_noise, contacts, self.imu)
 
     def pushed(self, velocity: Array) -> "TaskState":
-        """Returns a state with a velocity (n, 3; m/s, world frame) added to each trunk's."""
+        """Adds a velocity (n, 3; m/s, world frame) to each trunk; returns the new state."""
         plant = self.plant.copy()
         plant[:, quadruped.LINEAR_VELOCITY] += velocity
         return self._replace(plant=plant)
 
 
-def measured(plant: Array, joint_noise: Array, touching: BoolArray, imu: Array) -> Sensors:
-    """Returns the readings of sensors; see `TaskState` for the arrays."""
+def read_sensors(plant: Array, joint_noise: Array, touching: BoolArray, imu: Array) -> Sensors:
+    """Returns the sensor readings; see `TaskState` for the arrays."""
     position, velocity = np.split(joint_noise, 2, axis=1)
     return Sensors(
         plant[:, quadruped.JOINT_POSITION] + position,
@@ -132,8 +131,8 @@ def measured(plant: Array, joint_noise: Array, touching: BoolArray, imu: Array) 
     )
 
 
-def put(values: NDArray, index: NDArray[np.int64], new: NDArray) -> NDArray:
-    """Returns an array with new values at `index`."""
+def replaced(values: NDArray, index: NDArray[np.int64], new: NDArray) -> NDArray:
+    """Returns a copy with new values at `index`."""
     changed = values.copy()
     changed[index] = new
     return changed
@@ -144,5 +143,5 @@ def _named(value: Any, name: str = "") -> list[tuple[str, NDArray]]:
     if not isinstance(value, tuple):
         return [(name, value)]
     prefix = f"{name}_" if name else ""
-    parts = value._asdict().items()  # type: ignore[attr-defined]
-    return [found for key, part in parts for found in _named(part, prefix + key)]
+    items = value._asdict().items()  # type: ignore[attr-defined]
+    return [pair for key, item in items for pair in _named(item, prefix + key)]

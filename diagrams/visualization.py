@@ -1,4 +1,4 @@
-"""Meshcat views of a robot on its ground or beside its ghost, replays in HTML, and pictures."""
+"""Meshcat views of a robot and its ghost, replays in HTML, and rendered pictures."""
 
 import ctypes
 import logging
@@ -33,7 +33,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from glassgait.diagrams.rollout import FALL_MONITOR, Rollout, set_plant_state
-from glassgait.diagrams.station import AddStation, StationConfig, add_robot, laid
+from glassgait.diagrams.station import AddStation, StationConfig, add_robot, ground_reach
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
@@ -46,10 +46,10 @@ from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH, GaitDisplay
 from glassgait.systems.reward import FallMonitor
 
-BOXES_PATH = f"{WORLD_PATH}/terrain"  # Meshcat's root of ground that is made of boxes
+BOXES_PATH = f"{WORLD_PATH}/terrain"  # Meshcat path of ground boxes
 
-SHADES = ((0.62, 0.64, 0.66), (0.56, 0.58, 0.60))
-PATCH_SHADE = (0.55, 0.66, 0.78)  # colours of the boxes, and of those with the patches' friction
+SHADES = ((0.62, 0.64, 0.66), (0.56, 0.58, 0.60))  # colours of ground boxes
+PATCH_SHADE = (0.55, 0.66, 0.78)  # colour of boxes with the patches' friction
 
 GHOST_PATH, GHOST_COLOR = f"{WORLD_PATH}/visualizer/ghost", Rgba(0.54, 0.58, 0.64, 0.4)
 
@@ -63,7 +63,7 @@ def open_meshcat(port: int | None = None) -> Meshcat:
     """Starts a Meshcat server that only this machine can reach."""
     log = logging.getLogger("drake")
     level = log.level
-    # Drake announces the server, which nobody needs to open.
+    # Hide Drake's announcement of the server.
     log.setLevel(logging.WARNING)
     try:
         return Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
@@ -81,7 +81,7 @@ def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
     if not terrain.is_plane:
         _draw_boxes(meshcat, terrain)
         return
-    # Tiles, since a plain plane hides how fast a robot moves.
+    # Draw tiles, since a robot's speed is not visible on a uniform plane.
     ground = f"{PAVEMENT_PATH}/ground"
     meshcat.SetObject(ground, Box(30.0, 30.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
     meshcat.SetTransform(ground, RigidTransform([0.0, 0.0, -0.0125]))
@@ -97,8 +97,8 @@ def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
 
 def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
     grid = grid_of(terrain)
-    for i, box in enumerate(terrain.boxes(laid(terrain))):
-        # Neighbours have two shades, which show where one ends.
+    for i, box in enumerate(terrain.boxes(ground_reach(terrain))):
+        # Shade boxes like a chessboard, so that their edges are visible.
         number = int(np.floor((box.centre[:2] - grid.origin) / grid.cell).sum())
         path = f"{BOXES_PATH}/{i}"
         shade = PATCH_SHADE if box.is_patch else SHADES[number % 2]
@@ -114,10 +114,10 @@ def save_replay(
     *,
     repetitions: int = 1,
 ) -> None:
-    """Draws every recorded control step into an animation, and writes it as an HTML page.
+    """Writes an animation of all recorded control steps as an HTML page.
 
-    The diagram is one that `MakeLocomotion` built to show in the Meshcat. The rollout's first
-    instant is the replay's time 0. A browser without WebGL shows a still of the last pose.
+    The diagram comes from `MakeLocomotion` with this Meshcat. The rollout's first instant is the
+    replay's time 0. A browser without WebGL shows a drawing of the last pose.
     """
     context = diagram.CreateDefaultContext()
     display = diagram.GetSubsystemByName("gait_display")
@@ -130,54 +130,54 @@ def save_replay(
     for time, state, rm_state in samples:
         context.SetTime(time - rollout.time[0])
         set_plant_state(diagram, context, state)
-        # The machine's history is not recorded, only its state.
+        # Fix the recorded RM state, since the reward machine's memory is not recorded.
         display.GetInputPort("rm_state").FixValue(display_context, rm_state)
         diagram.ForcedPublish(context)
 
-    # The page holds everything, scripts and pictures.
+    # Write a page that contains all scripts and pictures. An enclosing page seeks by the message
+    # `{replay: seconds}`.
     meshcat.StopRecording()
     meshcat.get_mutable_recording().set_repetitions(repetitions)
     meshcat.PublishRecording()
-    # A page around it may ask for a moment by the message `{replay: seconds}`.
-    page, end = meshcat.StaticHtml(), "</body>"
-    for plain, named in _NAMED:
-        page = page.replace(plain, named, 1)
-    start = page.rindex(end)
+    page = meshcat.StaticHtml()
+    for old, new in _REPLACEMENTS:
+        page = page.replace(old, new, 1)
+    start = page.rindex("</body>")
     monitor: FallMonitor = diagram.GetSubsystemByName(FALL_MONITOR)  # type: ignore[assignment]
     still = still_page(monitor.robot, rollout["state"][-1], "This is the last pose.")
-    write_atomically(path, f"{page[:start]}{still}{_FOLLOWING}{page[start:]}")
+    write_atomically(path, f"{page[:start]}{still}{_REPLAY_SCRIPT}{page[start:]}")
 
 
 def still_page(robot: Robot, state: Array, caption: str, otherwise: str = "") -> str:
-    """Returns HTML that shows a drawing of the robot in a state x (37) to browsers without WebGL.
+    """Returns HTML that draws the robot in a state x (37) in browsers without WebGL.
 
-    In others it runs the script `otherwise`.
+    Browsers with WebGL run the script `otherwise`.
     """
-    # Seen from the right, the joints of legs from thigh to foot; each is a line.
+    # Project each leg's points from thigh to foot on the view from the right.
     rotation = kinematics.rotation_matrix(state[quadruped.QUATERNION])
     heading = rotation[:, 0] * [1.0, 1.0, 0.0]
     view = np.stack([heading / np.linalg.norm(heading), [0.0, 0.0, -1.0]]) @ rotation
     legs = kinematics.leg_angles(state[quadruped.JOINT_POSITION])
     points = np.swapaxes(kinematics.leg_points(robot, legs), 0, 1) @ view.T
     points[..., 1] -= state[quadruped.POSITION][2]
-    # The left legs are behind; the trunk goes from the middle of the hind thighs to the front's.
+    # Draw the left legs first, then the trunk between hind and front thighs, then the right legs.
     trunk = [points[2:, 0].mean(axis=0), points[:2, 0].mean(axis=0)]
     lines = [(points[0], "#9aa5b1", 4), (points[2], "#9aa5b1", 4), (trunk, "#3c4650", 12)]
     lines += [(points[1], "#3c4650", 4), (points[3], "#3c4650", 4)]
-    drawn = "".join(
+    polylines = "".join(
         f'<polyline points="{" ".join(f"{100 * x:.1f},{100 * y:.1f}" for x, y in line)}" '
         f'stroke="{color}" stroke-width="{width}"/>'
         for line, color, width in lines
     )
-    return _STILL.format(drawn=drawn, caption=caption, otherwise=otherwise)
+    return _STILL.format(polylines=polylines, caption=caption, otherwise=otherwise)
 
 
 _STILL = """<figure id="still" style="display: none; position: fixed; inset: 0; z-index: 9;
  margin: 0; background: #eef2f6; color: #1b1f24; font: 15px/1.4 sans-serif">
 <svg viewBox="-60 -55 120 60" role="img" aria-label="The robot from its right side" fill="none"
  stroke-linecap="round" stroke-linejoin="round" style="width: 100%; height: calc(100% - 4.5rem)">
-<path d="M-60 2H60" stroke="#9aa5b1"/>{drawn}</svg>
-<figcaption style="padding: 0 1rem">The moving picture needs WebGL, which is off or missing in this
+<path d="M-60 2H60" stroke="#9aa5b1"/>{polylines}</svg>
+<figcaption style="padding: 0 1rem">The animation needs WebGL, which is off or missing in this
 browser. {caption}</figcaption></figure>
 <script>
 if (document.createElement("canvas").getContext("webgl2")) {{ {otherwise} }}
@@ -186,13 +186,13 @@ else document.getElementById("still").style.display = "block";
 """
 
 
-_NAMED = (
+_REPLACEMENTS = (
     ("<html>", '<html lang="en">'),
     ("<title>", '<meta name="viewport" content="width=device-width, initial-scale=1"><title>'),
     ("Drake MeshCat", "Replay"),
 )
 
-_FOLLOWING = """<script>
+_REPLAY_SCRIPT = """<script>
 window.addEventListener("message", event => {
   const seconds = event.data && event.data.replay;
   if (typeof seconds !== "number" || typeof viewer === "undefined" || !viewer.animator) return;
@@ -200,13 +200,13 @@ window.addEventListener("message", event => {
   viewer.animator.seek(seconds);
 });
 if (window.parent !== window) {
-  // Meshcat begins to play once it has loaded, which it does not announce.
+  // Meshcat starts to play when it has loaded, without an event.
   const announce = () => window.parent.postMessage({replay: "ready"}, "*");
   for (const wait of [0, 400, 1500, 4000]) setTimeout(announce, wait);
 }
 else if (matchMedia("(prefers-reduced-motion: reduce)").matches)
   for (const wait of [0, 400, 1500]) setTimeout(() => viewer.animator?.pause(), wait);
-// Meshcat's controls are made as its scene loads, and have no labels.
+// Label Meshcat's controls, which appear as its scene loads.
 const label = input => input.ariaLabel = (input.closest("li.cr") ?? input.closest("div.dg"))
   .querySelector(".property-name, .title").textContent;
 for (const wait of [0, 400, 1500, 4000])
@@ -216,16 +216,16 @@ for (const wait of [0, 400, 1500, 4000])
 
 
 class LiveDisplay:
-    """Draws states as they come: the robot with its feet's contacts, and its ghost beside it."""
+    """Displays a robot with its contacts, and its ghost beside it, live in Meshcat."""
 
     def __init__(
         self, robot: Robot, gait: Gait, meshcat: Meshcat, *, terrain: Terrain = PLANE
     ) -> None:
-        """Deletes what the Meshcat showed before."""
+        """Replaces everything in the Meshcat."""
         self._meshcat, self._ground = meshcat, Ground([terrain])
         meshcat.Delete()
 
-        # A plant of both robots, which are posed and never simulated.
+        # The plant holds robot and ghost, and is never simulated.
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         self._instances = [
@@ -234,7 +234,7 @@ class LiveDisplay:
         self._plant.Finalize()
         _paint(self._plant, scene_graph, self._instances[1])
 
-        # The scene.
+        # Set up the scene.
         draw_ground(meshcat, terrain)
         meshcat.SetCameraPose([0.85, -1.0, 0.55], [0.0, 0.2, 0.1])
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
@@ -249,17 +249,17 @@ class LiveDisplay:
     def show(
         self, state: Array, *, rm_state: Array, foot_contact: Array, ghost: Array | None = None
     ) -> None:
-        """Draws states x (37), the machine's (n_states, one-hot), and the feet that touch (4)."""
-        # Ground that repeats is only laid around its middle period.
+        """Draws plant states x (37), the RM state (n_states, one-hot) and contacts (4)."""
+        # The modelled ground is its middle period.
         away = self._ground.periods(state)
-        beside = kinematics.moved_by(state if ghost is None else ghost, -away)
+        ghost_state = kinematics.moved_by(state if ghost is None else ghost, -away)
         state = kinematics.moved_by(state, -away)
 
-        # The marks read ports; the plant, which shows both robots, is posed.
-        given = {"state": state, "rm_state": rm_state, "foot_contact": foot_contact}
-        for name, value in given.items():
+        # The marks read input ports; the plant's positions set the poses of both robots.
+        inputs = {"state": state, "rm_state": rm_state, "foot_contact": foot_contact}
+        for name, value in inputs.items():
             self._diagram.GetInputPort(name).FixValue(self._context, value)
-        for instance, pose in zip(self._instances, (state, beside), strict=True):
+        for instance, pose in zip(self._instances, (state, ghost_state), strict=True):
             self._plant.SetPositions(self._plant_context, instance, pose[: quadruped.N_POSITIONS])
         self._diagram.ForcedPublish(self._context)
         self._meshcat.SetProperty(GHOST_PATH, "visible", ghost is not None)
@@ -272,19 +272,19 @@ def _paint(plant: MultibodyPlant, scene_graph: SceneGraph, ghost: ModelInstanceI
         for geometry in inspector.GetGeometries(frame, Role.kIllustration):
             painted = IllustrationProperties(inspector.GetIllustrationProperties(geometry))
             painted.UpdateProperty("phong", "diffuse", GHOST_COLOR)
-            # Replaced in one call, it would have Drake warn of visualizers.
+            # Remove and assign the role, since Drake warns if a call replaces it.
             scene_graph.RemoveRole(source, geometry, Role.kIllustration)
             scene_graph.AssignRole(source, geometry, painted)
 
 
 class Camera:
-    """Looks at the robot from its side, following it along.
+    """Renders pictures of the robot from its side.
 
     It needs EGL (Debian: libegl1 and libgl1-mesa-dri).
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 360) -> None:
-        """Takes the size of pictures (pixels)."""
+        """Sets the size of the pictures (pixels)."""
         _check_egl()
         builder = DiagramBuilder()
         self._plant, self._scene_graph, _ = AddStation(builder, robot, StationConfig())
@@ -302,7 +302,7 @@ class Camera:
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
 
-        # The lens; `take` says where the camera is.
+        # The camera's lens; `take` sets its pose.
         core = RenderCameraCore(
             "vtk",
             CameraInfo(width, height, np.deg2rad(34)),
@@ -351,10 +351,10 @@ def _check_egl() -> None:
     if sys.platform != "linux":
         return
     try:
-        # VTK would end the process.
+        # Without EGL, VTK would end the process.
         ctypes.CDLL("libEGL.so.1")
     except OSError as error:
         raise InputError(
-            "rendering: EGL is missing; install it with a driver (Debian: libegl1 and "
+            "rendering: EGL is missing; install it and a driver (Debian: libegl1 and "
             "libgl1-mesa-dri), or do not render"
         ) from error

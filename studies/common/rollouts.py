@@ -172,7 +172,7 @@ def _roll_out_diagrams(
     gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     if isinstance(scenario.command, SliderCommand):
-        raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
+        raise InputError(f"{scenario.error_name()}: {NO_SLIDERS}")
     # One diagram serves all robots; each has its context, and with it its seed.
     diagram = MakeLocomotion(gait, scenario, policy=controller)
     n = config.robots_in(scenario)

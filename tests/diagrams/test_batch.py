@@ -154,7 +154,7 @@ def test_a_scenario_is_played_as_it_says(trot):
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (SliderCommand(), "command is of sliders"),
+        (SliderCommand(), "command uses sliders"),
         (FixedCommand(speed=3.0), "speed is 3.0; give -1 to 1"),
         (DrawnCommands((0.0, 3.0)), "speed_range is"),
     ],

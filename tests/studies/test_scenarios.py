@@ -57,7 +57,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         ("evaluate scenarios --scenario ice", "unknown scenario 'ice'; the scenarios are"),
         ("evaluate scenarios --scenario gone.yaml", "gone.yaml: cannot be read, no such file"),
         ("evaluate scenarios --scenario bad.yaml", "bad.yaml: unknown key 'frictoin'; remove"),
-        ("evaluate scenarios --scenario watched.yaml", "'watched': command is of sliders"),
+        ("evaluate scenarios --scenario watched.yaml", "'watched': command uses sliders"),
         ("evaluate scenarios --scenario fast.yaml", "command: speed is 9.0; give -1 to 1"),
         ("evaluate alternation --scenario nominal sap_2ms", "of one scenario; name one"),
         ("view --scenario bad.yaml", "bad.yaml: unknown key"),
@@ -165,5 +165,5 @@ def test_samples_are_of_the_scenarios_ground_pushes_and_observations(expert):
 def test_commands_of_sliders_are_for_one_robot(expert):
     for scenario in (Scenario(), CONTINUOUS):
         watched = replace(scenario, command=SliderCommand())
-        with pytest.raises(InputError, match="command is of sliders"):
+        with pytest.raises(InputError, match="command uses sliders"):
             roll_out(TROT, alone(expert), watched, RolloutConfig(n_robots=1))
