@@ -1,1 +1,1 @@
-"""Expressions: their text, their values, and what holds over boxes of observations."""
+"""Formulas: their text, values and mirror images, and interval arithmetic."""

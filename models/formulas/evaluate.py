@@ -24,11 +24,11 @@ _FUNCTIONS: dict[str, Callable[..., Array]] = {
 }
 
 BLOCK = 2_048
-"""Observations whose nodes are in memory at once; of long formulas each takes 10,000 numbers."""
+"""Observations evaluated at once, to limit memory: long formulas need 10,000 numbers for each."""
 
 
 class _Function:
-    """A function of one operand or two: all nodes (k, ...) of a height, from values (size, ...)."""
+    """Evaluates a function of one or two operands: nodes (k, ...) from all values (size, ...)."""
 
     def __init__(self, operator: str, operands: Sequence[Any]) -> None:
         self._function = _FUNCTIONS[operator]
@@ -38,8 +38,8 @@ class _Function:
         return self._function(*values[self._operands])
 
 
-def _by_place(chains: Sequence[Sequence[Any]]) -> list[list[Any]]:
-    """Returns what stands at each place of chains, of which the longest comes first."""
+def _transposed(chains: Sequence[Sequence[Any]]) -> list[list[Any]]:
+    """Transposes chains of unequal length, sorted from longest to shortest."""
     places = range(len(chains[0]))
     return [[chain[place] for chain in chains if len(chain) > place] for place in places]
 
@@ -47,8 +47,7 @@ def _by_place(chains: Sequence[Sequence[Any]]) -> list[list[Any]]:
 class _Products:
     """Products of any number of operands, taken from left to right.
 
-    So long as the order is kept, a chain has the same last digit for one robot as for many, and as
-    in any other language.
+    The fixed order makes results equal to the last digit for one robot, for many, and in C.
     """
 
     def __init__(self, operands: Sequence[Sequence[int]]) -> None:
@@ -57,7 +56,7 @@ class _Products:
         self._flat = np.concatenate(operands).astype(np.intp)
         self._starts = np.cumsum([0, *lengths[:-1]])
         self._nodes = np.repeat(np.arange(len(operands)), lengths)
-        self._places = [np.array(slots, dtype=np.intp) for slots in _by_place(operands)]
+        self._places = [np.array(slots, dtype=np.intp) for slots in _transposed(operands)]
 
     def __call__(self, values: Array) -> Array:
         return self._of_row(values) if values.ndim == 1 else self._of_rows(values)
@@ -74,16 +73,16 @@ class _Products:
 
 
 class _Sums(_Products):
-    """Sums of any number of operands with signs 1 or -1, likewise."""
+    """Sums of any number of operands with signs 1 or -1, taken from left to right."""
 
     def __init__(self, operands: Sequence[Sequence[int]], signs: Sequence[Sequence[float]]) -> None:
         super().__init__(operands)
         self._signs = np.concatenate(signs)
-        self._signs_of_places = [np.array(column)[:, None] for column in _by_place(signs)]
+        self._signs_of_places = [np.array(column)[:, None] for column in _transposed(signs)]
 
     def _of_row(self, values: Array) -> Array:
-        # `np.add.reduceat` would add up in pairs, in another order. What changes no number that is
-        # added to it, not even the sign of a zero, is -0.
+        # `np.add.reduceat` would add in pairs, in another order. Sums start from -0, since adding
+        # it changes no number, not even the sign of a zero.
         total = np.full(len(self._starts), -0.0)
         np.add.at(total, self._nodes, self._signs * values[self._flat])
         return total
@@ -98,14 +97,14 @@ class _Sums(_Products):
 
 
 class _Nodes:
-    """The distinct sub-formulas of formulas, numbered in the order in which they can be evaluated.
+    """The distinct sub-formulas of formulas, numbered in an order in which they can be evaluated.
 
-    A sum of sums is one node, and so is a product of products, where the order of evaluation stays.
+    Nested sums are one node, and so are nested products, if the order of evaluation stays the same.
     """
 
     def __init__(self) -> None:
-        # Operator of each, and its operands: their numbers, with their signs in a sum; the value
-        # of a constant, the index of a variable. Heights count operators on the longest way down.
+        # A key is an operator with the numbers and signs of its operands, the value of a constant,
+        # or the index of a variable. A height counts the operators on the longest path to a leaf.
         self.keys: list[tuple[str, Any]] = []
         self.heights: list[int] = []
         self._number_of_key: dict[tuple[str, Any], int] = {}
@@ -114,8 +113,8 @@ class _Nodes:
 
     def add(self, formula: Expression) -> int:
         """Adds a formula, which must outlive this object, and returns its number."""
-        # A list of what is still to visit: derivatives may be deeper than Python's stack. Their
-        # parts are shared, so that a part that was met before is not walked through again.
+        # List the nodes to visit, since derivatives may be deeper than Python's stack. Shared
+        # sub-formulas are visited once.
         numbers, pending = self._number_of_object, [formula]
         while pending:
             node = pending[-1]
@@ -123,7 +122,7 @@ class _Nodes:
                 self._chains[id(node)] = _chain(node)
             _, operands, _ = self._chains[id(node)]
             missing = [operand for operand in operands if id(operand) not in numbers]
-            # Operands first, from left to right.
+            # Visit the operands first, from left to right.
             if missing:
                 pending += reversed(missing)
                 continue
@@ -134,13 +133,13 @@ class _Nodes:
     def _number(self, node: Expression) -> int:
         # Equal sub-formulas have equal keys, and one number.
         operator, operands, signs = self._chains[id(node)]
-        known = tuple(self._number_of_object[id(operand)] for operand in operands)
+        numbers = tuple(self._number_of_object[id(operand)] for operand in operands)
         leaf = {"variable": node.variable, "constant": node.value}
-        key = (operator, leaf.get(operator, (known, tuple(signs))))
+        key = (operator, leaf.get(operator, (numbers, tuple(signs))))
         if key not in self._number_of_key:
             self._number_of_key[key] = len(self.keys)
             self.keys.append(key)
-            self.heights.append(max((1 + self.heights[operand] for operand in known), default=0))
+            self.heights.append(max((1 + self.heights[number] for number in numbers), default=0))
         return self._number_of_key[key]
 
 
@@ -148,7 +147,7 @@ def _chain(formula: Expression) -> tuple[str, list[Expression], list[float]]:
     """Returns the operator of a node, its operands from left to right, and their signs in a sum."""
     operands: list[Expression] = []
     match formula.operator:
-        # Walk down the left side, which is evaluated first, and turn the order at the end.
+        # Walk down the left side, which is evaluated first, and reverse the order at the end.
         case "add" | "sub" | "neg":
             signs: list[float] = []
             while formula.operator in ("add", "sub"):
@@ -172,9 +171,8 @@ def _chain(formula: Expression) -> tuple[str, list[Expression], list[float]]:
 class Tape:
     """Formulas compiled to a short list of vectorised instructions.
 
-    Nodes of all formulas that have the same operator and the same height are evaluated together,
-    and a sub-formula that occurs twice is evaluated once. Every value has a slot: first come those
-    of the variables, then those of the constants, then those of each instruction's nodes.
+    Nodes of the same operator and height are evaluated together, and repeated sub-formulas once.
+    Every value has a slot: variables come first, then constants, then each instruction's nodes.
     """
 
     def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
@@ -200,7 +198,7 @@ class Tape:
         self._instructions: list[tuple[slice, _Function | _Products]] = []
         size = n_variables + len(constants)
         for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
-            # The longest chain first; of functions all are as long.
+            # Put the longest chain first.
             numbers.sort(key=lambda number: -len(nodes.keys[number][1][0]))
             places = slice(size, size + len(numbers))
             slots[numbers] = np.arange(places.start, places.stop)
@@ -222,14 +220,14 @@ class Tape:
         if observation.ndim == 1:
             return self._evaluate(observation)
         rows = observation.reshape(math.prod(observation.shape[:-1]), self.n_variables)
-        found = np.empty((len(rows), len(self._outputs)))
+        results = np.empty((len(rows), len(self._outputs)))
         for start in range(0, len(rows), BLOCK):
-            found[start : start + BLOCK] = self._evaluate(rows[start : start + BLOCK].T).T
-        return found.reshape(*observation.shape[:-1], len(self._outputs))
+            results[start : start + BLOCK] = self._evaluate(rows[start : start + BLOCK].T).T
+        return results.reshape(*observation.shape[:-1], len(self._outputs))
 
     def _evaluate(self, variables: Array) -> Array:
         """Evaluates all formulas (k, ...) from the variables (n, ...)."""
-        # Nodes along the first axis, so that an instruction writes one block of memory.
+        # Nodes lie along the first axis, so that an instruction writes one block of memory.
         values = np.empty((self._size, *variables.shape[1:]))
         values[: self.n_variables] = variables
         constants = slice(self.n_variables, self.n_variables + len(self._constants))

@@ -1,4 +1,4 @@
-"""Formulas as trees, their numbers, and their canonical form: minus signs stand in front."""
+"""Formulas as expression trees, their numbers, and their canonical form."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -12,14 +12,14 @@ BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cube")
 
 MAX_DEPTH = 100
-"""Greatest depth of a formula: functions that walk through formulas are recursive."""
+"""Greatest depth of a formula, since functions of formulas are recursive."""
 
 LARGEST = 1e30
-"""Greatest size of a number, so that products of a few stay finite."""
+"""Greatest magnitude of a number, so that products of a few stay finite."""
 
 MAX_NODES = 5000
 MAX_TERMS = 1000
-"""Greatest number of terms that products of sums are multiplied out to."""
+"""Greatest number of terms up to which products of sums are multiplied out."""
 
 _ARITY = {"constant": 0, "variable": 0} | dict.fromkeys(BINARY, 2) | dict.fromkeys(UNARY, 1)
 
@@ -35,7 +35,7 @@ class Expression:
 
     @cached_property
     def length(self) -> int:
-        """Number of nodes where a weighted variable is one, as Operon counts."""
+        """Number of nodes; a weighted variable counts as one, as in Operon."""
         match self:
             case Expression("mul", (Expression("constant"), Expression("variable"))):
                 return 1
@@ -50,7 +50,7 @@ class Expression:
 
     @cached_property
     def n_terms(self) -> int:
-        """Number of terms of the formula with all products of sums multiplied out."""
+        """Number of terms after multiplying out all products of sums."""
         counts = [operand.n_terms for operand in self.operands]
         match self.operator:
             case "add" | "sub":
@@ -61,9 +61,9 @@ class Expression:
                 return 1
 
     def terms(self) -> tuple["Expression", ...]:
-        """Splits the formula into terms whose sum it is, products of sums multiplied out.
+        """Splits the formula into terms that add up to it, and multiplies out products of sums.
 
-        Products stay whole in a formula that would have more than `MAX_TERMS` terms.
+        Products are not multiplied out if there would be more than `MAX_TERMS` terms.
         """
         return self._terms(multiply_out=self.n_terms <= MAX_TERMS)
 
@@ -84,7 +84,7 @@ class Expression:
                 return (self,)
 
     def replaced(self, images: Mapping[int, "Expression"]) -> "Expression":
-        """Puts formulas in the place of variables; a part without any stays the same object."""
+        """Replaces variables by formulas; a sub-formula without any stays the same object."""
         if self.operator == "variable":
             return images.get(self.variable, self)
         return self.with_operands(tuple(operand.replaced(images) for operand in self.operands))
@@ -92,13 +92,13 @@ class Expression:
     def with_operands(self, operands: tuple["Expression", ...]) -> "Expression":
         """Returns the formula with other operands; the same object if they are the same."""
         pairs = zip(operands, self.operands, strict=True)
-        same = all(now is before for now, before in pairs)
+        same = all(new is old for new, old in pairs)
         return self if same else Expression(self.operator, operands)
 
     def derivative(self, variable: int) -> "Expression":
         if variable not in self.variables:
             return ZERO
-        # Sum, product and chain rule, zeros and ones left out.
+        # Apply the sum, product and chain rules, leaving out zeros and ones.
         slopes = tuple(operand.derivative(variable) for operand in self.operands)
         match self.operator, self.operands:
             case "variable", _:
@@ -126,7 +126,7 @@ def variable(index: int) -> Expression:
 
 
 def scaled(formula: Expression, factor: float) -> Expression:
-    """Multiplies a formula by a number, even by 1, so that a weighted variable stays one."""
+    """Multiplies a formula by a number, even by 1, so that it stays a weighted variable."""
     return Expression("mul", (constant(factor), formula))
 
 
@@ -174,16 +174,16 @@ def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Express
 
 
 def canonical(formula: Expression) -> Expression:
-    """Returns the formula of the same value whose minus signs stand in front.
+    """Moves the minus signs of a formula to the front without changing its value.
 
-    It is the tree that its text reads back as. No value changes, not even in its last digit; only
-    the sign of a zero may, and so that of a quotient by it. Signs stand before what leads a product
-    or a quotient, before divisors, or between terms; never before a right factor or a sum.
+    Reading the text of the result gives the same tree. Values stay equal to the last digit; only
+    the sign of a zero may change, and with it the sign of a quotient by this zero. Minus signs
+    remain between terms, at the start of a product or quotient, and before divisors.
     """
     operands = tuple(canonical(operand) for operand in formula.operands)
     match formula.operator, operands:
         case "constant", _:
-            # There is no zero below zero in a text.
+            # The notation has no negative zero.
             return formula if formula.value else constant(0.0)
         case "neg", (inner,):
             return negative(inner)
@@ -214,7 +214,7 @@ def negative(formula: Expression) -> Expression:
 
 
 def is_negative(formula: Expression) -> bool:
-    """Returns whether a canonical formula begins with a minus sign that stands for all of it."""
+    """Returns whether a canonical formula begins with a minus sign that applies to all of it."""
     match formula:
         case Expression("constant", value=value):
             return value < 0.0
@@ -235,17 +235,17 @@ def numbers_of(formula: Expression) -> Iterator[float]:
 
 
 def with_numbers(formula: Expression, numbers: Iterator[float]) -> Expression:
-    """Puts the next of `numbers` in the place of a formula's constants."""
+    """Replaces a formula's constants by `numbers`, from left to right."""
     return _with_leaves(formula, map(constant, numbers))
 
 
 @dataclass(frozen=True)
 class WeightedSum:
-    """A formula as a sum of terms that each have their number, and of a rest.
+    """A formula as a sum of numbers times terms, plus a rest.
 
     Attributes:
-        terms: The factor of each of the formula's numbers, from left to right.
-        rest: The sum of all that no number multiplies.
+        terms: The term that each number of the formula multiplies, from left to right.
+        rest: The sum of the terms that no number multiplies.
     """
 
     terms: tuple[Expression, ...]
@@ -253,9 +253,9 @@ class WeightedSum:
 
     @classmethod
     def of(cls, formula: Expression) -> "WeightedSum | None":
-        """Splits a formula; returns None where a number is in a function or multiplies another."""
-        # With variables for its numbers, the formula is linear in them if their slopes are free
-        # of them.
+        """Splits a formula; returns None if a number is in a function or multiplies another."""
+        # Replace the numbers by variables. The formula is linear in them if its derivatives by
+        # them do not contain them.
         first = max(formula.variables, default=-1) + 1
         numbers = range(first, first + len([*numbers_of(formula)]))
         opened = _with_leaves(formula, map(variable, numbers))
@@ -266,7 +266,7 @@ class WeightedSum:
 
 
 def without_zeros(formula: Expression) -> Expression:
-    """Leaves out what is multiplied by 0."""
+    """Removes sub-formulas that are multiplied by 0."""
     operands = tuple(without_zeros(operand) for operand in formula.operands)
     match formula.operator, operands:
         case "add", (left, right):
@@ -289,17 +289,17 @@ def _with_leaves(formula: Expression, leaves: Iterator[Expression]) -> Expressio
 
 
 def checked_formula(formula: Expression, n_variables: int) -> Expression:
-    """Returns the canonical form of a formula, and refuses one that `refuse_unfit` refuses."""
+    """Checks a formula by `refuse_unfit` and returns its canonical form."""
     refuse_unfit(formula, n_variables)
     formula = canonical(formula)
-    # A sign that has moved may stand one deeper.
+    # A sign that moved may have made the formula one level deeper.
     refuse_unfit(formula, n_variables)
     return formula
 
 
 def refuse_unfit(formula: Expression, n_variables: int) -> None:
-    """Refuses a formula that is too large, or is not one of so many variables."""
-    # A list of what is still to visit, since a formula may be deeper than Python's stack.
+    """Raises InputError if a formula is too large, malformed or has a variable beyond the last."""
+    # List the nodes to visit, since a formula may be deeper than Python's stack.
     pending, n_nodes = [(formula, 1)], 0
     while pending:
         node, depth = pending.pop()
@@ -319,5 +319,5 @@ def _fault(node: Expression, n_variables: int) -> str | None:
     if node.operator == "constant" and not abs(node.value) <= LARGEST:
         return f"holds the number {node.value}, which is not from {-LARGEST:g} to {LARGEST:g}"
     if node.operator == "variable" and not 0 <= node.variable < n_variables:
-        return f"asks for observation {node.variable} of {n_variables}"
+        return f"uses observation {node.variable} of {n_variables}"
     return None

@@ -1,4 +1,4 @@
-"""Formula files: text that a person reads, and that is the policy.
+"""Formula files: readable text that defines a policy.
 
     format: 2
     gait: trot
@@ -11,23 +11,21 @@
     state 0
     FL_hip = 0.0412 + 0.52*q.FL_hip - 0.013*dq.FL_hip + late*(0.1 - 0.2*cmd.yaw)
 
-The header is YAML; `models/README.md` lists its keys. Everything below is formulas: definitions
-first, then the targets.
+The header is YAML; `models/README.md` lists its keys. Definitions follow, then the targets.
 
-A formula is a joint's target in rad. Its names are those of the robot's quantities, in SI units
-except for times, which are in control steps, and those of the definitions. A definition uses only
-the robot's quantities. Formulas stand under `state 0`, `state 1`, ..., or all under `every state`.
-With a `mirror`, formulas and definitions of right legs may be left out where they are the mirror
-image of what the file holds.
+A formula is a joint's target in rad. It uses the robot's quantities, in SI units except for times,
+which are in control steps, and the definitions. A definition uses only the robot's quantities.
+Formulas are under `state 0`, `state 1`, ..., or all under `every state`. With a `mirror`, a file
+may leave out formulas, and definitions of right legs, that are mirror images of others in it.
 
-Below the header # begins a comment, and a line that begins with a space continues the line before.
-Files hold only printable ASCII characters and line feeds:
+Below the header, # begins a comment, and a line that begins with a space continues the previous
+one. Files contain only printable ASCII characters and line feeds:
 
     formulas   = [ "definitions" { name "=" formula } ] targets
     targets    = "every state" { target } | { "state " number { target } }
     target     = joint "=" formula
 
-`grammar.py` describes formulas. `latex.py` shows the programs that `odometry` and `limits` name.
+`grammar.py` describes formulas. `latex.py` writes out the odometry and limits of the header.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -59,12 +57,12 @@ class FormulaFile:
     """The content of a formula file.
 
     Attributes:
-        formulas: Formula of each state and joint, or of each joint where it serves all states;
+        formulas: Formula of each state and joint, or of each joint if all states share it;
             mirror images included.
-        mirror: State that each state is in the mirror; None if no formula has a mirror image.
+        mirror: Mirror image of each state; None if the file has no mirror images.
         odometry: Estimator of the body state; None if the expert's network estimates it.
-        readings: Ranges in which formulas read quantities; None for unlimited ones.
-        machine: The gait, where the file holds it.
+        readings: Ranges that quantities are clipped to; None for unlimited ones.
+        machine: The gait, if the file contains it.
     """
 
     gait: str
@@ -80,11 +78,11 @@ class FormulaFile:
     def with_formulas(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
         """Returns the file with other formulas, and the definitions that they use."""
         places = sorted(formulas)
-        vocabulary, kept = self.vocabulary.using(formulas[place] for place in places)
-        return replace(self, vocabulary=vocabulary, formulas=dict(zip(places, kept, strict=True)))
+        vocabulary, values = self.vocabulary.using(formulas[place] for place in places)
+        return replace(self, vocabulary=vocabulary, formulas=dict(zip(places, values, strict=True)))
 
     def with_written(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
-        """Returns the file with others in the place of `written`, and with their mirror images."""
+        """Returns the file with other formulas instead of `written`, and with their images."""
         if self.mirror is not None:
             formulas = FormulaMirror.of(self.vocabulary, self.mirror).complete(formulas)
         return replace(self, formulas={place: formulas[place] for place in self.formulas})
@@ -102,10 +100,10 @@ class FormulaFile:
         return frozenset().union(*(formula.variables for formula in formulas))
 
     def written(self) -> dict[Place, Expression]:
-        """Returns the formulas that the file holds: of two that are images, only the first."""
+        """Returns the formulas in the file's text: only the first of two mirror images."""
         if self.mirror is None:
             return dict(self.formulas)
-        # Two images of each other may differ: both then stand in the file.
+        # A formula that is no exact image is written as well.
         mirror = FormulaMirror.of(self.vocabulary, self.mirror)
         pairs = {place: mirror.place(place) for place in self.formulas}
         images = {
@@ -132,7 +130,7 @@ def formula_lines(file: FormulaFile, place: Place) -> list[str]:
 def header_lines(file: FormulaFile) -> Iterator[str]:
     """Writes a file's header."""
     law, layout = file.joint_law, ObservationLayout.of(file.vocabulary.names)
-    # Who moves, by what senses.
+    # The gait, the robot and its sensors.
     yield f"format: {FORMAT}"
     yield _text("gait", file.gait)
     if file.robot != DEFAULT_ROBOT:
@@ -142,7 +140,7 @@ def header_lines(file: FormulaFile) -> Iterator[str]:
         yield "senses: imu"
     if file.mirror is not None:
         yield f"mirror: {[*file.mirror]}    # {_MIRROR}"
-    # How joints follow targets, and how the state is estimated.
+    # The joint law and the estimator.
     if law.gains is not None:
         yield f"gains: {_list(law.gains)}    # {_GAINS}"
     if law.limited and law.limits is None:
@@ -152,7 +150,7 @@ def header_lines(file: FormulaFile) -> Iterator[str]:
         yield f"limits: {_mapping(numbers)}    # {_LIMITS}"
     if file.odometry is not None:
         yield f"odometry: {_mapping({'gain': file.odometry.gain})}    # {_ODOMETRY}"
-    # The gait, and the ranges of what is read.
+    # The reward machine and the ranges of quantities.
     if file.machine is not None:
         yield "machine:"
         yield from (f"  {line}" for line in [*_MACHINE, *gait_lines(file.machine)])
@@ -169,7 +167,7 @@ def _formulas(file: FormulaFile) -> Iterator[str]:
     yield from ("", *_TARGETS, *(f"# {_QUANTITIES[group]}" for group in groups))
     if file.mirror is not None:
         yield from _IN_THE_MIRROR
-    # Definitions, mirror images left out, then the formulas of each state.
+    # Write the definitions without mirror images, then the formulas of each state.
     definitions = file.vocabulary.definitions
     if definitions:
         yield from ("", DEFINITIONS)
@@ -180,7 +178,7 @@ def _formulas(file: FormulaFile) -> Iterator[str]:
         lines = written_lines(start, definition.formula, symbols)
         note = f"    # {definition.note}" if definition.note else ""
         yield from (*lines[:-1], lines[-1] + note)
-    # A title stands before the first formula of each section.
+    # Put a title before the first formula of each section.
     section = None
     for place in sorted(file.written()):
         title = EVERY_STATE if len(place) == 1 else f"state {place[0]}"
@@ -203,7 +201,7 @@ def _mapping(numbers: Mapping[str, float]) -> str:
 
 
 def _number(value: float) -> str:
-    """Writes a number for YAML, which takes 1e-05 for a text."""
+    """Writes a number for YAML, which would read 1e-05 as text."""
     text = written_number(value)
     return text if "." in text else text.replace("e", ".0e")
 

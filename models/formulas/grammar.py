@@ -1,4 +1,4 @@
-"""The notation of formulas: text to tree and back, with the line and column of what is wrong.
+"""Parses and writes formulas, and reports errors with line and column.
 
 The grammar, in printable ASCII characters and line feeds:
 
@@ -12,9 +12,9 @@ The grammar, in printable ASCII characters and line feeds:
     function = "sin" | "cos" | "tanh" | "exp" | "log" | "sqrt" | "abs"
     word     = ( letter | "_" ) { letter | digit | "_" }
 
-Operators of equal rank are applied from left to right. Whole parts of numbers do not begin with
-needless zeros, no number is greater than 10^30, and brackets are at most 100 deep. Spaces may stand
-between all of these. The checker of certificates reads the same grammar with separate code.
+Operators of equal precedence apply from left to right. Numbers have no needless leading zeros and
+are at most 10^30; brackets are at most 100 deep. Spaces may separate tokens. The certificate checker
+reads the same grammar with separate code.
 """
 
 import re
@@ -40,7 +40,7 @@ from glassgait.models.formulas.expression import (
 LINE_LENGTH = 100
 
 GLUE = "\N{NO-BREAK SPACE}"
-"""Stands for a space at which no line ends."""
+"""Replaces a space at which no line may end."""
 
 _COMMENT = re.compile("#[^\n]*")
 
@@ -66,7 +66,7 @@ _BINDING = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _
 
 
 class TextError(InputError):
-    """An error in a text, whose lines and columns count from 1."""
+    """An error in a text, with its line and column, counted from 1."""
 
     def __init__(self, message: str, line: int, column: int) -> None:
         super().__init__(message)
@@ -81,7 +81,7 @@ class TextError(InputError):
 
 def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
     """Reads a formula, with comments after #, into canonical form; raises a `TextError`."""
-    # On one line each character keeps its place.
+    # Replace comments and line feeds by spaces, so that every character keeps its index.
     flat = _COMMENT.sub(lambda comment: " " * len(comment[0]), text).replace("\n", " ")
     try:
         refuse_unprintable(flat, "a formula")
@@ -94,14 +94,14 @@ def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
 
 
 def variable_names(count: int) -> tuple[str, ...]:
-    """Returns the names of variables that engines of symbolic regression use: x0, x1, ..."""
+    """Returns the names that symbolic regression engines give to variables: x0, x1, ..."""
     return tuple(f"x{i}" for i in range(count))
 
 
 def parse_expression(text: str, names: Sequence[str]) -> Expression:
-    """Reads a formula of engines of symbolic regression; its tree may not be canonical.
+    """Reads a formula of a symbolic regression engine; its tree may not be canonical.
 
-    Powers may be x ^ 2 as well, and every name in `UNARY` is a function.
+    Powers may also be written x ^ 2, and every name in `UNARY` is a function.
     """
     try:
         formula = _Parser(text.replace("^", "**"), names, UNARY).read()
@@ -119,7 +119,7 @@ def refuse_unprintable(text: str, whole: str) -> None:
     if found := _UNPRINTABLE.search(text):
         raise TextError.at(
             f"{shown(found[0])} does not belong in {whole}; write printable ASCII characters, and "
-            "end lines by a line feed",
+            "end lines with a line feed",
             text,
             found.start(),
         )
@@ -153,10 +153,10 @@ class _Parser:
             raise self._misplaced()
         return formula
 
-    def _take(self, *wanted: str) -> str:
-        """Takes the next token if it is one of these."""
+    def _take(self, *expected: str) -> str:
+        """Consumes the next token if it is one of the expected ones, else returns ""."""
         text = self.tokens[self.at][1]
-        if text not in wanted:
+        if text not in expected:
             return ""
         self.at += 1
         return text
@@ -174,7 +174,7 @@ class _Parser:
         return formula
 
     def _factor(self) -> Expression:
-        # A power binds more than the signs before it.
+        # A power binds more tightly than the signs before it.
         minus = 0
         while sign := self._take("+", "-"):
             minus += sign == "-"
@@ -195,7 +195,7 @@ class _Parser:
                 raise TextError(f"a number must be from {-LARGEST:g} to {LARGEST:g}", 1, place + 1)
             self.at += 1
             return constant(float(text))
-        # A name that no bracket follows is a variable.
+        # A name without a bracket after it is a variable.
         if kind == "name" and not is_call:
             if text not in self.index:
                 known = _known(text, self.index)
@@ -211,7 +211,7 @@ class _Parser:
         return Expression(text, (formula,)) if is_call else formula
 
     def _in_brackets(self) -> Expression:
-        """Reads what follows a bracket, and the other bracket."""
+        """Reads a formula after an opening bracket, and the closing bracket."""
         place = self.tokens[self.at - 1][2]
         self.depth += 1
         if self.depth > MAX_DEPTH:
@@ -236,33 +236,33 @@ class _Parser:
 
 
 def _known(name: str, names: Iterable[str]) -> str:
-    """Names what begins as the unknown name does, or the beginnings that there are."""
+    """Lists the names that share the first part of an unknown name, or else all first parts."""
     start = name.partition(".")[0]
     alike = [known for known in names if known.partition(".")[0] == start]
     if not alike:
         alike = [f"{known.partition('.')[0]}.…" if "." in known else known for known in names]
     listed = [*dict.fromkeys(alike)]
-    # A refusal stays one short sentence.
+    # Keep the message short.
     more = ["…"] if len(listed) > 16 else []
     return f"there are {', '.join([*listed[:16], *more])}"
 
 
 def written_number(value: float) -> str:
-    """Writes a number in as few digits as distinguish it from all others."""
+    """Writes a number with the fewest digits that distinguish it from all others."""
     short = f"{value:.6g}"
     return short if float(short) == value else repr(float(value))
 
 
 @dataclass(frozen=True)
 class Notation:
-    """How a language writes formulas; without powers, squares and cubes are functions."""
+    """The notation of a language; without powers, squares and cubes are functions."""
 
     number: Callable[[float], str] = written_number
     function: Callable[[str], str] = str
     has_powers: bool = True
 
 
-OWN_NOTATION = Notation()
+FILE_NOTATION = Notation()
 
 
 def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
@@ -274,17 +274,17 @@ def written_lines(
     start: str,
     formula: Expression,
     symbols: Sequence[str],
-    notation: Notation = OWN_NOTATION,
+    notation: Notation = FILE_NOTATION,
     *,
     width: int = LINE_LENGTH,
     indent: int = 0,
 ) -> list[str]:
-    """Writes a formula in lines that end only before a sign between terms.
+    """Writes a formula on lines that end only before a sign between terms.
 
-    Lines have `width` characters at most, where names allow. All but the first, which begins with
-    `indent` spaces and `start`, are indented by four more.
+    Lines have at most `width` characters if names allow it. The first one begins with `indent`
+    spaces and `start`; the others are indented by four more.
     """
-    # Only the spaces before signs may end a line.
+    # Glue all spaces except those before signs.
     tokens = formula_tokens(formula, symbols, notation)
     glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
     lines = textwrap.wrap(
@@ -299,15 +299,15 @@ def written_lines(
 
 
 def formula_tokens(
-    formula: Expression, symbols: Sequence[str], notation: Notation = OWN_NOTATION
+    formula: Expression, symbols: Sequence[str], notation: Notation = FILE_NOTATION
 ) -> Iterator[str]:
-    """Yields the tokens of a formula in canonical form, whose join is its text."""
+    """Yields the tokens of a formula in canonical form; joined, they are its text."""
     binding = _binding(formula, notation)
 
-    def operand(of: Expression, least: int) -> Iterable[str]:
-        """Puts an operand in brackets that binds less than its operator asks for."""
-        tokens = formula_tokens(of, symbols, notation)
-        return ("(", *tokens, ")") if _binding(of, notation) < least else tokens
+    def operand(inner: Expression, least: int) -> Iterable[str]:
+        """Writes an operand, in brackets if it binds less tightly than `least`."""
+        tokens = formula_tokens(inner, symbols, notation)
+        return ("(", *tokens, ")") if _binding(inner, notation) < least else tokens
 
     match formula:
         case Expression("constant", value=value):

@@ -1,4 +1,4 @@
-"""Interval arithmetic on arrays, rounded outward: a result holds every value that there can be."""
+"""Interval arithmetic on arrays, rounded outward so that results contain all possible values."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 
 LIBRARY_ULPS = 4
-"""Units in the last place that NumPy's sin, cos and tanh may be wrong by; documented
-errors of the libraries behind them are below 1."""
+"""Assumed error of NumPy's sin, cos and tanh, in units in the last place; the documented errors
+of the libraries behind them are below 1."""
 
 LARGEST_ANGLE = 1e6
-"""Beyond it (rad) a sine is bounded by -1 and 1 alone."""
+"""Beyond this angle (rad), a sine is only bounded by -1 and 1."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Intervals, elementwise, from least to greatest values of the same shape."""
+    """Elementwise intervals, from arrays of least and greatest values of the same shape."""
 
     lower: Array
     upper: Array
@@ -45,7 +45,7 @@ class Interval:
             products = np.stack(
                 [a * b for a in (self.lower, self.upper) for b in (other.lower, other.upper)]
             )
-        # Zero times what has no end is zero: no number of the interval is infinite.
+        # Zero times an infinite end is zero, since all numbers of an interval are finite.
         products[np.isnan(products)] = 0.0
         return _outward(products.min(axis=0), products.max(axis=0))
 
@@ -62,38 +62,38 @@ class Interval:
             return _outward(low**exponent, high**exponent, ulps=exponent + LIBRARY_ULPS)
 
     def inverse(self) -> "Interval":
-        """Returns 1 divided by it; without ends where it holds 0."""
-        holds_zero = (self.lower <= 0.0) & (self.upper >= 0.0)
+        """Returns 1 / self, which is unbounded if the interval contains 0."""
+        has_zero = (self.lower <= 0.0) & (self.upper >= 0.0)
         with np.errstate(divide="ignore", over="ignore"):
             low, high = 1.0 / self.upper, 1.0 / self.lower
-        found = _outward(low, high)
-        lower = np.where(holds_zero, -np.inf, found.lower)
-        return Interval(lower, np.where(holds_zero, np.inf, found.upper))
+        bounds = _outward(low, high)
+        lower = np.where(has_zero, -np.inf, bounds.lower)
+        return Interval(lower, np.where(has_zero, np.inf, bounds.upper))
 
     def wave(self, wave: Callable[[Array], Array], crest: float) -> "Interval":
-        """Bounds a wave whose crests are at `crest`·π and every 2π from there."""
+        """Bounds a wave from -1 to 1 with crests at (`crest` + 2 k)·π."""
         at_ends = np.stack([wave(self.lower), wave(self.upper)])
         ends = _outward(at_ends.min(axis=0), at_ends.max(axis=0), ulps=LIBRARY_ULPS)
         wide = self.magnitude > LARGEST_ANGLE
-        high = np.where(wide | self._may_hold(crest), 1.0, np.minimum(ends.upper, 1.0))
-        low = np.where(wide | self._may_hold(crest + 1.0), -1.0, np.maximum(ends.lower, -1.0))
+        high = np.where(wide | self._may_contain(crest), 1.0, np.minimum(ends.upper, 1.0))
+        low = np.where(wide | self._may_contain(crest + 1.0), -1.0, np.maximum(ends.lower, -1.0))
         return Interval(low, high)
 
-    def _may_hold(self, halves: float) -> NDArray[np.bool_]:
-        """Returns where a number (halves + 2 k)·π may be in it; where it is not sure, it may."""
+    def _may_contain(self, halves: float) -> NDArray[np.bool_]:
+        """Returns where an interval may contain a number (halves + 2 k)·π, if in doubt True."""
         slack = 1e-9
         first = (self.lower / np.pi - halves) / 2.0 - slack
         last = (self.upper / np.pi - halves) / 2.0 + slack
         return np.floor(last) >= np.ceil(first)
 
     def tanh(self) -> "Interval":
-        found = _outward(np.tanh(self.lower), np.tanh(self.upper), ulps=LIBRARY_ULPS)
-        return Interval(np.maximum(found.lower, -1.0), np.minimum(found.upper, 1.0))
+        bounds = _outward(np.tanh(self.lower), np.tanh(self.upper), ulps=LIBRARY_ULPS)
+        return Interval(np.maximum(bounds.lower, -1.0), np.minimum(bounds.upper, 1.0))
 
 
 FUNCTIONS: dict[str, Callable[[Interval], Interval]] = {
-    "sin": lambda of: of.wave(np.sin, crest=0.5),
-    "cos": lambda of: of.wave(np.cos, crest=0.0),
+    "sin": lambda x: x.wave(np.sin, crest=0.5),
+    "cos": lambda x: x.wave(np.cos, crest=0.0),
     "tanh": Interval.tanh,
     "inverse": Interval.inverse,
 }
@@ -104,8 +104,8 @@ OPERATORS: dict[str, Callable[..., Interval]] = {
     "mul": Interval.__mul__,
     "div": lambda dividend, divisor: dividend * divisor.inverse(),
     "neg": Interval.__neg__,
-    "square": lambda of: of.power(2),
-    "cube": lambda of: of.power(3),
+    "square": lambda x: x.power(2),
+    "cube": lambda x: x.power(3),
     **FUNCTIONS,
 }
 

@@ -1,4 +1,4 @@
-"""Whole controllers for people: a formula file as LaTeX, and the programs that its header names."""
+"""Writes a formula file as LaTeX, and the estimator and limits of its header as programs."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ TERMS_OF_A_LINE = 4
 
 
 def programs_of(file: FormulaFile) -> dict[str, list[str]]:
-    """Returns the lines of the programs that a header names, by title, in the order they run."""
+    """Returns the lines of a header's programs by title, in the order in which they run."""
     programs, limits = {}, file.joint_law.limits
     if file.odometry is not None:
         programs |= {"contacts": contacts_program(), "odometry": odometry_program(file.odometry)}
@@ -30,7 +30,7 @@ def programs_of(file: FormulaFile) -> dict[str, list[str]]:
 
 
 def contacts_program() -> list[str]:
-    """Writes which contact sensors are trusted; see `glassgait.models.estimation.sensors`."""
+    """Writes the handling of contact sensors; see `glassgait.models.estimation.sensors`."""
     seconds = written_number(UNCHANGED_STEPS * CONTROL_PERIOD)
     return [
         "# Of each foot: sensed, whether its sensor feels the ground; expected, its height (m)",
@@ -44,7 +44,7 @@ def contacts_program() -> list[str]:
 
 
 def odometry_program(odometry: Odometry) -> list[str]:
-    """Writes how velocity and heights are estimated; see `glassgait.models.estimation.odometry`."""
+    """Writes the estimator of velocity and heights; see `glassgait.models.estimation.odometry`."""
     period, gain = written_number(CONTROL_PERIOD), written_number(odometry.gain)
     gravity, slip = written_number(GRAVITY), written_number(SLIP)
     return [
@@ -66,7 +66,7 @@ def odometry_program(odometry: Odometry) -> list[str]:
 
 
 def limits_program(limits: TargetLimits) -> list[str]:
-    """Writes how targets are limited; see `glassgait.models.robots.robot`."""
+    """Writes the limits of targets; see `glassgait.models.robots.robot`."""
     stiffness, margin = written_number(limits.stiffness), written_number(limits.margin)
     return [
         "# asked: what a formula asks for; before: target of the step before; q: angle of the",
@@ -84,7 +84,7 @@ def symbols_of(vocabulary: Vocabulary) -> tuple[str, ...]:
     """Returns the LaTeX symbols of the variables of formulas."""
     observed = (entry.latex for entry in entries_of(vocabulary.names))
     defined = (_defined(definition.symbol) for definition in vocabulary.definitions)
-    # A symbol with an exponent stands in braces, so that it can be squared.
+    # Put a symbol with an exponent in braces, so that it can be squared.
     return tuple(f"{{{symbol}}}" if "^" in symbol else symbol for symbol in (*observed, *defined))
 
 
@@ -107,7 +107,7 @@ def to_latex(file: FormulaFile) -> str:
 def _symbols(file: FormulaFile) -> Iterator[str]:
     symbols, kinds = symbols_of(file.vocabulary), dict[str, str]()
     used = file.variables()
-    # One of each kind: joints and feet share one, such as dq.
+    # List one symbol of each kind; all joints share a kind such as dq.
     for index, entry in enumerate(entries_of(file.vocabulary.names)):
         kind = entry.symbol if entry.leg is None else entry.symbol.split(".")[0]
         if index in used and kind not in kinds:
@@ -133,19 +133,19 @@ def _definitions(file: FormulaFile) -> Iterator[str]:
 
 
 def _targets(file: FormulaFile) -> Iterator[str]:
-    symbols, held, state = symbols_of(file.vocabulary), file.written(), None
+    symbols, written, state = symbols_of(file.vocabulary), file.written(), None
     mirror = None if file.mirror is None else FormulaMirror.of(file.vocabulary, file.mirror)
     yield _section("targets")
     for place in sorted(file.formulas):
         joint = _joint(quadruped.JOINTS[place[-1]])
-        # A heading of each state, and of an image the formula that stands in the file.
+        # Write a heading for each state, and name the formula that an image mirrors.
         if len(place) > 1 and place[0] != state:
             state = place[0]
             yield rf"\subsection*{{State {state}}}"
-        if mirror is not None and place not in held:
-            *of_state, image = mirror.place(place)
-            where = f" in state {of_state[0]}" if of_state else ""
-            yield f"The mirror image of {_escaped(quadruped.JOINTS[image])}{where}:"
+        if mirror is not None and place not in written:
+            *states, image = mirror.place(place)
+            in_state = f" in state {states[0]}" if states else ""
+            yield f"The mirror image of {_escaped(quadruped.JOINTS[image])}{in_state}:"
         yield from _aligned(rf"q^{{*}}_{{\mathrm{{{joint}}}}}", file.formulas[place], symbols)
 
 
@@ -159,9 +159,9 @@ def _aligned(left: str, formula: Expression, symbols: Sequence[str]) -> Iterator
 
 
 def _pieces(formula: Expression, symbols: Sequence[str]) -> list[str]:
-    """Writes a formula in pieces that begin with their sign."""
+    """Splits a formula before the signs between its terms."""
     tokens, pieces = [*formula_tokens(formula, symbols, _NOTATION)], [""]
-    # A dot stands between a factor and a number, a thin space between others.
+    # Write a dot between a factor and a number, and a thin space between others.
     for token, following in zip(tokens, [*tokens[1:], ""], strict=True):
         if token in SIGNS:
             pieces.append("")
@@ -179,11 +179,11 @@ _NOTATION = Notation(number=_number, function=r"\operatorname{{{}}}".format)
 
 
 def _defined(symbol: str) -> str:
-    kind, _, of = symbol.partition(".")
-    if of in quadruped.LEGS and kind in _OF_LEGS:
-        return rf"{_OF_LEGS[kind]}_{{\mathrm{{{of}}}}}"
-    if of in quadruped.JOINTS and kind == "sent":
-        return rf"\sigma_{{\mathrm{{{_joint(of)}}}}}"
+    kind, _, member = symbol.partition(".")
+    if member in quadruped.LEGS and kind in _OF_LEGS:
+        return rf"{_OF_LEGS[kind]}_{{\mathrm{{{member}}}}}"
+    if member in quadruped.JOINTS and kind == "sent":
+        return rf"\sigma_{{\mathrm{{{_joint(member)}}}}}"
     return _DEFINED.get(symbol) or rf"\mathrm{{{_escaped(symbol)}}}"
 
 

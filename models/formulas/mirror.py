@@ -10,18 +10,18 @@ from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.task.observation import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
 
 Place = tuple[int, ...]
-"""Where a formula stands: state and joint, or the joint alone."""
+"""State and joint of a formula, or only the joint if all states share the formula."""
 
 
 @dataclass(frozen=True)
 class FormulaMirror:
     """Maps formulas to their mirror images.
 
-    The image of a defined quantity is another one, the negative of one, or else a formula in full.
+    The image of a definition is a definition, the negative of one, or else a whole formula.
 
     Attributes:
-        states: State of the machine that each state is in the mirror (n_states), its own inverse.
-        variables: Image of each variable (n).
+        states: Mirror image of each RM state (n_states).
+        variables: Mirror image of each variable (n).
     """
 
     states: tuple[int, ...]
@@ -42,7 +42,7 @@ class FormulaMirror:
         return cls(tuple(states), (*observed, *defined))
 
     def place(self, place: Place) -> Place:
-        """Returns where a formula's image stands; a joint's never is its own."""
+        """Returns the place of a formula's mirror image, which is always another joint."""
         *state, joint = place
         return (*(self.states[index] for index in state), int(REFLECT_JOINTS.index[joint]))
 
@@ -52,7 +52,7 @@ class FormulaMirror:
         return negative(image) if REFLECT_JOINTS.sign[joint] < 0.0 else image
 
     def complete(self, formulas: Mapping[Place, Expression]) -> dict[Place, Expression]:
-        """Adds the images of formulas whose images are not given."""
+        """Adds the mirror images that are missing."""
         images = {
             self.place(place): self.formula(formula, place[-1])
             for place, formula in formulas.items()
@@ -63,18 +63,14 @@ class FormulaMirror:
 def completed(
     names: Sequence[str], states: Sequence[int], given: Sequence[Definition]
 ) -> tuple[Definition, ...]:
-    """Adds the images of definitions of a leg whose images are not given.
-
-    They stand behind those of the same leg: what is given of FL, of FR, of RL, of RR.
-    """
+    """Adds the missing mirror images of definitions of legs, after the definitions of each leg."""
     images = dict(enumerate(_observed(names, states)))
     known = {definition.symbol for definition in given}
     whole: list[Definition] = []
-    # Definitions of a leg stand together, and their images follow them.
     for leg, group in groupby(given, _leg):
-        of_leg = list(group)
-        whole += of_leg
-        for definition in of_leg if leg else ():
+        definitions = list(group)
+        whole += definitions
+        for definition in definitions if leg else ():
             symbol = definition.symbol.replace(f".{leg}", f".{MIRRORED_LEGS[leg]}")
             if symbol not in known:
                 formula = canonical(definition.formula.replaced(images))
@@ -85,10 +81,10 @@ def completed(
 def without_images(
     names: Sequence[str], states: Sequence[int], definitions: Sequence[Definition]
 ) -> tuple[Definition, ...]:
-    """Leaves out definitions of right legs, where `completed` adds the same again."""
-    kept = [definition for definition in definitions if not _leg(definition).endswith("R")]
+    """Leaves out the definitions of right legs if `completed` adds the same ones again."""
+    shortened = [definition for definition in definitions if not _leg(definition).endswith("R")]
     whole = tuple(definitions)
-    return tuple(kept) if completed(names, states, kept) == whole else whole
+    return tuple(shortened) if completed(names, states, shortened) == whole else whole
 
 
 def _observed(names: Sequence[str], states: Sequence[int]) -> tuple[Expression, ...]:
@@ -101,6 +97,6 @@ def _observed(names: Sequence[str], states: Sequence[int]) -> tuple[Expression, 
 
 
 def _leg(definition: Definition) -> str:
-    """Returns the leg that a definition's name ends with, such as lifted.FL or sent.FL_hip."""
+    """Returns the leg in the name of a definition, such as lifted.FL or sent.FL_hip, or ""."""
     leg = definition.symbol.partition(".")[2].partition("_")[0]
     return leg if leg in MIRRORED_LEGS else ""

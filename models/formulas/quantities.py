@@ -1,9 +1,9 @@
 """Variables of formulas: observations in the robot's units, their ranges, and definitions.
 
-A policy observes scaled numbers. A formula speaks of quantities: joint angles and targets in rad,
-speeds in m/s, heights in m. It may read them within ranges: where a sensor says more, it reads the
-nearer end, so that a stuck sensor moves a target no further than it did where robots were measured.
-Definitions are formulas of quantities, such as the error of the speed or the place of a foot.
+A policy observes scaled numbers; a formula uses quantities: joint angles and targets in rad, speeds
+in m/s, heights in m. Quantities may be clipped to ranges measured on robots, so that a stuck sensor
+moves a target no further than readings within the range. Definitions are formulas of quantities,
+such as the speed error or the position of a foot.
 """
 
 import math
@@ -36,27 +36,22 @@ LIMITED: tuple[Group, ...] = (
     "angular velocity",
     "foot height",
 )
-"""Groups that have a range by default: those of one sensor, and commands.
+"""Groups with a range by default: commands and readings of one sensor.
 
-Gravity's direction and the velocity have none. Robots whose formulas do not see how far a slope or
-a push has taken them fall more often.
+Gravity's direction and the velocity have none, since clipping them causes more falls on slopes and
+after pushes.
 """
 
 SENSED: tuple[Group, ...] = (*LIMITED, "gravity", "base velocity")
-"""Groups that may have a range: all but targets, counts and the machine's state."""
+"""Groups that may have a range: all but targets, counts and the RM state."""
 
 SENT = 0.2
-"""Distance from its default stance at which a joint's last target is clearly to one side (rad)."""
+"""Distance of a joint's previous target from its default stance where `sent` is tanh(1) (rad)."""
 
 
 @dataclass(frozen=True)
 class RobotUnits:
-    """The affine map between observations and quantities.
-
-    Attributes:
-        scale: Factor from a quantity, less its offset, to its observation (n).
-        offset: The quantity where the observation is 0 (n).
-    """
+    """The affine map `observation = scale * (quantity - offset)`, with arrays (n)."""
 
     scale: Array
     offset: Array
@@ -79,13 +74,13 @@ class RobotUnits:
 
 def actions_of(robot: Robot, target: Array) -> Array:
     """Maps joint targets (..., 12; rad) to actions (..., 12)."""
-    # A formula may say anything; what is not finite is refused where it would act.
+    # A formula may overflow; `Policy` turns actions that are not finite into NaN.
     with np.errstate(over="ignore", invalid="ignore"):
         return (target - robot.default_stance) / robot.action_scale
 
 
 def _offset(robot: Robot, entry: ObservationEntry) -> float:
-    """Positions and targets are observed from the default stance; formulas hold the angles."""
+    """Returns the default stance of a joint position or target, which is observed from there."""
     if entry.group not in ("joint position", "previous action"):
         return 0.0
     joint = entry.symbol.split(".")[1]
@@ -97,30 +92,30 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Readings:
-    """Ranges in which formulas read quantities.
+    """Ranges that quantities are clipped to before formulas read them.
 
-    All legs share a range, and a quantity that changes its sign in a mirror that exchanges left and
-    right has a symmetric one. So ranges keep a policy's mirror symmetry.
+    To keep a policy's mirror symmetry, all legs share a range, and a quantity that changes its sign
+    in the mirror has a symmetric one.
 
     Attributes:
-        ranges: Least and greatest value of each kind, such as "q.hip"; of hips of the left ones.
+        ranges: Least and greatest value of each kind, such as "q.hip"; for hips, of left legs.
     """
 
     ranges: tuple[tuple[str, Range], ...]
 
     def __post_init__(self) -> None:
-        # The order in which ranges are given makes no difference.
+        # Sort the ranges, so that the given order makes no difference.
         known = {kind: place for place, kind in enumerate(_KINDS)}
         ordered = sorted(self.ranges, key=lambda named: known.get(named[0], len(known)))
         ranges = tuple((kind, (float(low), float(high))) for kind, (low, high) in ordered)
         object.__setattr__(self, "ranges", ranges)
-        # A mirror would read within another range, and the policy would favour a side.
+        # Refuse asymmetric ranges, by which the policy would favour a side.
         for kind, (low, high) in ranges:
             if not -math.inf < low < high < math.inf:
                 raise InputError(
                     f"{kind} is read from {low:g} to {high:g}; give the least, then the greatest"
                 )
-            if kind in _TURNING and low != -high:
+            if kind in _SIGN_CHANGING and low != -high:
                 most = max(-low, high)
                 raise InputError(
                     f"{kind} is read from {low:g} to {high:g}, and in a mirror from {-high:g} to "
@@ -129,25 +124,28 @@ class Readings:
 
     @classmethod
     def around(cls, names: Sequence[str], lower: Array, upper: Array) -> Self:
-        """Returns the ranges of `LIMITED` that hold a box of quantities (n, n), rounded outward."""
-        # Join what all legs need, right hips turned to left ones.
+        """Returns the ranges of `LIMITED` groups that contain a box of quantities, rounded outward.
+
+        The box is given by least and greatest quantities (n).
+        """
+        # Join the ranges of all legs, with those of right hips mirrored.
         hulls: dict[str, Range] = {}
         for entry, low, high in zip(entries_of(names), lower, upper, strict=True):
             if entry.group in LIMITED:
                 kind = _kind_of(entry)
-                ends = (-high, -low) if _is_turned(entry) else (low, high)
-                if kind in _TURNING:
+                ends = (-high, -low) if _is_mirrored(entry) else (low, high)
+                if kind in _SIGN_CHANGING:
                     ends = min(ends[0], -ends[1]), max(-ends[0], ends[1])
                 known = hulls.get(kind, ends)
                 hulls[kind] = float(min(known[0], ends[0])), float(max(known[1], ends[1]))
         return cls(tuple((kind, _outward(*hull)) for kind, hull in hulls.items()))
 
     def ends(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Returns the least and the greatest of each quantity (n, n), infinite without a range."""
+        """Returns least and greatest quantities (n), which are infinite without a range."""
         known, ends = dict(self.ranges), []
         for entry in entries_of(names):
             low, high = known.get(_kind_of(entry), (-math.inf, math.inf))
-            ends.append((-high, -low) if _is_turned(entry) else (low, high))
+            ends.append((-high, -low) if _is_mirrored(entry) else (low, high))
         least, greatest = np.array(ends).T
         return least, greatest
 
@@ -159,7 +157,7 @@ class Readings:
 
 
 def _kind_of(entry: ObservationEntry) -> str:
-    """Returns the name of an observation's range, such as "q.hip"; empty if it has none."""
+    """Returns the kind of an observation, such as "q.hip"; empty if it can have no range."""
     if entry.group not in SENSED:
         return ""
     if entry.leg is None:
@@ -167,25 +165,25 @@ def _kind_of(entry: ObservationEntry) -> str:
     return re.sub(rf"\.{entry.leg}_?", ".", entry.symbol).rstrip(".")
 
 
-def _is_turned(entry: ObservationEntry) -> bool:
-    """Returns whether an observation is of a right leg, and of the other sign there."""
+def _is_mirrored(entry: ObservationEntry) -> bool:
+    """Returns whether an observation is of a right leg and changes its sign in the mirror."""
     return entry.mirror_sign < 0.0 and entry.leg is not None and entry.leg.endswith("R")
 
 
 _ENTRIES = ObservationLayout(1, imu=True).entries
 _KINDS = tuple(dict.fromkeys(kind for entry in _ENTRIES if (kind := _kind_of(entry))))
-"""All kinds, in the order in which they are observed."""
+"""All kinds, in the order of observations."""
 
-_TURNING = frozenset(
+_SIGN_CHANGING = frozenset(
     entry.symbol for entry in _ENTRIES if entry.leg is None and entry.mirror_sign < 0.0
 )
-"""Kinds that change their sign in the mirror, such as "g.y"."""
+"""Kinds of the trunk that change their sign in the mirror, such as "g.y"."""
 
 
 def _outward(low: float, high: float) -> Range:
-    # Ends have two digits behind the first digit of the range's width.
+    # Keep two digits after the first digit of the range's width.
     step = 10.0 ** (math.floor(math.log10(max(high - low, 1e-6))) - 2)
-    # An end that is off the last digit only by rounding is on it.
+    # Allow for rounding errors of an end that already has so many digits.
     first, last = math.floor(low / step + 1e-6), math.ceil(high / step - 1e-6)
     # Formatting removes the digits that the product adds.
     return float(f"{first * step:.12g}"), float(f"{last * step:.12g}")
@@ -193,7 +191,7 @@ def _outward(low: float, high: float) -> Range:
 
 @dataclass(frozen=True)
 class Definition:
-    """A formula, in canonical form, of the observed quantities; the note says what it means."""
+    """A named formula of observed quantities, in canonical form, and a note on its meaning."""
 
     symbol: str
     formula: Expression
@@ -202,7 +200,7 @@ class Definition:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """The variables of formulas: the observed quantities (n), then those that are defined."""
+    """The variables of formulas: the observed quantities (n), then the definitions."""
 
     names: tuple[str, ...]
     definitions: tuple[Definition, ...] = ()
@@ -220,23 +218,23 @@ class Vocabulary:
         return variable(self.symbols.index(symbol))
 
     def expanded(self, formula: Expression) -> Expression:
-        """Puts the formulas of defined quantities in; the observed ones stay."""
+        """Replaces definitions by their formulas of observed quantities."""
         return formula.replaced(self._defined)
 
     def using(self, formulas: Iterable[Expression]) -> tuple["Vocabulary", list[Expression]]:
-        """Returns the vocabulary of what formulas use, and the formulas with its variables."""
-        kept, n = list(formulas), len(self.names)
-        variables = frozenset().union(*(formula.variables for formula in kept))
+        """Returns the vocabulary with the definitions used, and the formulas in its variables."""
+        formulas, n = list(formulas), len(self.names)
+        variables = frozenset().union(*(formula.variables for formula in formulas))
         used = sorted(index for index in variables if index >= n)
-        # What is kept moves up behind the observed quantities.
-        places = {index: variable(n + place) for place, index in enumerate(used)}
+        # Number the used definitions after the observed quantities.
+        images = {index: variable(n + place) for place, index in enumerate(used)}
         definitions = tuple(self.definitions[index - n] for index in used)
-        return Vocabulary(self.names, definitions), [formula.replaced(places) for formula in kept]
+        return Vocabulary(self.names, definitions), [f.replaced(images) for f in formulas]
 
 
 @cache
 def known_definitions(robot: Robot, names: tuple[str, ...]) -> tuple[Definition, ...]:
-    """Returns the defined quantities that fits may use, of observations of the given names."""
+    """Returns the definitions that fits may use, for observations of the given names."""
     symbols = symbols_of(names)
     legs = (statement for leg in quadruped.LEGS for statement in _of_leg(robot, leg))
     return tuple(
@@ -255,7 +253,7 @@ _OF_THE_TRUNK = (
 def _of_leg(robot: Robot, leg: str) -> Iterator[tuple[str, str, str]]:
     lifted = f"tanh(100*h.{leg} - 2)"
     yield f"lifted.{leg}", lifted, "-1 on the ground, 0 at 2 cm, 1 in the air"
-    # A hip's sides are out and in, so that a leg and its mirror image have the same meaning.
+    # For hips, `sent` distinguishes in and out, so that mirrored legs have the same meaning.
     for part in quadruped.LEG_JOINTS:
         joint, is_hip = f"{leg}_{part}", part == "hip"
         side = float(robot.side[quadruped.LEGS.index(leg)]) if is_hip else 1.0
@@ -263,7 +261,7 @@ def _of_leg(robot: Robot, leg: str) -> Iterator[tuple[str, str, str]]:
         below, above = ("inward", "outward") if is_hip else ("below its stance", "above it")
         sent = f"tanh({slope!r}*a.{joint} - {slope * stance!r})"
         yield f"sent.{joint}", sent, f"-1 where last sent {below}, 1 {above}"
-    # The foot in the plane of the leg, by the angles of thigh and shank to the vertical.
+    # Locate the foot in the plane of the leg, by the angles of thigh and shank to the vertical.
     thigh, shank = f"q.{leg}_thigh", f"(q.{leg}_thigh + q.{leg}_calf)"
     for axis, wave, note in (
         ("x", "sin", "m, how far the foot is before its hip"),
@@ -274,7 +272,7 @@ def _of_leg(robot: Robot, leg: str) -> Iterator[tuple[str, str, str]]:
 
 
 GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
-"""Definitions of the place in the gait.
+"""Definitions of the phase of the gait, all of them bounded.
 
-All are bounded. A product with the time itself would grow without bound where the robot is late.
+A product with the time itself would grow without bound while a robot stays in a state.
 """

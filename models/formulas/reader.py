@@ -1,4 +1,4 @@
-"""Reads formula files, which `glassgait.models.formulas.file` describes."""
+"""Reads formula files; `glassgait.models.formulas.file` describes them."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -74,7 +74,7 @@ class _Header(Settings):
 
     def __post_init__(self) -> None:
         states = range(self.states)
-        # The mirror image of the mirror image is the robot.
+        # Each state must be the image of its image.
         if (image := self.mirror) is not None and (
             sorted(image) != [*states] or any(image[image[state]] != state for state in states)
         ):
@@ -82,13 +82,13 @@ class _Header(Settings):
 
 
 def _content(text: str) -> FormulaFile:
-    """Reads the header of a file, which then holds no formulas yet."""
-    said = parse_yaml(text)
-    if not isinstance(said, dict) or said.get("format") != FORMAT:
+    """Reads the header of a file, as a file without formulas."""
+    plain = parse_yaml(text)
+    if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise InputError(f"a formula file begins with 'format: {FORMAT}'; write such a header")
-    header = _Header.from_plain(said, "header")
+    header = _Header.from_plain(plain, "header")
     names = ObservationLayout(header.states, imu=header.senses is not None).names
-    # Ranges and the gait check themselves; here they must fit the other keys.
+    # Build the ranges and the gait, and compare them with the other keys.
     readings = machine = None
     if header.readings is not None:
         readings = Readings(tuple(header.readings.items()))
@@ -100,8 +100,8 @@ def _content(text: str) -> FormulaFile:
             raise InputError(f"machine: {error}") from error
         if machine.n_states != header.states:
             raise InputError(
-                f"states is {header.states}, and the machine has {machine.n_states}; make them "
-                "the same"
+                f"states is {header.states}, but the machine has {machine.n_states} states; make "
+                "them equal"
             )
         refuse_other_mirror(header.mirror, machine)
     return FormulaFile(
@@ -123,10 +123,10 @@ def _line_of(message: str, header: str) -> int:
         return int(found[1])
     numbered = enumerate(header.split("\n"), start=1)
     lines = [(line.partition(":")[0].strip(), number) for number, line in numbered]
-    # A gait has keys of the same names as the header, further down.
+    # The gait, further down, has keys with the same names as keys of the header.
     of_machine = message.startswith("machine:")
     keys = dict(lines if of_machine else reversed(lines))
-    # A key within a key, such as limits.lean, stands in the line of either.
+    # Look for a nested key, such as limits.lean, by its last and then by its first part.
     for word in re.findall(r"[\w.]+", message)[of_machine:]:
         head, _, rest = word.partition(".")
         for key in (word, rest, head):
@@ -136,7 +136,7 @@ def _line_of(message: str, header: str) -> int:
 
 
 class _Formulas:
-    """Reads the statements below a header, whose content is given."""
+    """Reads the statements below a header."""
 
     def __init__(self, content: FormulaFile) -> None:
         self.content, self.mirror = content, content.mirror
@@ -171,7 +171,7 @@ class _Formulas:
             raise TextError(f"{title!r} stands twice; join the two", line, 1)
         if title == DEFINITIONS and self.sections:
             raise TextError("definitions stand before all formulas; move them up", line, 1)
-        # One state has formulas of its own, or none has.
+        # Formulas are either all for single states, or all for every state.
         state = _STATE.fullmatch(title)
         if state and int(state[1]) not in self.states:
             raise TextError(f"there are states 0 to {len(self.states) - 1}; name one", line, 7)
@@ -201,7 +201,7 @@ class _Formulas:
         if self.section == DEFINITIONS:
             self._define(name, formula, text, line)
             return
-        # Below a state stand the formulas of joints.
+        # All other sections contain formulas of joints.
         if name not in quadruped.JOINTS:
             raise TextError(
                 f"{shown(name)} is no joint; the joints are {', '.join(quadruped.JOINTS)}", line, 1
@@ -223,21 +223,21 @@ class _Formulas:
             raise TextError(f"there are more than {MAX_DEFINITIONS} definitions", line, 1)
 
     def _finished(self, last: int) -> FormulaFile:
-        """Adds mirror images, and asks that there is a formula of each joint and state."""
+        """Adds mirror images, and checks that each joint and state has a formula."""
         vocabulary, formulas = Vocabulary(self.names, tuple(self.definitions)), self.formulas
         if formulas and self.mirror is not None:
             formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
-        # One formula serves a joint in all states, or there is one for each. Name what is missing.
+        # Raise an error for the first formula that is missing.
         joints = range(quadruped.N_JOINTS)
         shared = any(len(place) == 1 for place in formulas)
         places = [(j,) for j in joints] if shared else [(s, j) for s in self.states for j in joints]
         if missing := next((place for place in places if place not in formulas), None):
             if self.content.gait in gait_names():
-                # With a wrong mirror, images that were left out stand elsewhere.
+                # A wrong mirror would put the images in other places.
                 refuse_other_mirror(self.mirror, shipped_gait(self.content.gait))
-            where = f" in state {missing[0]}" if len(missing) > 1 else ""
+            in_state = f" in state {missing[0]}" if len(missing) > 1 else ""
             joint = quadruped.JOINTS[missing[-1]]
-            raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
+            raise TextError(f"the file ends without a formula of {joint}{in_state}", last, 1)
         formulas = {place: formulas[place] for place in places}
         return replace(self.content, vocabulary=vocabulary, formulas=formulas)
 
@@ -251,7 +251,7 @@ def _is_title(line: str) -> bool:
 
 
 def _statements(lines: Sequence[str], first: int) -> Iterator[tuple[int, str]]:
-    """Joins lines with the indented ones that follow; yields the number of the first of each."""
+    """Joins lines with the indented ones below; yields statements and their first line numbers."""
     number, statement = 0, ""
     for index, line in enumerate(lines[first:], start=first + 1):
         bare = _bare(line).strip()
@@ -264,7 +264,7 @@ def _statements(lines: Sequence[str], first: int) -> Iterator[tuple[int, str]]:
                 yield number, statement
             number, statement = index, line
         elif statement:
-            # Comments and empty lines within a formula keep its lines in step with the file's.
+            # Keep comments and empty lines within a formula, for the line numbers of errors.
             statement += "\n"
     if statement:
         yield number, statement
