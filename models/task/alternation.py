@@ -11,7 +11,7 @@ from glassgait.models.errors import InputError
 def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArray[np.bool_]:
     """Returns whether the expert acts at a control step (...), counted from the episode's start.
 
-    A period of 1 is only the expert, n is the alternation ratio 1/n, and 0 is only the student.
+    With a period of n it acts every n steps (alternation ratio 1/n), with a period of 0 never.
     """
     if period == 0:
         return np.zeros(np.shape(step), dtype=bool)

@@ -1,4 +1,4 @@
-"""Commands: forward speed, yaw rate and the rhythm, and how they are drawn."""
+"""Commands: forward speed, yaw rate and rhythm."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.task.gait import Gait
 
 DEAD_BAND = 0.2  # commanded speeds below this (m/s) become 0
-DEAD_ZONE = 0.1  # share of a gamepad stick's way from its middle that commands nothing
+DEAD_ZONE = 0.1  # deflection of a gamepad's stick up to which it commands nothing
 
 
 class Command(NamedTuple):
@@ -34,8 +34,8 @@ def sample_commands(
 ) -> Command:
     """Draws commands: velocities (count, 2) and dwells (count,).
 
-    Forward speeds are of `speed_range` (m/s), by default of the gait's whole range; a share of
-    `straight` asks for no turn.
+    Forward speeds are in `speed_range` (m/s), by default the gait's whole range. `straight` is the
+    share of commands without a yaw rate.
     """
     slowest, fastest = speed_range or (-gait.max_speed, gait.max_speed)
     speed = generator.uniform(slowest, fastest, size=count)
@@ -49,7 +49,7 @@ def sample_commands(
 
 
 def limit_command(gait: Gait, command: Command) -> Command:
-    """Returns the nearest command that a gait is made for."""
+    """Clips a command to a gait's ranges."""
     greatest = np.array([gait.max_speed, gait.max_yaw_rate])
     return Command(
         np.clip(command.velocity, -greatest, greatest), np.clip(command.dwell, *gait.dwell)
@@ -57,7 +57,7 @@ def limit_command(gait: Gait, command: Command) -> Command:
 
 
 def check_command(gait: Gait, prefix: str = "command: ", **given: float) -> None:
-    """Refuses a `speed` (m/s), `yaw_rate` (rad/s) or `dwell` (control steps) beyond its range."""
+    """Refuses a `speed` (m/s), `yaw_rate` (rad/s) or `dwell` (control steps) out of range."""
     ranges = {
         "speed": (-gait.max_speed, gait.max_speed),
         "yaw_rate": (-gait.max_yaw_rate, gait.max_yaw_rate),
@@ -78,7 +78,7 @@ def on_the_spot(gait: Gait) -> Command:
 
 
 def sound_command(gait: Gait, command: Command) -> Command:
-    """Returns the nearest command that a gait is made for; on the spot if one is not finite."""
+    """Clips a command to a gait's ranges; returns `on_the_spot` if it is not finite."""
     finite = np.isfinite([*command.velocity, command.dwell]).all()
     return limit_command(gait, command) if finite else on_the_spot(gait)
 
@@ -88,13 +88,13 @@ def gamepad_velocity(gait: Gait, axes: Sequence[float]) -> Array:
 
     The axes, -1 to 1, are in the order of the W3C's standard layout: left stick to the right and
     back, right stick to the right and back. The left stick commands the speed and the right one the
-    yaw rate. Axes that are missing or not finite are at their middle.
+    yaw rate. Axes that are missing or not finite count as 0.
     """
     _, back, right, _ = (*axes, 0.0, 0.0, 0.0, 0.0)[:4]
-    return np.array([-_beyond(back) * gait.max_speed, -_beyond(right) * gait.max_yaw_rate])
+    return np.array([-_deflection(back) * gait.max_speed, -_deflection(right) * gait.max_yaw_rate])
 
 
-def _beyond(axis: float) -> float:
-    """Returns a stick's share of its way beyond the dead zone, with its sign."""
+def _deflection(axis: float) -> float:
+    """Returns a stick's deflection beyond the dead zone, from -1 to 1."""
     stick = min(max(axis, -1.0), 1.0) if math.isfinite(axis) else 0.0
     return math.copysign(max(abs(stick) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), stick)

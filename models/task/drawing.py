@@ -1,4 +1,4 @@
-"""Colours of the reward machine's states, and drawings of the machine: as text, and in Mermaid."""
+"""Draws a reward machine as text and in Mermaid, and colours its states."""
 
 import re
 from itertools import cycle
@@ -9,7 +9,7 @@ COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 """Colours by Okabe and Ito, which colour-blind readers can tell apart."""
 
 FAULT_COLORS = ("#999999", "#BBBBBB", "#777777")
-"""Greys: states at fault are no part of the gait."""
+"""Greys for fault states, which are not part of the gait."""
 
 
 def state_colors(gait: Gait) -> tuple[str, ...]:
@@ -19,7 +19,7 @@ def state_colors(gait: Gait) -> tuple[str, ...]:
 
 
 def ink_on(color: str) -> str:
-    """Returns the colour of text, black or white, with the higher contrast (WCAG 2.2)."""
+    """Returns the text colour, black or white, with the higher contrast (WCAG 2.2)."""
     channels = [int(color[start : start + 2], 16) / 255 for start in (1, 3, 5)]
     red, green, blue = (
         value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
@@ -31,12 +31,12 @@ def ink_on(color: str) -> str:
 
 def to_mermaid(gait: Gait) -> str:
     """Draws a gait's reward machine in Mermaid's language."""
-    # Some names, such as "end", are words of the language, so states go by their numbers.
+    # States have numbers as their ids, because names such as "end" are keywords of Mermaid.
     ids = {state: f"s{i}" for i, state in enumerate(gait.states)}
     lines = ["stateDiagram-v2", "  direction LR"]
     for state in gait.states:
-        # Codes stand for all but letters, digits and spaces.
-        coded = re.sub(r"[^\w ]", lambda found: f"#{ord(found[0])};", state)
+        # Escape all but letters, digits and spaces.
+        coded = re.sub(r"[^\w ]", lambda match: f"#{ord(match[0])};", state)
         lines.append(f'  state "{coded}" as {ids[state]}')
     lines.append(f"  [*] --> {ids[gait.initial]}")
     for edge in gait.transitions:
@@ -46,7 +46,7 @@ def to_mermaid(gait: Gait) -> str:
 
 
 def to_text(gait: Gait) -> str:
-    """Draws a gait's reward machine as lines of text: states, and what leaves each."""
+    """Draws a gait's reward machine as lines of text: each state, then its transitions."""
     lines = []
     for state in gait.states:
         roles = {"initial": state == gait.initial, "at fault": state in gait.faults}
@@ -60,9 +60,9 @@ def to_text(gait: Gait) -> str:
 
 def _conditions(gait: Gait, edge: Transition) -> list[str]:
     share = "" if edge.dwell == 1 else f"{edge.dwell:g} × "
-    parts = {
+    conditions = {
         f"after {share}dwell": edge.dwell > 0,
         f"swing feet ≥ {gait.clearance:g} m": any(edge.when.swing_feet),
         f"from step {edge.grace}": edge.grace > 0,
     }
-    return [text for text, applies in parts.items() if applies]
+    return [text for text, applies in conditions.items() if applies]

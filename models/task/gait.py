@@ -1,11 +1,10 @@
-"""Gaits as data: a reward machine and the commands it is meant for, read from a YAML file.
+"""Gaits as data: a reward machine and the ranges of its commands, read from a YAML file.
 
-The stances that move the machine on are boolean formulas over the feet's contacts, such as
-`FL & RR & ~FR & ~RL`. They are read by Python's grammar, restricted to the names of the feet, `&`,
-`|`, `~` and parentheses, and kept as truth tables over the 16 stances. Nothing is executed.
+A transition fires in the stances of a boolean formula over the feet's contacts, such as
+`FL & RR & ~FR & ~RL`. Python's parser reads these formulas, restricted to the names of the feet,
+`&`, `|`, `~` and parentheses. They become truth tables over the 16 stances; nothing is executed.
 
-A formula file may hold its gait as the same YAML in its header: `policies.library.find_gait` reads
-both.
+The header of a formula file may hold the same YAML: `policies.library.find_gait` reads both.
 """
 
 import ast
@@ -33,8 +32,8 @@ from glassgait.models.task import MOST_STATES
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
 
-# Greatest lengths, in bytes of the name, in characters of the others. Every formula over four feet
-# can be written in fewer.
+# Greatest lengths, of the name in bytes, of the others in characters. Every formula over four feet
+# can be written shorter.
 LONGEST_NAME = 80
 LONGEST_STATE = 40
 LONGEST_DESCRIPTION = 500
@@ -52,7 +51,7 @@ _FOREIGN = re.compile(r"[^A-Za-z_&|~()\s]")
 
 @dataclass(frozen=True)
 class Formula:
-    """A boolean formula over the feet's contacts, as written and by stance code (16)."""
+    """A boolean formula over the feet's contacts, as text and as a table by stance code (16)."""
 
     text: str
     table: tuple[bool, ...]
@@ -70,13 +69,13 @@ def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 def parse_formula(text: str) -> Formula:
     """Reads a formula over FL, FR, RL and RR, and refuses one that can never hold."""
-    # Line breaks would end the formula early, and break the drawings that hold it.
+    # Line breaks would end the formula early, and break drawings.
     text = " ".join(text.split())
     if len(text) > LONGEST_FORMULA:
         raise InputError(
             f"formula {shown(text)} is longer than {LONGEST_FORMULA} characters; simplify it"
         )
-    # Python's parser, which reads whole programs, should never see anything else.
+    # Python's parser accepts whole programs, so refuse all other characters first.
     if foreign := _FOREIGN.search(text):
         raise InputError(
             f"{shown(foreign[0])} does not belong in a formula; "
@@ -113,14 +112,14 @@ def _name(name: str) -> str:
     plain = name.isprintable() and name == name.strip() and not {*name} & {"/", "\\"}
     # The file system counts bytes.
     if not plain or name.startswith(".") or not 0 < len(os.fsencode(name)) <= LONGEST_NAME:
-        raise ValueError(f"printable, {LONGEST_NAME} bytes at most, and start with no dot")
+        raise ValueError(f"printable, at most {LONGEST_NAME} bytes, and without a leading dot")
     if name in ("checkpoint", "config"):
-        raise ValueError("another name, since a run keeps a file of its own under this one")
+        raise ValueError("another name, since runs have a file of this name")
     return name
 
 
 def _plain(text: str, longest: int) -> str:
-    # In a formula file # begins a comment wherever it stands.
+    # In a formula file, # always begins a comment.
     plain = text.isprintable() and text == text.strip() and "#" not in text
     if not plain or not 0 < len(text) <= longest:
         raise ValueError(
@@ -170,7 +169,7 @@ class Gait(Settings):
     # Names of the machine's states; the one-hot observation follows this order.
     states: Annotated[tuple[StateName, ...], MinLen(2), MaxLen(MOST_STATES), DISTINCT]
     initial: str
-    # States that earn nothing; neither entering nor leaving one is paid.
+    # States without reward; entering or leaving one earns nothing either.
     faults: Annotated[tuple[str, ...], MaxLen(MOST_STATES), DISTINCT]
     transitions: Annotated[tuple[Transition, ...], MaxLen(MOST_STATES * N_STANCES)]
     # Height that swing feet must reach before a transition fires (m).
@@ -181,7 +180,7 @@ class Gait(Settings):
     max_yaw_rate: Annotated[float, Ge(0.01), Le(10.0)]  # Greatest commanded yaw rate (rad/s).
 
     def __post_init__(self) -> None:
-        # Every state that is named is among the states.
+        # All named states must exist.
         named = [("initial", self.initial), *(("faults", state) for state in self.faults)]
         for i, edge in enumerate(self.transitions):
             named += [(f"transitions[{i}].from", edge.source)]
@@ -192,7 +191,7 @@ class Gait(Settings):
                     f"{where} names unknown state {shown(state)}; the states are "
                     f"{brief(', '.join(self.states))}"
                 )
-        # Every state is reached, on a path that is shorter than the number of states.
+        # All states must be reachable; no path needs more transitions than there are states.
         reached = {self.initial}
         for _ in self.states:
             reached |= {edge.target for edge in self.transitions if edge.source in reached}
@@ -202,7 +201,7 @@ class Gait(Settings):
                     f"state {shown(state)} cannot be reached from {shown(self.initial)}; "
                     "add a transition to it or remove it"
                 )
-        # At most one transition leaves a state in a stance.
+        # In each stance, at most one transition may leave a state.
         for (i, first), (j, second) in combinations(enumerate(self.transitions), 2):
             together = np.array(first.when.table) & np.array(second.when.table)
             if first.source == second.source and together.any():
@@ -222,14 +221,14 @@ class Gait(Settings):
         return hashlib.sha256(repr(self).encode()).hexdigest()[:16]
 
     def first_difference(self, other: "Gait") -> str | None:
-        """Returns the first key of their files in which two gaits do not act alike, if any.
+        """Returns the first key in which two gaits behave differently, or None.
 
-        Descriptions may differ, and formulas that hold in the same stances.
+        Names, descriptions and the texts of formulas may differ.
         """
-        acts = [key.name for key in fields(self) if key.name not in ("name", "description")]
-        return next((key for key in acts if self._acting(key) != other._acting(key)), None)
+        keys = [key.name for key in fields(self) if key.name not in ("name", "description")]
+        return next((key for key in keys if self._behaviour(key) != other._behaviour(key)), None)
 
-    def _acting(self, key: str) -> object:
+    def _behaviour(self, key: str) -> object:
         if key == "transitions":
             return [replace(edge, when=replace(edge.when, text="")) for edge in self.transitions]
         return getattr(self, key)
@@ -241,14 +240,14 @@ def gait_names() -> tuple[str, ...]:
 
 
 def load_gait(gait: str | Path) -> Gait:
-    """Loads a gait that ships by its name, or a gait from the path of a YAML file."""
+    """Loads a shipped gait by name, or a gait from the path of a YAML file."""
     path = Path(gait)
     if path.suffix not in (".yaml", ".yml"):
         if str(gait) not in gait_names():
             remedy = ", or give the path of a gait file ending in .yaml"
             raise unknown_name("gait", gait, gait_names(), remedy)
         path = GAIT_DIRECTORY / f"{gait}.yaml"
-    # Read it, and refuse a gait that only has the name of one that ships.
+    # Refuse another gait with the name of a shipped one: policies store only the name.
     text = read_text(path, YAML_BYTES)
     try:
         loaded = parse_gait(text, name=path.stem)
@@ -256,7 +255,6 @@ def load_gait(gait: str | Path) -> Gait:
         raise InputError(f"{path}: {error}") from error
     shipped = GAIT_DIRECTORY / f"{path.stem}.yaml"
     if shipped.exists() and path.resolve() != shipped and loaded != shipped_gait(path.stem):
-        # Policies know their gait by its name.
         raise InputError(f"{path}: has the name of a gait that ships; give the file another name")
     return loaded
 
@@ -273,12 +271,12 @@ def parse_gait(text: str, *, name: str) -> Gait:
     if not isinstance(data, dict):
         raise InputError("is not a mapping; start from one of the shipped gait files")
     if "name" in data:
-        raise InputError("unknown key 'name'; a gait is called as its file")
+        raise InputError("unknown key 'name'; remove it, the file has the name of its gait")
     return Gait.from_plain({"faults": [], **data, "name": name})
 
 
 def gait_lines(gait: Gait) -> list[str]:
-    """Writes a gait, in ASCII, as lines from which `parse_gait` reads the same gait."""
+    """Writes a gait as lines of ASCII YAML, from which `parse_gait` reads the same gait."""
     return [
         f"description: {_yaml(gait.description)}",
         f"max_speed: {_yaml(gait.max_speed)}    # m/s",

@@ -1,4 +1,4 @@
-"""The ground under robots: heights, distances of the feet, and standing poses."""
+"""The ground under robots: its height, the feet's distances from it, and standing poses."""
 
 import copy
 from collections.abc import Sequence
@@ -14,17 +14,17 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 
 DESCENTS = 120
-"""Greatest number of steps in which a robot is let down, each by its distance from the ground."""
+"""Greatest number of steps that lower a robot, each by its distance from the ground."""
 
 ABOVE = 1e-9  # height at which a robot's lowest foot may be left (m)
-FARTHEST = 1e9  # number of the farthest cell from the origin
+FARTHEST = 1e9  # greatest index of a cell
 
 
 class Ground:
-    """Terrains that robots stand on, each robot on the one whose number `which` (n,) holds.
+    """The terrains under robots; `which` (n,) has the index of each robot's terrain.
 
-    Without these numbers, all stand on the first. Robots are along the first axes of all arrays.
-    `is_level` says whether all terrains are planes, whose height is 0 everywhere.
+    Without it, all robots stand on the first. Robots are along the leading axes of all arrays.
+    `is_level` is true if all terrains are planes, whose height is 0 everywhere.
     """
 
     def __init__(self, terrains: Sequence[Terrain], which: NDArray[np.int64] | None = None) -> None:
@@ -52,9 +52,9 @@ class Ground:
         """Returns the ground of only the robots at `index`."""
         if self._which.ndim == 0:
             return self
-        own = copy.copy(self)
-        own._which = self._which[index]
-        return own
+        ground = copy.copy(self)
+        ground._which = self._which[index]
+        return ground
 
     @property
     def is_rough(self) -> NDArray[np.bool_]:
@@ -72,12 +72,12 @@ class Ground:
         return tops.max(axis=-1)
 
     def _around(self, points: Array, reach: float) -> Array:
-        """Returns points (..., k, 4, 2; m) in all cells with boxes within `reach` (m) of others."""
-        reaches = reach + self._own(self._overlap, points)[..., None, None]
+        """Returns points (..., k, 4, 2; m) in all cells with boxes within `reach` (m) of points."""
+        reaches = reach + self._per_robot(self._overlap, points)[..., None, None]
         return points[..., None, :] + reaches * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 
     def clearance(self, centres: Array, radius: float) -> Array:
-        """Returns the distance (..., k; m) of spheres from the ground, negative inside of it.
+        """Returns the distance (..., k; m) of spheres from the ground, negative inside it.
 
         It is exact for spheres (..., k, 3; m) that nearly touch and are smaller than half a cell.
         """
@@ -90,7 +90,7 @@ class Ground:
         local = np.einsum("...k,...kc->...c", centres[..., None, :] - top, self._rotation[number])
         # Distances from these boxes.
         beyond = np.abs(local[..., :2]) - self._half_size[number]
-        depth = self._own(self._depth, near)
+        depth = self._per_robot(self._depth, near)
         height = np.maximum(local[..., 2], -depth - local[..., 2])
         outside = np.sqrt(
             np.sum(np.square(np.maximum(beyond, 0.0)), axis=-1) + np.square(np.maximum(height, 0.0))
@@ -99,7 +99,7 @@ class Ground:
         return (outside + inside).min(axis=-1) - radius
 
     def foot_heights(self, robot: Robot, positions: Array) -> Array:
-        """Returns how far each foot's lowest point is above the ground under it (..., 4; m)."""
+        """Returns the height of each foot's lowest point above the ground under it (..., 4; m)."""
         heights = kinematics.foot_heights(robot, positions)
         if self.is_level:
             return heights
@@ -110,35 +110,35 @@ class Ground:
     ) -> kinematics.Clearances:
         """Returns `kinematics.clearances` above the ground under each lowest point.
 
-        The trunk's height is above the mean ground under the feet, so that it does not change as
+        The trunk's height is above the mean ground under the feet, so that it does not jump when
         the trunk passes over the edge of a block.
         """
-        found = kinematics.clearances(robot, positions, shank_share)
+        over_plane = kinematics.clearances(robot, positions, shank_share)
         if self.is_level:
-            return found
+            return over_plane
         lowest = kinematics.lowest_body_points(robot, positions, shank_share)
         feet = kinematics.world_feet(robot, positions)
         under = self.height(np.concatenate([lowest, feet], axis=-2))
         n_boxes = lowest.shape[-2]
         under_body, under_feet = under[..., :n_boxes], under[..., n_boxes:]
-        return found._replace(
-            body=found.body - under_body,
-            feet=found.feet - under_feet,
-            trunk=found.trunk - under_feet.mean(axis=-1),
+        return over_plane._replace(
+            body=over_plane.body - under_body,
+            feet=over_plane.feet - under_feet,
+            trunk=over_plane.trunk - under_feet.mean(axis=-1),
         )
 
     def touching(self, robot: Robot, positions: Array) -> NDArray[np.bool_]:
-        """Returns which feet press on the ground (..., 4): their spheres are inside of it.
+        """Returns which feet press on the ground (..., 4): their spheres are inside it.
 
-        Drake's point contact presses there. It differs from a normal force above 5 N in at most 1 %
-        of the steps, on edges that are touched lightly.
+        Drake's point contact then exerts a force. The result differs from a normal force above 5 N
+        in at most 1 % of the steps, when a foot touches an edge lightly.
         """
         if self.is_level:
             return kinematics.foot_heights(robot, positions) < 0.0
         return self.clearance(kinematics.world_feet(robot, positions), robot.foot_radius) < 0.0
 
     def periods(self, positions: Array) -> Array:
-        """Returns how far q (n, 19) or x (n, 37) are from the middle period (n, 3; m)."""
+        """Returns the whole periods from the middle one to q (n, 19) or x (n, 37) (n, 3; m)."""
         if self.is_level:
             return np.zeros((*positions.shape[:-1], 3))
         places = positions[..., quadruped.POSITION][..., :2]
@@ -148,7 +148,7 @@ class Ground:
         return np.concatenate([whole * period, rise[..., None]], axis=-1)
 
     def draw_places(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws where robots start (count, 2; m): anywhere in a period, on steps on a landing."""
+        """Draws start positions (count, 2; m): in a period, of steps on its landing."""
         if self.is_level:
             return np.zeros((count, 2))
         drawn = generator.random((count, 2))
@@ -159,12 +159,12 @@ class Ground:
         return (drawn - 0.5) * size[self._which]
 
     def stand(self, robot: Robot, states: Array) -> Array:
-        """Lowers robots, by states x (n, 37) or positions, until the lowest foot is on ground."""
+        """Lowers robots, in states x (n, 37) or positions, until a foot is on the ground."""
         if self.is_level:
             return states
         states = states.copy()
         feet = kinematics.world_feet(robot, states)
-        # Straight above whatever is near; from there the way down is free as far as the distance.
+        # Start above all boxes near the feet; then the clearance is a free way down.
         around = np.array([[x, y, 0.0] for x in (-1, 0, 1) for y in (-1, 0, 1)])
         near = feet[..., None, :] + around * (1.25 * robot.foot_radius)
         points = near.reshape(*near.shape[:-3], -1, 3)
@@ -176,28 +176,27 @@ class Ground:
             if np.all(down < ABOVE):
                 break
             lift = lift - down
-        # Rounding is to leave no foot inside.
+        # Rounding must not leave a foot inside the ground.
         states[..., quadruped.POSITION.start + 2] += lift + ABOVE
         return states
 
     def _cells(self, points: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """Returns numbers, middles (..., 2; m) and risen heights (m) of points' cells."""
-        origin, cell = self._own(self._origin, points), self._own(self._cell, points)
-        counts, first = self._own(self._counts, points), self._own(self._first, points)
+        """Returns table rows, centres (..., 2; m) and base heights (m) of the points' cells."""
+        origin, cell = self._per_robot(self._origin, points), self._per_robot(self._cell, points)
+        counts, first = self._per_robot(self._counts, points), self._per_robot(self._first, points)
         place = np.floor((points - origin) / cell)
-        # A robot that is lost is nowhere.
+        # NaN, as of a robot whose state is not finite, counts as cell 0.
         place = np.where(np.isnan(place), 0.0, place)
         index = np.minimum(np.maximum(place, -FARTHEST), FARTHEST).astype(np.int64)
-        period, own = np.divmod(index, counts)
-        number = first + own[..., 0] * counts[..., 1] + own[..., 1]
-        middle: Array = np.asarray(origin + (index + 0.5) * cell, dtype=np.float64)
-        return number, middle, self._own(self._rise, points) * period[..., 0]
+        period, in_period = np.divmod(index, counts)
+        number = first + in_period[..., 0] * counts[..., 1] + in_period[..., 1]
+        centre: Array = np.asarray(origin + (index + 0.5) * cell, dtype=np.float64)
+        return number, centre, self._per_robot(self._rise, points) * period[..., 0]
 
-    def _own(self, values: NDArray, points: Array) -> NDArray:
-        """Returns the values of each robot's terrain, to go with points (..., k, d)."""
-        own, axes = self._which, points.ndim - 1 - self._which.ndim
-        index = own.reshape(own.shape + (1,) * axes) if own.ndim else own
-        return values[index]
+    def _per_robot(self, values: NDArray, points: Array) -> NDArray:
+        """Returns the values of each robot's terrain, to broadcast with points (..., k, d)."""
+        which, axes = self._which, points.ndim - 1 - self._which.ndim
+        return values[which.reshape(which.shape + (1,) * axes) if which.ndim else which]
 
 
 LEVEL_GROUND = Ground([PLANE])  # a plane, normal to the world's z axis
@@ -207,7 +206,7 @@ class FootSense(NamedTuple):
     """Contacts and heights of the feet at one instant."""
 
     touching: NDArray[np.bool_]  # which feet press on the ground (..., 4)
-    contact: NDArray[np.bool_]  # which feet do now or did at the previous step (..., 4)
+    contact: NDArray[np.bool_]  # which feet do so now or did at the previous step (..., 4)
     height: Array  # of each foot's lowest point above the ground (..., 4; m)
 
 
@@ -218,13 +217,13 @@ def sense_feet(
     touching: NDArray[np.bool_] | None = None,
     ground: Ground = LEVEL_GROUND,
 ) -> FootSense:
-    """Senses contacts, by the pose unless they are given, and heights, from q or x.
+    """Returns contacts, by default from the pose, and heights, from q or x.
 
-    The memory of one step bridges a bouncing touch-down.
+    Remembering a contact for one step bridges a bouncing touch-down.
     """
     height = ground.foot_heights(robot, positions)
     if touching is None:
-        # On level ground height and contact are one measurement.
+        # On level ground, a negative height means contact.
         touching = height < 0.0 if ground.is_level else ground.touching(robot, positions)
     return FootSense(touching=touching, contact=touching | previously_touching, height=height)
 

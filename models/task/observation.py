@@ -1,4 +1,4 @@
-"""The observation: its entries, named as in the paper's tables, and how it is assembled."""
+"""The observation: its entries, named as in the paper's tables, assembly and mirror image."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -26,15 +26,15 @@ JOINT_NOISE: Array = np.repeat([JOINT_POSITION_NOISE, JOINT_VELOCITY_NOISE], qua
 JOINT_NOISE.flags.writeable = False
 
 OVERDUE = 2
-"""Control steps by which the observed time in a state may pass the commanded one.
+"""Control steps by which the observed time in a state may exceed the commanded one.
 
-Longer waits are rare among the samples; students that observed the growing time waited and fell.
+Longer waits are rare in the samples; students that observed the growing time waited and fell.
 """
 
 LARGEST_SOUND = 1e6
-"""Greatest size of an observation or an action that is acted on, as in the exported C."""
+"""Greatest magnitude of a sound observation or action, as in the exported C."""
 
-N_ESTIMATED = 7  # length of the part that a robot has to estimate: base velocity and foot heights
+N_ESTIMATED = 7  # length of the estimated part: base velocity and foot heights
 
 Group = Literal[
     "commanded velocity",
@@ -57,25 +57,25 @@ _FACTORS: dict[Group, float] = {
     "commanded iterations": ITERATIONS_SCALE,
     "base velocity": BASE_VELOCITY_SCALE,
 }
-"""Factors on quantities; others are observed as they are."""
+"""Scale factors of observed quantities; the others have a factor of 1."""
 
 
 @dataclass(frozen=True)
 class ObservationEntry:
     """One number of the observation."""
 
-    name: str  # as policy files and tables have it, such as "DoF Vel FL Hip"
-    group: Group  # the quantity; joint positions and previous actions count from the stance
+    name: str  # as in policy files and tables, such as "DoF Vel FL Hip"
+    group: Group  # the quantity; joint positions and previous actions are relative to the stance
     unit: str
     symbol: str  # such as "dq.FL_hip"
     latex: str
-    merged_name: str  # the name without its leg, and without the number of the machine's state
+    merged_name: str  # the name without the leg or the number of the machine's state
     leg: str | None = None
-    mirror_sign: float = 1.0  # -1 if the quantity changes its sign as left and right change places
+    mirror_sign: float = 1.0  # -1 if the quantity changes its sign in the mirror
 
     @property
     def factor(self) -> float:
-        """Factor on the quantity in its unit, of the previous action without the robot's."""
+        """Factor on the quantity in its unit, without the robot's action scale."""
         return _FACTORS.get(self.group, 1.0)
 
     def scale(self, robot: Robot) -> float:
@@ -83,7 +83,7 @@ class ObservationEntry:
         return 1.0 / robot.action_scale if self.group == "previous action" else self.factor
 
     def scaled_unit(self, robot: Robot) -> str:
-        """Returns the unit with the factor that the entry is scaled by."""
+        """Returns the unit with the entry's scale factor."""
         if self.group == "previous action":
             return f"{robot.action_scale} rad of joint target"
         plain = {"joint position": "rad from the default stance", "machine state": "0 or 1"}
@@ -96,8 +96,8 @@ class ObservationLayout:
     """Entries of the observation, in order, for a machine of `n_machine_states` states.
 
     The first part, proprioception, is measured or known; the last seven entries, the body state,
-    come from an estimator. With `imu`, gravity's direction and the angular velocity that an IMU
-    measures are among the first; the paper's observation is without.
+    come from an estimator. With `imu`, proprioception includes gravity's direction and the angular
+    velocity from an IMU, which the paper's observation does not have.
     """
 
     n_machine_states: int
@@ -105,7 +105,7 @@ class ObservationLayout:
 
     @classmethod
     def of(cls, names: Sequence[str]) -> "ObservationLayout":
-        """Returns the layout with as many machine states, and an IMU, as an observation has."""
+        """Returns the layout of an observation, from the names of its entries."""
         entries = entries_of(names)
         states = sum(entry.group == "machine state" for entry in entries)
         return cls(states, imu=any(entry.group == "gravity" for entry in entries))
@@ -156,7 +156,7 @@ def _entry(
 def _of_axes(
     title: str, group: Group, unit: str, symbol: str, latex: str, *, turned: str
 ) -> list[ObservationEntry]:
-    """Returns a quantity along each axis; `turned` are those with another sign in the mirror."""
+    """Returns a quantity along each axis; the axes in `turned` change sign in the mirror."""
     signs = {axis: -1.0 if axis in turned else 1.0 for axis in "xyz"}
     return [
         _entry(
@@ -196,7 +196,7 @@ def _foot_height(leg: str) -> ObservationEntry:
 
 
 def entry_of(name: str) -> ObservationEntry:
-    """Returns the entry of a name that a policy stores, and refuses unknown names."""
+    """Returns the entry with a name that a policy stores."""
     if name not in _entries_by_name():
         raise InputError(f"no observation is called {shown(name)}; make the policy anew")
     return _entries_by_name()[name]
@@ -208,7 +208,7 @@ def entries_of(names: Sequence[str]) -> tuple[ObservationEntry, ...]:
 
 
 def symbols_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Returns the symbols of entries in formulas and on pages, by their names."""
+    """Returns the symbols, as in formulas, of the entries with these names."""
     return tuple(entry.symbol for entry in entries_of(names))
 
 
@@ -218,10 +218,10 @@ def indices_of(group: Group, names: Sequence[str]) -> tuple[int, ...]:
 
 
 def machine_state_entries(names: Sequence[str]) -> slice:
-    """Finds the one-hot machine state, whose entries stand in a row, in an observation."""
+    """Returns the slice of an observation that holds the one-hot machine state."""
     indices = indices_of("machine state", names)
     if not indices:
-        raise InputError("no observation is of the machine's state; make the policy anew")
+        raise InputError("the policy does not observe the machine's state; make it anew")
     return slice(indices[0], indices[-1] + 1)
 
 
@@ -249,11 +249,11 @@ def proprioception(
     Robots are along the leading axes of all arrays; units are rad, rad/s, m/s and control steps.
 
     Args:
-        rm_iterations: Control steps in the state, observed up to `OVERDUE` past the commanded.
+        rm_iterations: Control steps in the state, observed up to `OVERDUE` beyond the command.
         joint_noise: Errors of positions, then velocities (..., 24).
         imu: The IMU's reading (..., 9), if the policy observes it; it adds six entries.
-        limited: Whether joints only follow targets within their ranges. Then these are observed:
-            a policy that multiplies its last targets could otherwise make them grow step by step.
+        limited: Whether targets are clipped to the joints' ranges. Then the clipped action is
+            observed: a policy that multiplies its previous action could otherwise let it grow.
     """
     # What sensors measure, and how long the machine has been in its state.
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
@@ -276,12 +276,12 @@ def proprioception(
 
 
 def overdue(observation: Array, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Returns which robots wait (...): their time in a state is `OVERDUE` past the command."""
+    """Returns which robots (...) have stayed in a state for `OVERDUE` steps beyond the command."""
     (spent,), (commanded,) = (
         indices_of(group, names) for group in ("iterations", "commanded iterations")
     )
-    past = (observation[..., spent] - observation[..., commanded]) / ITERATIONS_SCALE
-    return np.rint(past) >= OVERDUE
+    excess = (observation[..., spent] - observation[..., commanded]) / ITERATIONS_SCALE
+    return np.rint(excess) >= OVERDUE
 
 
 MIRRORED_LEGS = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}

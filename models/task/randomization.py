@@ -23,7 +23,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.observation import JOINT_NOISE
 
-# Coulomb friction; of far greater ones the contact solver ends the process.
+# Coulomb friction; with far greater values the contact solver ends the process.
 Friction = Annotated[NotNegative, Le(1000.0)]
 Legs = Annotated[tuple[Literal["FL", "FR", "RL", "RR"], ...], FEW, DISTINCT]
 # Time from an observation until its action reaches the joints (s).
@@ -35,8 +35,8 @@ class Disturbances(Settings):
     """Pushes and errors of the sensors, which scenarios and training share."""
 
     _: KW_ONLY
-    # Greatest angle between the world's x axis, up which slopes and steps lead, and where a robot
-    # faces at an episode's start (°), drawn to either side; 180 for any.
+    # Greatest heading at an episode's start to either side of the world's x axis, along which
+    # slopes and steps rise (°); 180 for any heading.
     heading: Annotated[float, Ge(0.0), Le(180.0)] = 0.0
     # Greatest horizontal velocity that a push adds to the trunk's, along each axis (m/s); 0 for no
     # pushes.
@@ -51,7 +51,7 @@ class Disturbances(Settings):
     # Share of the contact sensors' readings that are wrong.
     contact_flips: Annotated[NotNegative, Le(1.0)] = 0.0
     stuck_open: Legs = ()  # Legs whose contact sensors never read a contact.
-    stuck_closed: Legs = ()  # Legs whose contact sensors always do.
+    stuck_closed: Legs = ()  # Legs whose contact sensors always read a contact.
 
 
 @checked
@@ -70,7 +70,7 @@ class Randomization(Disturbances):
     friction: Annotated[tuple[Friction, Friction], IN_ORDER] = (0.5, 1.25)
     # Share of the episodes in which one more sensor is stuck, open or closed.
     stuck_share: Annotated[NotNegative, Le(1.0)] = 0.0
-    straight: Annotated[NotNegative, Le(1.0)] = 0.0  # Share of the commands that ask for no turn.
+    straight: Annotated[NotNegative, Le(1.0)] = 0.0  # Share of the commands without a yaw rate.
     # Least and greatest time from an observation until its action reaches the joints (s), drawn for
     # each episode.
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
@@ -93,7 +93,7 @@ class Randomization(Disturbances):
         velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
         state[:, quadruped.ANGULAR_VELOCITY] = velocity[:, :3]
         state[:, quadruped.LINEAR_VELOCITY] = velocity[:, 3:]
-        # Places on the ground; on a plane all are alike.
+        # Positions on the ground; on a plane, the position does not matter.
         if ground.is_level:
             return state
         state[:, quadruped.POSITION][:, :2] = ground.draw_places(count, generator)
@@ -120,7 +120,7 @@ class Randomization(Disturbances):
     def latencies(self, count: int, generator: np.random.Generator) -> Array:
         """Draws the latencies of episodes (count,; s)."""
         least, greatest = self.latency
-        # Nothing is drawn where all are the same, so that other draws stay as they are.
+        # Draw nothing for a single value, so that later draws do not depend on it.
         if least == greatest:
             return np.full(count, least)
         return generator.uniform(least, greatest, size=count)
@@ -133,7 +133,7 @@ class Randomization(Disturbances):
         return generator.random(feet) < self.contact_flips
 
     def stuck_contacts(self, count: int, generator: np.random.Generator) -> NDArray[np.int8]:
-        """Draws which contact sensors are stuck in episodes (count, 4), if a share of them is."""
+        """Returns the stuck contact sensors of episodes (count, 4); some draw one more."""
         stuck = np.tile(stuck_sensors(self.stuck_open, self.stuck_closed), (count, 1))
         if self.stuck_share == 0.0:
             return stuck
@@ -143,7 +143,7 @@ class Randomization(Disturbances):
         return stuck
 
     def pushes(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws what this control step's pushes add to base velocities (count, 3; m/s)."""
+        """Draws the changes of base velocities by this control step's pushes (count, 3; m/s)."""
         if self.push_speed == 0:
             return np.zeros((count, 3))
         push = generator.uniform(-1.0, 1.0, size=(count, 3)) * self.push_speed
@@ -159,6 +159,6 @@ NOMINAL = Randomization(
 
 
 def seed_of(number: Array) -> int:
-    """Makes a seed of all 64 bits of a number (1,)."""
+    """Converts the 64 bits of a number (1,) to a seed."""
     (seed,) = np.array(number).view(np.uint64).tolist()
     return seed

@@ -15,20 +15,20 @@ from glassgait.models.task import CONTROL_PERIOD
 
 SOFT_LIMIT_FRACTION = 0.9  # share of a joint's range, about its middle, that costs nothing
 AIR_TIME_TARGET = 0.5  # time in the air above which a step is rewarded (s)
-HIGH_SWING = 0.1  # height of a foot above the ground that costs nothing (m)
-STANDING_HEIGHT = 0.005  # height of a foot below which it is to stand still (m)
+HIGH_SWING = 0.1  # height of a foot up to which `high_swing` costs nothing (m)
+STANDING_HEIGHT = 0.005  # height of a foot below which it should not move (m)
 AIR_TIME_MIN_SPEED = 0.1  # commanded speed above which air time counts (m/s)
 
 
 @checked
 class RewardWeights(Settings):
-    """Weights of the terms, each per control step before the factor of 0.02 s, and their width."""
+    """Weights of a step's terms before the factor of 0.02 s, and settings of the tracking terms."""
 
     title: ClassVar[str] = "reward weights"
 
-    # Weight of going at the commanded forward speed, a Gaussian of the error.
+    # Weight of tracking the commanded forward speed, a Gaussian of the error.
     forward_tracking: float = 1.0
-    # Weight of turning at the commanded yaw rate, a Gaussian of the error.
+    # Weight of tracking the commanded yaw rate, a Gaussian of the error.
     yaw_tracking: float = 0.5
     vertical_velocity: float = -2.0  # Weight of the trunk's squared vertical velocity (s²/m²).
     roll_pitch_rate: float = -0.05  # Weight of the squared roll and pitch rates (s²/rad²).
@@ -37,16 +37,15 @@ class RewardWeights(Settings):
     action_change: float = -0.01  # Weight of the squared change of the action.
     # Weight of the angles beyond nine tenths of the joints' ranges (1/rad).
     joint_limits: float = -10.0
-    # Weight of the time in the air of the feet that land, above its target (1/s).
+    # Weight of the landing feet's time in the air above its target (1/s).
     air_time: float = 1.0
-    high_swing: float = 0.0  # Weight of the feet's heights above what costs nothing (1/m).
-    # Weight of the squared lean of the trunk over the ground, the sine of its angle.
-    tilt: float = 0.0
+    high_swing: float = 0.0  # Weight of the feet's heights above 0.1 m (1/m).
+    tilt: float = 0.0  # Weight of the squared sine of the trunk's angle to the ground.
     slip: float = 0.0  # Weight of the squared speeds of the feet that are on the ground (s²/m²).
-    # Squared width of the Gaussians of both errors ((m/s)², (rad/s)²).
+    # Squared width of the Gaussians of both tracking errors ((m/s)², (rad/s)²).
     tracking_width: Positive = 0.25
-    # Time constant with which speeds are averaged before they are compared with the command (s); 0
-    # compares those of the instant.
+    # Time constant of a low-pass filter on the speeds that are compared with the command (s); 0 for
+    # no filter.
     tracking_time: NotNegative = 0.0
 
     @cached_property
@@ -61,25 +60,25 @@ REWARD_TERMS = tuple(
 
 
 class Reward(NamedTuple):
-    """The reward of one control step, and what the next step needs."""
+    """The reward of one control step, and the memory for the next."""
 
     terms: Array  # weighted terms (..., 12), in the order of `REWARD_TERMS`
-    plain: Array  # their sum times 0.02 s, never below 0 (...)
+    plain: Array  # their sum times 0.02 s, at least 0 (...)
     air_time: Array  # time that each foot has been in the air (..., 4; s)
-    tracked: Array  # forward speed and yaw rate that were compared (..., 2; m/s, rad/s)
+    tracked: Array  # filtered forward speed and yaw rate (..., 2; m/s, rad/s)
 
 
 def tracked_speeds(linear: Array, angular: Array, before: Array, weights: RewardWeights) -> Array:
-    """Averages forward speed and yaw rate (..., 2; m/s, rad/s) by a low-pass of the first order.
+    """Filters forward speed and yaw rate (..., 2; m/s, rad/s) with a first-order low-pass.
 
     `linear` and `angular` are the trunk's velocities (..., 3; m/s, rad/s, trunk frame); `before` is
-    the result of the control step before.
+    the result of the previous control step.
     """
     now = stacked(linear[..., 0], angular[..., 2])
     if weights.tracking_time == 0.0:
         return now
-    kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)
-    return kept * before + (1.0 - kept) * now
+    decay = np.exp(-CONTROL_PERIOD / weights.tracking_time)
+    return decay * before + (1.0 - decay) * now
 
 
 def step_reward(
@@ -97,11 +96,11 @@ def step_reward(
     weights: RewardWeights,
     joint_law: JointLaw = DEFAULT_LAW,
 ) -> Reward:
-    """Rewards the step that led to `state`.
+    """Computes the reward of the step that led to the plant's state x (..., 37).
 
     Robots are along the leading axes of all arrays; units are m, rad, s and their quotients. The
-    plant's state x (..., 37) is that after the step, the action was held during it; feet are in
-    contact now or were at the previous step; `air_time` and `tracked` are of the step before.
+    action was held during the step. `foot_contact` is true for feet that touch now or did at the
+    previous step; `air_time` and `tracked` are from the previous step.
     """
     # How well the command is followed.
     linear, angular = kinematics.base_velocity(state)
@@ -120,7 +119,7 @@ def step_reward(
     acceleration = (velocity - previous_joint_velocity) / CONTROL_PERIOD
     excursion = np.abs(position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
 
-    # Terms that cost time to compute, where they are weighed.
+    # Terms that take long to compute, only if they have a weight.
     slip = tilt = np.zeros_like(flight)
     if weights.slip:
         speed = _total(np.square(_foot_velocity(robot, state, linear, angular)))
@@ -153,7 +152,7 @@ def step_reward(
 def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) -> Array:
     """Returns the velocities of the feet's lowest points (..., 4, 3; m/s, along the trunk's axes).
 
-    Where a foot rolls without slip, they do not move; its centre does.
+    The lowest point of a foot that rolls without slip is at rest; its centre moves.
     """
     position, velocity = state[..., quadruped.JOINT_POSITION], state[..., quadruped.JOINT_VELOCITY]
     motion = kinematics.foot_motion(robot, position, velocity)
@@ -164,5 +163,5 @@ def _foot_velocity(robot: Robot, state: Array, linear: Array, angular: Array) ->
 
 
 def _total(values: Array) -> Array:
-    """Returns sums over the last axis; for one robot `np.sum` takes some times longer."""
+    """Sums over the last axis; `np.sum` takes several times longer for one robot."""
     return np.add.reduce(values, axis=-1)

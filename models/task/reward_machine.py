@@ -1,7 +1,7 @@
 """The reward machine of a gait, compiled to tables and stepped for any number of robots at once.
 
-It is a Mealy machine over the feet's contacts, which tracks the phase of the gait and pays when the
-robot takes the stance that ends it (paper, Section II-A; DeFazio et al., 2024).
+It is a Mealy machine over the feet's contacts. It tracks the phase of the gait, and multiplies the
+reward in the stance that ends a phase (paper, Section II-A; DeFazio et al., 2024).
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import N_STANCES, Gait, stance_code
 
-TRANSITION_MULTIPLIER = 1000.0  # factor on the plain reward of a step in which the machine moves on
+TRANSITION_MULTIPLIER = 1000.0  # factor on the plain reward of a step with a transition
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -32,8 +32,8 @@ class MachineStep(NamedTuple):
 
     machine: MachineState  # after this step's propositions
     fired: BoolArray  # whether a transition fired (...)
-    # Commanded iterations that the fired transition stands for (...; control steps), 0 where none
-    # fired; their sum over an episode, divided by its length, is the share of the rhythm kept.
+    # Dwell of the transition that fired (...; control steps), 0 without one. Its sum over an
+    # episode divided by the episode's length is the share of the rhythm that the robot kept.
     served_dwell: Array
     multiplier: Array  # factor on the plain reward (...)
 
@@ -49,14 +49,14 @@ class RewardMachine:
         left = {transition.source for transition in gait.transitions}
         self._is_sink = self._is_fault & [state not in left for state in gait.states]
 
-        # The transition that a state takes in a stance; the last row of each array is for none.
-        none = len(gait.transitions)
-        self._edge = np.full((gait.n_states, N_STANCES), none)
-        self._target = np.zeros(none + 1, dtype=np.int64)
-        self._fires = np.append(np.ones(none, dtype=bool), False)
-        self._dwell = np.zeros(none + 1)
-        self._grace = np.zeros(none + 1, dtype=np.int64)
-        self._swing = np.zeros((none + 1, quadruped.N_LEGS), dtype=bool)
+        # The transition of each state and stance; the last row of each array is for no transition.
+        count = len(gait.transitions)
+        self._edge = np.full((gait.n_states, N_STANCES), count)
+        self._target = np.zeros(count + 1, dtype=np.int64)
+        self._fires = np.append(np.ones(count, dtype=bool), False)
+        self._dwell = np.zeros(count + 1)
+        self._grace = np.zeros(count + 1, dtype=np.int64)
+        self._swing = np.zeros((count + 1, quadruped.N_LEGS), dtype=bool)
         for i, transition in enumerate(gait.transitions):
             source = gait.states.index(transition.source)
             self._edge[source, np.array(transition.when.table)] = i
@@ -90,10 +90,10 @@ class RewardMachine:
             foot_contact: Whether each foot touches, now or at the previous step (..., 4).
             foot_height: Height of each foot above the ground (..., 4; m).
             commanded_dwell: Commanded iterations in a state (...; control steps).
-            difficulty: Factor on the dwell and clearance that a transition asks for, and divisor
-                of its grace; training raises it to 1.
+            difficulty: Factor on a transition's dwell and clearance, and divisor of its grace;
+                training raises it to 1.
         """
-        # The transition that the stance asks for, and whether it may fire.
+        # The transition of the stance, and whether it fires.
         edge = self._edge[machine.state, stance_code(foot_contact)]
         spent = machine.iterations + 1
         clearance = difficulty * self.gait.clearance
@@ -102,7 +102,7 @@ class RewardMachine:
         in_time = (spent >= difficulty * dwell) & (difficulty * machine.age >= self._grace[edge])
         fired = self._fires[edge] & lifted & in_time
 
-        # The next state, and what it pays.
+        # The next state, and the factor on the reward.
         state = np.where(fired, self._target[edge], machine.state)
         after = MachineState(state=state, iterations=np.where(fired, 0, spent), age=machine.age + 1)
         multiplier = np.where(fired, TRANSITION_MULTIPLIER, 1.0)

@@ -25,51 +25,51 @@ def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
         state: [edge for edge in gait.transitions if edge.source == state] for state in gait.states
     }
     for image in gait.states:
-        found = _follow(gait, outgoing, image)
-        if found is not None:
-            return tuple(gait.states.index(found[state]) for state in gait.states)
+        images = _follow(gait, outgoing, image)
+        if images is not None:
+            return tuple(gait.states.index(images[state]) for state in gait.states)
     return None
 
 
 def refuse_other_mirror(states: Sequence[int] | None, gait: Gait) -> None:
-    """Refuses mirrored states, as a file states them, that are not those of the gait's machine."""
+    """Refuses a file's mirrored states that differ from those of the gait's machine."""
     if states is None or len(states) != gait.n_states:
         return
-    images, said = mirrored_states(gait), [*states]
+    images = mirrored_states(gait)
     if images is None:
         raise InputError(
-            f"mirror: is {said}, and the machine of this {gait.name} favours a side, so that it "
-            "has no mirror image; leave 'mirror' out, and give every formula"
+            f"mirror: is {[*states]}, but the machine of this {gait.name} favours a side and has "
+            "no mirror image; remove 'mirror', and write every formula"
         )
     if tuple(states) != images:
         raise InputError(
-            f"mirror: is {said}, and by the machine of this {gait.name} its states in the mirror "
-            f"are {[*images]}; write 'mirror: {[*images]}'"
+            f"mirror: is {[*states]}, but the mirror images of the states of this {gait.name} are "
+            f"{[*images]}; write 'mirror: {[*images]}'"
         )
 
 
 def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> dict[str, str] | None:
-    """Follows all transitions from the initial state and from its image at once.
+    """Maps states to their mirror images, given that of the initial state; None if impossible.
 
-    A machine is deterministic and reaches all its states, so one pair decides all others.
+    A machine is deterministic and reaches all its states, so one pair determines all others.
     """
     images, frontier = {gait.initial: image}, [gait.initial]
-    # The list grows while it is walked through.
+    # The list grows during the loop.
     for state in frontier:
-        theirs = {_signature(edge): edge.target for edge in outgoing[images[state]]}
+        targets = {_signature(edge): edge.target for edge in outgoing[images[state]]}
         for edge in outgoing[state]:
-            target = theirs.pop(_signature(edge, mirrored=True), None)
+            target = targets.pop(_signature(edge, mirrored=True), None)
             if target is None or images.get(edge.target, target) != target:
                 return None
             if edge.target not in images:
                 images[edge.target] = target
                 frontier.append(edge.target)
-        if theirs:
+        if targets:
             return None
-    # A fault mirrors to a fault, and the image of an image is the state itself.
+    # The image of a fault is a fault, and the image of an image is the state itself.
     faults_agree = all((a in gait.faults) == (b in gait.faults) for a, b in images.items())
-    twice_is_none = all(images.get(b) == a for a, b in images.items())
-    return images if faults_agree and twice_is_none else None
+    is_involution = all(images.get(b) == a for a, b in images.items())
+    return images if faults_agree and is_involution else None
 
 
 def _signature(edge: Transition, *, mirrored: bool = False) -> tuple:

@@ -1,4 +1,4 @@
-"""Early ends of an episode: the falls and failures of a robot, by name."""
+"""Falls and other failures of a robot, which end an episode early."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -40,7 +40,7 @@ class TerminationLimits(Settings):
     # Share of the calf, from the knee down, whose contact is a failure; the rest may brush the edge
     # of a step.
     shank_share: Annotated[float, Interval(ge=0, le=1)] = 0.5
-    # Greatest angle of the trunk to the mean ground (°); 180 is no bound.
+    # Greatest angle of the trunk to the mean ground (°); 180 for no bound.
     lean: Annotated[float, Interval(gt=0, le=180)] = 180.0
 
 
@@ -67,10 +67,10 @@ def failures(
     limits: TerminationLimits,
     ground: Ground = LEVEL_GROUND,
 ) -> NDArray[np.bool_]:
-    """Finds which failures robots show, a flag for each name in `FAILURES` (..., 7).
+    """Returns a flag for each failure in `FAILURES` (..., 7).
 
-    The plant's state x (..., 37) is that after the step, the action (..., 12) was held during it.
-    A state that is not finite only shows `not_finite`.
+    `state` is the plant's x (..., 37) after the step; the action (..., 12) was held during it.
+    For a state or action that is not finite, only `not_finite` is set.
     """
     finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
     state = np.where(finite[..., None], state, 0.0)
@@ -87,13 +87,13 @@ def failures(
     body, calves = np.split(clearances.body, [1 + quadruped.N_LEGS], axis=-1)
     lowest = body.min(axis=-1)
     if limits.shank_share > 0.0:
-        # A foot that comes down at 2 m/s is 2 cm in the ground after a step of 10 ms, and the calf
-        # with it. On a ground that does not give way it would be higher by as much.
+        # A foot that lands at 2 m/s is 2 cm inside the ground after a step of 10 ms, and the calf
+        # with it. On ground without penetration the calf would be higher by as much.
         calves = calves - np.minimum(clearances.feet, 0.0)
         lowest = np.minimum(lowest, calves.min(axis=-1))
 
     # All failures, in the order of `FAILURES`.
-    shown = stacked(
+    flags = stacked(
         lowest < 0.0,
         clearances.trunk < limits.trunk_height,
         overrun > limits.joint_overrun,
@@ -101,4 +101,4 @@ def failures(
         clearances.feet.max(axis=-1) > limits.foot_height,
         clearances.upright < np.cos(np.radians(limits.lean)),
     )
-    return np.concatenate([shown & finite[..., None], ~finite[..., None]], axis=-1)
+    return np.concatenate([flags & finite[..., None], ~finite[..., None]], axis=-1)

@@ -1,10 +1,10 @@
-"""The ground: one definition from which physics, heights, contacts and pictures derive.
+"""Terrain: one definition of the ground for physics, heights, contacts and pictures.
 
-Ground other than a plane is made of boxes, one for each cell of a grid that repeats for ever. A
-tile of one period and its surroundings therefore serves a robot that is moved back by whole
-periods. Boxes reach into their neighbours' cells, where the higher one counts: otherwise a foot
-that has sunk in beside a border would be caught between two sides. The world's z axis is normal to
-the mean ground, and on a slope gravity leans.
+Ground other than a plane is made of boxes, one for each cell of a grid that repeats for ever. One
+period and its surroundings are enough for a robot that is moved back by whole periods. Boxes reach
+into their neighbours' cells, where the higher box counts: otherwise a foot that has sunk in next to
+a border would be caught between two side faces. The world's z axis is normal to the mean ground; on
+a slope, gravity is inclined instead.
 """
 
 import math
@@ -36,13 +36,13 @@ KINDS_OF_KEY: dict[str, tuple[Kind, ...]] = {
     "landing": ("steps",),
     "endless": ("steps",),
 }
-"""Kinds of ground that a key belongs to; the others belong to all."""
+"""Kinds of ground that use a key; all kinds use the other keys."""
 
-REACH = 0.75  # how far around a robot's trunk the ground is laid while it takes a control step (m)
-DEPTH = 0.3  # thickness of the boxes, and as much more as their tops differ (m)
+REACH = 0.75  # distance around a robot's trunk within which there is ground in a control step (m)
+DEPTH = 0.3  # least thickness of the boxes (m); the differences of their tops are added
 OVERLAP = 0.03  # how far a box reaches into its neighbours' cells (m), further than feet sink in
-MOST_OVERLAP = 0.2  # greatest share of a cell's shorter edge that a box reaches into it
-STAIR_WIDTH = 2.0  # width of a box of the steps (m), which go on sideways for ever
+MOST_OVERLAP = 0.2  # greatest overlap, as a share of a cell's shorter edge
+STAIR_WIDTH = 2.0  # width of a box of the steps (m), which repeat sideways for ever
 FLATTEST = 1e-4  # least height that ground of boxes is scaled to (m)
 STEEPEST = 1.0  # greatest rise of uneven ground over its run
 
@@ -88,12 +88,12 @@ class Grid(NamedTuple):
             for x, y in ((1, 1), (1, -1))
         ]
         heights = [rises[..., 0] + rises[..., 1], rises[..., 0] - rises[..., 1]]
-        # How far these corners are from the middle, along the box's axes.
-        reaches = [
+        # Distances of these corners from the centre along the box's axes.
+        distances = [
             np.abs(np.einsum("...k,...kc->...c", np.dstack([corner, height]), self.rotation))
             for corner, height in zip(corners, heights, strict=True)
         ]
-        return np.maximum(*reaches)[..., :2]
+        return np.maximum(*distances)[..., :2]
 
 
 class GroundBox(NamedTuple):
@@ -115,7 +115,7 @@ class Terrain(Settings):
     # down again; `uneven`, noise of long wavelengths, whose cells are tilted.
     kind: Kind = "plane"
     slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0  # Angle at which the whole ground rises (°).
-    # Where it rises to, counted from the world's x axis, to the left (°).
+    # Direction in which it rises, counted to the left from the world's x axis (°).
     direction: Annotated[float, Ge(-360.0), Le(360.0)] = 0.0
     cell: Annotated[float, Ge(0.1), Le(2.0)] = 0.25  # Edge of a cell (m).
     cells: Annotated[int, Ge(2), Le(12)] = 8  # Cells along a period's edge.
@@ -126,21 +126,21 @@ class Terrain(Settings):
     height: Annotated[float, Ge(-1.0), Le(1.0)] = 0.05
     run: Annotated[float, Ge(0.1), Le(2.0)] = 0.3  # Depth of a step (m).
     flight: Annotated[int, Ge(1), Le(20)] = 4  # Steps between two landings.
-    # Depth of a landing at least (m); robots start in the middle of one.
+    # Least depth of a landing (m); robots start in the middle of one.
     landing: Annotated[float, Ge(0.1), Le(5.0)] = 1.2
-    endless: bool = False  # Whether every flight leads on, instead of up and then down.
+    endless: bool = False  # Whether all flights lead the same way, instead of up and then down.
     # Share of the cells, or of the steps, with another friction.
     patches: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
-    patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4  # Coulomb friction there.
-    seed: Seed = 0  # Seed of what is random.
+    patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4  # Coulomb friction of these patches.
+    seed: Seed = 0  # Seed of random heights and patches.
 
     def __post_init__(self) -> None:
         for key in fields(self):
             kinds = KINDS_OF_KEY.get(key.name, (self.kind,))
             if self.kind not in kinds and getattr(self, key.name) != key.default:
                 raise InputError(
-                    f"{self.title}: {key.name} is of kind {' and '.join(kinds)}, and kind is "
-                    f"{self.kind!r}; leave one of them out"
+                    f"{self.title}: {key.name} is a key of kind {' and '.join(kinds)}, but kind is "
+                    f"{self.kind!r}; remove one of them"
                 )
         if self.kind == "steps" and (self.height == 0 or (self.height < 0 and not self.endless)):
             raise InputError(
@@ -199,16 +199,16 @@ class Terrain(Settings):
         counts = np.array(grid.top.shape)
         beyond = np.ceil(reach / grid.cell).astype(int)
         for cell in np.ndindex(*(counts + 2 * beyond)):
-            # The same cell of the middle period, and the middle of this one's top.
+            # The equivalent cell of the middle period, and the centre of this cell's top.
             place = cell - beyond
-            own = tuple(place % counts)
-            height = grid.top[own] + grid.rise * (place[0] // counts[0])
+            index = tuple(place % counts)
+            height = grid.top[index] + grid.rise * (place[0] // counts[0])
             top = np.append(grid.origin + (place + 0.5) * grid.cell, height)
             yield GroundBox(
-                centre=top - grid.depth / 2 * rotation[own][:, 2],
-                rotation=rotation[own],
-                size=np.append(2 * half_size[own], grid.depth),
-                is_patch=bool(grid.patch[own]),
+                centre=top - grid.depth / 2 * rotation[index][:, 2],
+                rotation=rotation[index],
+                size=np.append(2 * half_size[index], grid.depth),
+                is_patch=bool(grid.patch[index]),
             )
 
 
@@ -217,7 +217,7 @@ PLANE = Terrain()  # a level plane
 
 @cache
 def grid_of(terrain: Terrain) -> Grid:
-    """Returns the cells of a terrain; of a plane they are level."""
+    """Returns the cells of a terrain; those of a plane are level."""
     # Heights and tilts of the cells' tops.
     generator = np.random.default_rng(terrain.seed)
     cell, count = terrain.cell, terrain.cells
@@ -246,12 +246,12 @@ def grid_of(terrain: Terrain) -> Grid:
 
 
 def _between(values: Array, amplitude: float) -> Array:
-    """Returns values scaled so that they go from 0 to an amplitude."""
+    """Scales values to the range from 0 to an amplitude."""
     return amplitude * (values - values.min()) / np.ptp(values)
 
 
 def _noise(terrain: Terrain, generator: np.random.Generator) -> Array:
-    """Returns a sum of random waves at the corners of the cells (n, n), which is periodic."""
+    """Returns a periodic sum of random waves at the corners of the cells (n, n)."""
     n = terrain.cells
     spectrum = generator.normal(size=(n, n)) + 1j * generator.normal(size=(n, n))
     per_period = np.fft.fftfreq(n, 1.0 / n)
@@ -276,7 +276,7 @@ def _landing_cells(terrain: Terrain) -> int:
 
 
 def _stairs(terrain: Terrain) -> tuple[Array, float]:
-    """Returns the heights of a period of steps (nx, 1; m), and how much higher the next one is."""
+    """Returns the heights of a period of steps (nx, 1; m), and the rise to the next one (m)."""
     landing, flight = _landing_cells(terrain), terrain.flight
     up = [0] * landing + list(range(1, flight))
     if terrain.endless:
