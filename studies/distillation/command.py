@@ -41,8 +41,8 @@ class Distill(SettingsFile):
         robot: Name of a robot, or path of its robot.yaml; by default the expert's.
         source: Folder of a run of train that contains the expert; by default, the expert that
             ships is used or, for other gaits, the one in runs/train/<gait>.
-        output: Folder of the run; runs/distill/<gait> by default. Several gaits have subfolders
-            <gait>, and several seeds have subfolders seed_<seed> in these.
+        output: Folder of the run; runs/distill/<gait> by default. Each of several gaits has a
+            subfolder <gait>, and each of several seeds a subfolder seed_<seed> in it.
         resume: Continue the run that the folder holds.
     """
 

@@ -55,8 +55,8 @@ class DistillationConfig(Settings):
 
     Attributes:
         collector: Student that collects the samples of all. By default each student collects its
-            samples itself, but gbm uses those of histogram_gbm. With `itself`, as in the paper,
-            each does.
+            samples itself, but gbm uses those of histogram_gbm. With `itself`, as in the paper, all
+            students do.
         episodes: Episodes with alternation, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.
         episodes_per_fit: Episodes from one fit to the next, a divisor of episodes_per_round; by

@@ -35,11 +35,11 @@ PERIODS = (1, 2, 4, 6, 8, 0)
 
 @checked
 class Alternation(Experiment):
-    """Let expert and student act by turns, and report the return at every ratio.
+    """Alternate between expert and student, and report the return at every ratio.
 
     Attributes:
         n_steps: Control steps of a rollout.
-        ratios: Shares of steps at which the expert acts: 1, 1/2, …, and 0 for students alone.
+        ratios: Shares of steps at which the expert acts: 1, 1/2, …, or 0 for only the student.
     """
 
     title: ClassVar[str] = "evaluate alternation"
@@ -48,14 +48,14 @@ class Alternation(Experiment):
     ratios: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = tuple(map(ratio_title, PERIODS))
 
     def __post_init__(self) -> None:
-        """Adds the expert, whose return is the measure; refuses invalid ratios."""
+        """Adds the expert, whose return is the reference; refuses invalid ratios."""
         if 1 not in map(parse_ratio, self.ratios):
             object.__setattr__(self, "ratios", (ratio_title(1), *self.ratios))
         if not {"expert", "all"} & {*self.policy}:
             object.__setattr__(self, "policy", ("expert", *self.policy))
 
     def cases(self) -> list[Case]:
-        """Lists every student at every ratio; at ratio 1 the expert acts, once for all of them."""
+        """Lists every student at every ratio below 1, and the expert once, at ratio 1."""
         self.refuse_several_scenarios()
         return [
             replace(
@@ -69,13 +69,13 @@ class Alternation(Experiment):
         ]
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls robots of one seed out, and scores them."""
+        """Rolls out the robots of one seed, and scores them."""
         from glassgait.studies.common.rollouts import RolloutConfig
 
         return _score(RolloutConfig(self.n_robots, self.n_steps), case)
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Reports return and falls by ratio, and of the students without the expert."""
+        """Reports return and falls by ratio, and the students' scores without the expert."""
         name = self.gaits[0].name
         return alternation_report(table, name, self.acting(name))
 
@@ -90,7 +90,7 @@ def alternation_scores(
 ) -> pd.DataFrame:
     """Scores every student at every ratio, in the nominal scenario.
 
-    All meet the same initial states, commands and noise. Seeds kept for selection are refused.
+    All have the same initial states, commands and noise. Seeds for selection are refused.
     """
     from glassgait.diagrams.scenario import Scenario
     from glassgait.models.policies.controller import Controller, alone
@@ -113,21 +113,21 @@ def alternation_scores(
 
 
 def alternation_report(scores: pd.DataFrame, title: str, policies: Mapping[str, Policy]) -> Report:
-    """Reports scores, a row a robot, by their columns `policy` and `ratio`."""
+    """Reports scores, one row per robot, by their columns `policy` and `ratio`."""
     from glassgait.studies.common.tables import json_records
     from glassgait.studies.evaluation import figures, tables
 
-    ratios, alone = tables.alternation_table(scores), tables.standalone_table(scores, policies)
+    ratios, standalone = tables.alternation_table(scores), tables.standalone_table(scores, policies)
     return Report(
-        tables={"robots": scores, "ratios": tables.titled_table(ratios), "standalone": alone},
+        tables={"robots": scores, "ratios": tables.titled_table(ratios), "standalone": standalone},
         metrics=json_records(ratios),
         figures={"return": figures.return_figure(scores, title)},
-        shown={f"{title}: students alone": alone},
+        shown={f"{title}: students without the expert": standalone},
     )
 
 
 def _share(period: int) -> float:
-    """Returns the alternation ratio of a period as a number, which tables hold."""
+    """Returns the alternation ratio of a period, as a number for tables."""
     return 1.0 / period if period else 0.0
 
 

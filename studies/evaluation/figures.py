@@ -28,9 +28,9 @@ from glassgait.studies.evaluation.tables import (
     worst_first,
 )
 
-LEAST_SHARE = 0.9  # share of the expert's return above which students differ visibly
+LEAST_SHARE = 0.9  # lower end of the axis of shares of the expert's return
 
-# Of one hue each, light to dark: they are read without seeing colours.
+# One hue each, from light to dark, which is readable without colour vision.
 FALLS, SURVIVAL = mpl.colormaps["Reds"], mpl.colormaps["YlGnBu"]
 
 COLUMN, ROW = 0.24, 0.19  # size of a cell of the map of falls (inches)
@@ -42,8 +42,8 @@ SIDES = ("ahead", "left", "back", "right")
 
 @styled
 def return_figure(scores: pd.DataFrame, title: str) -> Figure:
-    """Draws return, its share of the expert's from `LEAST_SHARE` on and falls against the
-    alternation ratio (paper, Figure 2), a column a student."""
+    """Draws return, share of the expert's return and falls against the alternation ratio, with one
+    column per student (paper, Figure 2)."""
     means = alternation_table(scores)
     expert = means[means["policy"] == "expert"].iloc[0]
     ratios = sorted(means["ratio"].unique(), reverse=True)
@@ -69,7 +69,7 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
         titles = [ratio_title(round(1 / ratio) if ratio else 0) for ratio in ratios]
         falls.set_xticks(at, titles, rotation=90)
 
-    # Scale and label the rows. Some students earn more than the expert.
+    # Scale and label the rows. Some students have a greater return than the expert.
     returns, share, falls = panels[:, 0]
     returns.set(ylabel="return", ylim=(0, None))
     most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
@@ -85,11 +85,11 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
 
 @styled
 def fall_map(tables: Mapping[str, pd.DataFrame], outside: Collection[str] = ()) -> Figure:
-    """Draws how many robots fall, a column a gait and policy, a row a scenario, worst first.
+    """Draws how many robots fall, by gait and policy (columns) and scenario (rows, worst first).
 
-    The policies that all gaits have decide which scenario is worst. Cells that were not measured
-    are hatched. The tables are those of `fall_table` by gait; titles of scenarios `outside` of what
-    experts learn in have a star.
+    `tables` are results of `fall_table` by gait. The order of scenarios depends only on policies
+    that all gaits have. Cells that were not measured are hatched. Titles of scenarios that are in
+    `outside`, outside of the training ranges, have a star.
     """
     whole = pd.concat(list(tables.values()))
     common = set.intersection(*(set(table["policy"]) for table in tables.values()))
@@ -120,7 +120,7 @@ def fall_map(tables: Mapping[str, pd.DataFrame], outside: Collection[str] = ()) 
         axes.set_xticks(range(len(policies)), titles, fontsize=6.5, rotation=90)
         axes.set_title(gait.replace("_", "-"), fontsize=8)
 
-    # Name the rows, with the number of robots where it is smaller than elsewhere.
+    # Label the rows, with the number of robots if it is smaller than in other rows.
     most, rows = int(whole["robots"].max()), whole.drop_duplicates("scenario").set_index("scenario")
     names = [
         world + ("" if n == most else f" ({n} robots)") + "*" * (world in outside)
@@ -136,7 +136,7 @@ def fall_map(tables: Mapping[str, pd.DataFrame], outside: Collection[str] = ()) 
 
 
 def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> None:
-    """Draws how many robots of a policy fell in a scenario, on a colour for their share."""
+    """Draws a cell: the number of robots that fell, on a colour for their share."""
     if cell is None:
         look = {"facecolor": "0.88", "edgecolor": "0.55", "hatch": "//////", "linewidth": 0.0}
     else:
@@ -149,7 +149,7 @@ def _draw_cell(axes: Axes, x: float, row: int, cell: dict[Any, Any] | None) -> N
 
 @styled
 def push_figure(pushes: pd.DataFrame, title: str) -> Figure:
-    """Draws a disc of each policy: direction as angle, speed as radius, colour for survival."""
+    """Draws one disc per policy: direction as angle, speed as radius, colour for survival."""
     policies = pushes["policy"].unique()
     columns = min(len(policies), MOST_COLUMNS)
     rows = -(-len(policies) // columns)
@@ -162,8 +162,8 @@ def push_figure(pushes: pd.DataFrame, title: str) -> Figure:
     limits = push_summary(pushes)["all survived up to (m/s)"]
     for axes, policy, limit in zip(panels, policies, limits, strict=False):
         # Sectors and rings are centred on the pushes that were measured.
-        own = pushes[pushes["policy"] == policy]
-        shares = own.pivot_table("survived", "speed (m/s)", "direction (°)", aggfunc="mean")
+        group = pushes[pushes["policy"] == policy]
+        shares = group.pivot_table("survived", "speed (m/s)", "direction (°)", aggfunc="mean")
         half = np.pi / shares.shape[1]
         sectors = np.append(np.radians(shares.columns) - half, 2.0 * np.pi - half)
         rings = _rings(shares.index.to_numpy())

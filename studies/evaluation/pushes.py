@@ -20,8 +20,8 @@ SPEEDS = tuple(round(0.3 * i, 1) for i in range(1, 11))
 PushSpeed = Annotated[float, Gt(0.0), Le(20.0)]
 
 Steps = Annotated[int, Ge(50), Le(450)]
-"""Control steps from the push to the end: at least a second, in which a robot must walk; a new
-command comes after ten seconds."""
+"""Control steps from the push to the end: at least 1 s, in which a robot must walk, and less than
+10 s, when a new command comes."""
 
 
 @checked
@@ -30,10 +30,10 @@ class Pushes(Experiment):
 
     Attributes:
         command: Command of the robots; by default 0.5 m/s, or the gait's greatest speed.
-        n_phases: Instants of the gait's cycle in which robots are pushed.
-        n_steps: Control steps from the push until a robot must still walk.
-        n_directions: Directions of pushes, equally far apart.
-        speeds: Velocities that pushes add to the trunk's (m/s).
+        n_phases: Number of instants in the gait's cycle at which robots are pushed.
+        n_steps: Control steps after the push; robots that walk at the end survived.
+        n_directions: Number of push directions, evenly spaced.
+        speeds: Speeds that pushes add to the trunk's velocity (m/s).
     """
 
     title: ClassVar[str] = "evaluate pushes"
@@ -81,14 +81,14 @@ class Pushes(Experiment):
         from glassgait.studies.common.tables import json_records
         from glassgait.studies.evaluation import figures, tables
 
-        summed, gait = tables.push_summary(table), table["gait"].iloc[0]
+        summary, gait = tables.push_summary(table), table["gait"].iloc[0]
         title = (
             f"{gait.capitalize()} at {self.command.over(self.gaits[0]).speed:g} m/s: "
             "which pushes are survived. Direction as angle, speed (m/s) as radius"
         )
         return Report(
-            tables={"summary": summed, "pushes": tables.push_table(table)},
-            metrics=json_records(summed),
+            tables={"summary": summary, "pushes": tables.push_table(table)},
+            metrics=json_records(summary),
             figures={"pushes": figures.push_figure(table, title)},
-            shown={f"{gait}: pushes": summed},
+            shown={f"{gait}: pushes": summary},
         )

@@ -1,4 +1,4 @@
-"""Pushing walking robots: from every direction, at every speed, in every phase of the gait."""
+"""Pushes of walking robots: in every direction, at every speed, in every phase of the gait."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -16,11 +16,11 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.episode import ControlStep, Observer, World, episode
 
-FIRST_STEPS = 150  # control steps from standing until strides are watched
-MOST_STEPS = 450  # control steps until the phases must be caught; later a new command may come
-LAST_STEPS = round(1.0 / CONTROL_PERIOD)  # control steps in which survivors must walk in the end
+FIRST_STEPS = 150  # control steps from standing to the first stride that is timed
+MOST_STEPS = 450  # control steps to reach the phases in; later, a new command may come
+LAST_STEPS = round(1.0 / CONTROL_PERIOD)  # last control steps, in which survivors must walk
 WALKS = 0.5  # share of the commanded rhythm that counts as walking
-WATCH = 25  # control steps after which robots that fell are left out, to save time
+LEAVE_OUT_EVERY = 25  # control steps after which fallen robots are left out, to save time
 
 
 def push_everywhere(
@@ -34,19 +34,19 @@ def push_everywhere(
     n_steps: int,
     seed: int,
 ) -> pd.DataFrame:
-    """Lets robots walk, pushes each once, and checks whether they walk `n_steps` later.
+    """Pushes each walking robot once, and checks whether it walks `n_steps` later.
 
-    A robot of each phase walks from near the default stance. It is copied in the instant of its
-    phase, so that all its pushes meet the same state; sensor noise differs from then on.
+    One robot per phase walks from near the default stance. It is copied at the instant of its
+    phase, so that all its pushes start from the same state; sensor noise differs from then on.
 
-    Returns a row for each direction (counted from straight ahead, to the left), speed and phase.
-    The `end` of a robot that does not survive is its first failure, or `no_rhythm`.
+    Returns one row per direction (from straight ahead, to the left), speed and phase. The `end` of
+    a robot that does not survive is its first failure, or `no_rhythm`.
     """
     world = World.of(gait, scenario, controller)
     walk = partial(episode, gait, controller, world, seed=np.random.default_rng(seed))
-    # A robot of each phase walks until the instant of its phase.
-    caught = _Caught(gait.states.index(gait.initial), n_phases)
-    walk(n_robots=n_phases, n_steps=MOST_STEPS, observers=[caught])
+    # Let one robot per phase walk until the instant of its phase.
+    phases = _PhaseStates(gait.states.index(gait.initial), n_phases)
+    walk(n_robots=n_phases, n_steps=MOST_STEPS, observers=[phases])
     shape = n_directions, len(speeds), n_phases
     direction, speed, phase = np.unravel_index(np.arange(np.prod(shape)), shape)
     table = pd.DataFrame(
@@ -59,10 +59,10 @@ def push_everywhere(
         }
     )
 
-    # Robots that walked until then are pushed, each in every direction at every speed.
-    rows = np.flatnonzero(caught.there[phase])
+    # Push copies of the robots that reached their phase, in every direction at every speed.
+    rows = np.flatnonzero(phases.reached[phase])
     if len(rows):
-        state = caught.state.of_robots(phase[rows])
+        state = phases.state.of_robots(phase[rows])
         angles = 2.0 * np.pi * direction[rows] / n_directions
         push = horizontal(state.plant, angles, np.array(speeds)[speed[rows]])
         survival = _Survival(len(rows), n_steps)
@@ -71,7 +71,7 @@ def push_everywhere(
             n_steps=n_steps,
             observers=[survival],
             start=state.pushed(push),
-            leave_out_every=WATCH,
+            leave_out_every=LEAVE_OUT_EVERY,
         )
         fell = survival.failure >= 0
         table.loc[rows[fell], "end"] = np.array(FAILURES)[survival.failure[fell]]
@@ -80,15 +80,16 @@ def push_everywhere(
     return table
 
 
-class _Caught(Observer):
-    """Catches a robot of each phase in the instant of its phase.
+class _PhaseStates(Observer):
+    """Records each robot's state at the instant of its phase.
 
     Attributes:
-        there: Which robots were caught (n,). The others fell before, or never completed a stride.
+        reached: True for robots that reached their phase (n,). The others fell before, or never
+            completed a stride.
     """
 
     def __init__(self, initial: int, n_phases: int) -> None:
-        self.there = np.zeros(n_phases, dtype=bool)
+        self.reached = np.zeros(n_phases, dtype=bool)
         self._initial = initial
         self._phases = np.arange(n_phases) / n_phases
         self._entries = np.full((n_phases, 2), -1)
@@ -98,24 +99,24 @@ class _Caught(Observer):
         # A stride lasts from one entry of the initial state to the next.
         entries, number = self._entries, step.step
         entered = step.outcome.fired & (step.after.memory.machine.state == self._initial)
-        came = entered & (number >= FIRST_STEPS)
-        entries[came & (entries[:, 0] >= 0) & (entries[:, 1] < 0), 1] = number
-        entries[came & (entries[:, 0] < 0), 0] = number
+        entered &= number >= FIRST_STEPS
+        entries[entered & (entries[:, 0] >= 0) & (entries[:, 1] < 0), 1] = number
+        entries[entered & (entries[:, 0] < 0), 0] = number
 
-        # The phases are instants of the next stride, if it takes as long.
+        # The phases are instants of the next stride, assuming that it takes as long.
         due = entries[:, 1] + np.rint(self._phases * (entries[:, 1] - entries[:, 0]))
-        now = (entries[:, 1] >= 0) & (number >= due) & ~step.fallen & ~self.there
-        caught = np.flatnonzero(now)
+        now = (entries[:, 1] >= 0) & (number >= due) & ~step.fallen & ~self.reached
+        robots = np.flatnonzero(now)
         before = step.before if self._state is None else self._state
-        self._state = before.with_robots(caught, step.after.of_robots(caught))
-        self.there |= now
-        self.done = bool((self.there | step.fallen).all())
+        self._state = before.with_robots(robots, step.after.of_robots(robots))
+        self.reached |= now
+        self.done = bool((self.reached | step.fallen).all())
 
     @property
     def state(self) -> TaskState:
-        """The robots in these instants."""
-        # The next command comes when the episode is some seconds older than all that follows.
-        steps = np.ones(len(self.there), dtype=np.int64)
+        """The robots' states at these instants."""
+        # Restart the count of steps, so that no new command comes after the push.
+        steps = np.ones(len(self.reached), dtype=np.int64)
         assert self._state is not None
         return self._state._replace(steps=steps)
 
@@ -136,9 +137,9 @@ class _Survival(Observer):
 
 
 def horizontal(plant: Array, direction: Array, speed: Array) -> Array:
-    """Returns velocities (n, 3; m/s, world frame) of some speeds (n,; m/s) along the ground.
+    """Returns horizontal velocities (n, 3; m/s, world frame) of given speeds (n,; m/s).
 
-    Directions (n,; rad) are angles from where the robots of plant states (n, 37) face, to the left.
+    Directions (n,; rad) are angles from the headings of plant states (n, 37), to the left.
     """
     rotation = kinematics.rotation_matrix(plant[:, quadruped.QUATERNION])
     angle = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]) + direction

@@ -28,23 +28,23 @@ class Scenarios(Experiment):
     n_steps: Count = EPISODE_STEPS
 
     def run(self) -> None:
-        """Runs the experiment of all gaits together: the map of falls shows them side by side."""
+        """Runs all gaits together, since the map of falls shows them side by side."""
         self.run_in(self.output or self.default_output())
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls robots of one seed out, and scores them.
+        """Rolls out the robots of one seed, and scores them.
 
-        Where any of them falls, they are rolled out once more: the column `fell_physically` holds
-        which of them fall where only a physical fall ends an episode.
+        If any robot falls, all are rolled out again with the physical fall rule, for the column
+        `fell_physically`.
         """
         from glassgait.studies.common.rollouts import RolloutConfig, score
 
         config = RolloutConfig(self.n_robots, self.n_steps, case.seed)
-        lasting = replace(case.scenario, limits=PHYSICAL_FALL)
+        physical = replace(case.scenario, limits=PHYSICAL_FALL)
         scores = score(case.gait, case.controller, case.scenario, config)
         again = scores
-        if scores["fell"].any() and lasting != case.scenario:
-            again = score(case.gait, case.controller, lasting, config)
+        if scores["fell"].any() and physical != case.scenario:
+            again = score(case.gait, case.controller, physical, config)
         return scores.assign(fell_physically=again["fell"])
 
     def report(self, table: pd.DataFrame) -> Report:
@@ -56,21 +56,21 @@ class Scenarios(Experiment):
         from glassgait.studies.evaluation.training_ranges import outside_training
 
         titles = {name: scenario.title for name, scenario in self.scenarios.items()}
-        outside = [own.title for own in self.scenarios.values() if outside_training(own)]
+        outside = [titles[name] for name, s in self.scenarios.items() if outside_training(s)]
         falls = {
             str(gait): tables.with_reading_cost(
                 tables.fall_table(scores, titles), self.acting(str(gait))
             )
             for gait, scores in table.groupby("gait", sort=False)
         }
-        titled = {gait: tables.titled_table(own) for gait, own in falls.items()}
+        titled = {gait: tables.titled_table(summary) for gait, summary in falls.items()}
         shown = {
-            gait: tables.worst_table(own)
+            gait: tables.worst_table(summary)
             if len(titles) > 1
-            else tables.titled_table(own, tables.MAIN)
-            for gait, own in falls.items()
+            else tables.titled_table(summary, tables.MAIN)
+            for gait, summary in falls.items()
         }
-        records = [own.assign(gait=gait) for gait, own in falls.items()]
+        records = [summary.assign(gait=gait) for gait, summary in falls.items()]
         return Report(
             tables={
                 "robots": table,
@@ -78,6 +78,6 @@ class Scenarios(Experiment):
             },
             metrics={"scenarios": json_records(pd.concat(records))},
             figures={"scenarios": figures.fall_map(falls, outside)},
-            shown={f"{gait}: falls": own for gait, own in shown.items()},
+            shown={f"{gait}: falls": summary for gait, summary in shown.items()},
             line=tables.significant_differences(list(falls.values())),
         )

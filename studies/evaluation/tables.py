@@ -39,26 +39,26 @@ TITLES = {
 }
 """Titles of the columns of `summarize` and `with_reading_cost`, in the order of tables."""
 
-KEPT = ("share", "plain_share", "going_speed_error", "yaw_rate_error")
-"""What a student keeps of the return, and how well it then follows commands: never apart."""
+SCORES = ("share", "plain_share", "going_speed_error", "yaw_rate_error")
+"""Columns of return and command tracking, which tables always show together."""
 
 STANDALONE = ("policy", "robots", "falls", "share", "share_ci", "plain_share", "plain_share_ci")
 STANDALONE += ("going_speed_error", "yaw_rate_error", "return", "return_ci", "rhythm", *COSTS)
 """Columns of the table of students without the expert."""
 
-MAIN = ("policy", "world", "falls", *KEPT, READING_COST_TITLES[0])
-"""Columns that a terminal is wide enough for."""
+MAIN = ("policy", "world", "falls", *SCORES, READING_COST_TITLES[0])
+"""Columns that fit into a terminal."""
 
 
 def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
-    """Sums up every policy in every scenario, the worst scenario first.
+    """Summarizes every policy in every scenario, the worst scenario first.
 
-    A row a policy and scenario, with the columns of `summarize`. Policies of the one gait are
-    compared with the expert or, without it, with the first policy.
+    Returns one row per policy and scenario, with the columns of `summarize`. Policies of the same
+    gait are compared with the expert or, without it, with the first policy.
     """
     table = summarize(scores, ["policy", "scenario"], against=policies_of(scores)[0])
     table.insert(2, "world", table["scenario"].map(titles))
-    # Equally bad scenarios stay in the order in which they were named.
+    # Equally bad scenarios keep the order of `titles`.
     table = table.sort_values("scenario", key=lambda x: x.map(list(titles).index), kind="stable")
     policies, scenarios = policies_of(table), worst_first(table)
     table = table.sort_values("policy", key=lambda x: x.map(policies.index), kind="stable")
@@ -75,12 +75,12 @@ def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) 
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Lists where each policy falls most, beside the nominal scenario.
+    """Lists the scenario in which each policy falls most, beside the nominal scenario.
 
-    The worst scenario is the one with the greatest lower end of the interval of its share of falls:
-    one fall of one robot says less than twenty of 26.
+    It is the one with the greatest lower end of the interval of the share of falls, since one fall
+    of one robot is weaker evidence than 20 of 26.
     """
-    rows, kept = [], titled_table(table, KEPT).add_prefix("nominal: ")
+    rows, scores = [], titled_table(table, SCORES).add_prefix("nominal: ")
     for name in policies_of(table):
         everywhere = table[table["policy"] == name]
         worst = everywhere.iloc[everywhere["fall_rate_low"].argmax()]
@@ -89,15 +89,15 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
             "worst scenario": worst["world"] if worst["falls"] else "–",
             "falls there": f"{worst['falls']} of {worst['robots']}",
         }
-        for home in everywhere.index[everywhere["scenario"] == NOMINAL_SCENARIO]:
-            row |= kept.loc[home].to_dict()
+        for nominal in everywhere.index[everywhere["scenario"] == NOMINAL_SCENARIO]:
+            row |= scores.loc[nominal].to_dict()
         rows.append(row | {key: worst[key] for key in READING_COST_TITLES[:1] if key in table})
     return pd.DataFrame(rows)
 
 
 def significant_differences(tables: Collection[pd.DataFrame]) -> str:
-    """Says how many falls differ from the reference's by more than chance: Fisher's exact test,
-    corrected by Holm's method for the number of cells."""
+    """Counts the significant differences in falls from the reference, by Fisher's exact test with
+    Holm's correction for the number of cells."""
     p_values = []
     for table in tables:
         counts = np.stack([table["falls"], table["robots"] - table["falls"]], axis=1)
@@ -113,9 +113,9 @@ def significant_differences(tables: Collection[pd.DataFrame]) -> str:
 
 
 def worst_first(table: pd.DataFrame, policies: Collection[str] = ()) -> list[str]:
-    """Lists all scenarios by the share of robots that fall, of all or of the named policies.
+    """Sorts scenarios by the share of robots that fall, of all or of the named policies.
 
-    The greatest comes first; scenarios of one share stay in the table's order.
+    The greatest share comes first; scenarios with equal shares keep the table's order.
     """
     scenarios = table["scenario"].unique()
     counted = table[table["policy"].isin(policies)] if policies else table
@@ -132,7 +132,7 @@ def with_reading_cost(table: pd.DataFrame, policies: Mapping[str, Policy]) -> pd
 
 
 def policies_of(table: pd.DataFrame) -> list[str]:
-    """Lists the policies of a table in its order, but the expert first."""
+    """Lists the policies of a table, the expert first and the others in the table's order."""
     return sorted(dict.fromkeys(table["policy"]), key=lambda name: name != "expert")
 
 
@@ -142,23 +142,23 @@ def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
 
 
 def standalone_table(scores: pd.DataFrame, policies: Mapping[str, Policy]) -> pd.DataFrame:
-    """Compares students that act without the expert with the expert (paper, Table II)."""
+    """Compares students without the expert with the expert (paper, Table II)."""
     means = alternation_table(scores)
-    alone = means[(means["policy"] == "expert") | (means["ratio"] == 0.0)]
-    table = titled_table(with_reading_cost(alone, policies), STANDALONE)
+    standalone = means[(means["policy"] == "expert") | (means["ratio"] == 0.0)]
+    table = titled_table(with_reading_cost(standalone, policies), STANDALONE)
     return table.reset_index(drop=True)
 
 
 def push_summary(pushes: pd.DataFrame) -> pd.DataFrame:
-    """Sums up the pushes that each policy survives, and counts how the others ended."""
+    """Summarizes the pushes that each policy survives, and counts the failures after the others."""
     rows = []
-    for policy, own in pushes.groupby("policy", sort=False):
-        by_speed = own.groupby("speed (m/s)")["survived"].mean()
-        row = {"policy": policy, **_survival(own["survived"])}
+    for policy, group in pushes.groupby("policy", sort=False):
+        by_speed = group.groupby("speed (m/s)")["survived"].mean()
+        row = {"policy": policy, **_survival(group["survived"])}
         for share, title in ((1.0, "all"), (0.5, "half")):
-            held = by_speed.index[(by_speed >= share).cummin()]
-            row[f"{title} survived up to (m/s)"] = max(held, default=0.0)
-        row["weakest direction (°)"] = own.groupby("direction (°)")["survived"].mean().idxmin()
+            speeds = by_speed.index[(by_speed >= share).cummin()]
+            row[f"{title} survived up to (m/s)"] = max(speeds, default=0.0)
+        row["weakest direction (°)"] = group.groupby("direction (°)")["survived"].mean().idxmin()
         rows.append(row)
     ends = pd.crosstab(pushes["policy"], pushes["end"]).drop(columns="", errors="ignore")
     ends = ends.rename(columns=lambda name: name.replace("_", " "))
@@ -166,10 +166,10 @@ def push_summary(pushes: pd.DataFrame) -> pd.DataFrame:
 
 
 def push_table(pushes: pd.DataFrame) -> pd.DataFrame:
-    """Counts the robots that survive, a row a policy, direction and speed."""
+    """Counts the robots that survive, with one row per policy, direction and speed."""
     keys = ["policy", "direction (°)", "speed (m/s)"]
     groups = pushes.groupby(keys, sort=False)["survived"]
-    rows = [dict(zip(keys, place, strict=True)) | _survival(own) for place, own in groups]
+    rows = [dict(zip(keys, key, strict=True)) | _survival(group) for key, group in groups]
     return pd.DataFrame(rows)
 
 

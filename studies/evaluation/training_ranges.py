@@ -1,4 +1,4 @@
-"""Which scenarios lie within the ranges that experts learn in."""
+"""Comparison of scenarios with the ranges that experts train in."""
 
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario
@@ -8,7 +8,7 @@ RANDOMIZED = DomainRandomization()
 
 
 def outside_training(scenario: Scenario, ranges: DomainRandomization = RANDOMIZED) -> list[str]:
-    """Lists the settings of a scenario that no training draws; commands are not compared."""
+    """Lists the settings of a scenario outside of the training ranges, commands excepted."""
     drawn, groups, ground = ranges.randomization, ranges.groups, ranges.groups.terrains
     station, terrain = scenario.station, scenario.station.terrain
     stiffness, damping = ranges.station.gains(scenario.robot_of())
@@ -36,7 +36,7 @@ def outside_training(scenario: Scenario, ranges: DomainRandomization = RANDOMIZE
         "amplitude": (terrain.amplitude * (terrain.kind != "plane"), 0.0, ground.amplitude),
         "height": (abs(terrain.height) * (terrain.kind == "steps"), 0.0, ground.height),
     }
-    # Training draws nothing of these.
+    # Training does not vary these.
     same = ("contact_solver", "ground_stiffness", "dissipation", "contact_force", "contact_time")
     changed = [key for key in same if getattr(station, key) != getattr(ranges.station, key)]
     tiny = 1e-12

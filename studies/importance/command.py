@@ -31,7 +31,7 @@ QUICK_SAMPLES, QUICK_REPEATS = 200, 2
 
 @dataclass(frozen=True)
 class SampledCase(Case):
-    """A student, and the samples that its importances are measured on."""
+    """A student with the samples for its importances."""
 
     samples: Dataset
 
@@ -41,13 +41,13 @@ class Importance(Experiment):
     """Measure which observations each student uses, and draw its trees and functions.
 
     Attributes:
-        policy: Kinds of students, and paths of their files; by default those that there are of gbm,
-            ebm, linear_per_state, symbolic, symbolic_per_state and formulas.
+        policy: Kinds of students, and paths of their files; by default the available students of
+            gbm, ebm, linear_per_state, symbolic, symbolic_per_state and formulas.
         joint: Joint whose trees and functions are drawn.
-        n_samples: Samples that importances are measured on, at most; a student was fitted to none.
-            They are those that a distillation held out or, of other students, new ones.
+        n_samples: Greatest number of samples. They are held out from the student's fit or, if its
+            distillation is not here, new.
         repeats: Shuffles of each observation.
-        quick: Take 200 samples and shuffle twice, for looking only; runs/importance/<gait>_quick.
+        quick: Use 200 samples and two shuffles, and write to runs/importance/<gait>_quick.
     """
 
     title: ClassVar[str] = "importance"
@@ -68,23 +68,23 @@ class Importance(Experiment):
     def students(self) -> dict[str, Policy]:
         """The students by kind; neural policies are refused."""
         controllers = self.controllers[self.gaits[0].name]
-        found = {kind: acting.policy for kind, acting in controllers.items()}
-        for kind, policy in found.items():
-            if isinstance(policy, NeuralPolicy):
+        students = {kind: controller.policy for kind, controller in controllers.items()}
+        for kind, student in students.items():
+            if isinstance(student, NeuralPolicy):
                 raise InputError(f"--policy {kind}: is neural; name a kind of student")
-        return found
+        return students
 
     @cached_property
     def fitted_to(self) -> Path | None:
-        """The folder whose samples the students were fitted to, if it is there."""
+        """The folder with the samples that all students were fitted to; None if there is none."""
         from glassgait.studies.common.policies import SHIPPED
 
         place = self.policies[self.gaits[0].name].place
         if place == SHIPPED or not {*self.students} <= {*STUDENTS}:
             return None
         folder = Path(place)
-        kept = all(any(samples_folder(folder, kind).glob("round_*")) for kind in self.students)
-        return folder if kept else None
+        complete = all(any(samples_folder(folder, kind).glob("round_*")) for kind in self.students)
+        return folder if complete else None
 
     def cases(self) -> list[Case]:
         """Lists the students; neural policies are refused before anything is measured."""
@@ -92,27 +92,27 @@ class Importance(Experiment):
         return super().cases()
 
     def default_output(self) -> Path:
-        """Returns the folder of a run where none is named."""
+        """Returns the run's folder if none is named."""
         folder = super().default_output()
         return folder.with_name(f"{folder.name}_quick") if self.quick else folder
 
     @cached_property
     def samples(self) -> dict[str, Dataset]:
-        """The samples of each student, drawn once for its measurement and its figures."""
+        """The samples of each student, shared by its measurement and figures."""
         from glassgait.studies.importance.study import held_out_samples, visited_samples
 
         gait, folder = self.gaits[0], self.fitted_to
-        of = (QUICK_SAMPLES if self.quick else self.n_samples, self.seed)
+        n, seed = QUICK_SAMPLES if self.quick else self.n_samples, self.seed
         if folder is not None:
-            return {kind: held_out_samples(folder, kind, *of) for kind in self.students}
+            return {kind: held_out_samples(folder, kind, n, seed) for kind in self.students}
         expert, students = self.policies[gait.name].expert, self.students
-        visits = (delayed(visited_samples)(gait, expert, own, *of) for own in students.values())
-        drawn = {}
+        calls = (delayed(visited_samples)(gait, expert, s, n, seed) for s in students.values())
+        samples = {}
         with progress_bar(len(students)) as (progress, bar):
-            for kind, samples in zip(students, run_parallel(visits), strict=True):
-                drawn[kind] = samples
+            for kind, data in zip(students, run_parallel(calls), strict=True):
+                samples[kind] = data
                 progress.update(bar, advance=1, text=f"samples of {kind}")
-        return drawn
+        return samples
 
     def prepared(self, cases: list[Case]) -> list[Case]:
         """Returns the cases with their samples."""
@@ -129,7 +129,7 @@ class Importance(Experiment):
         return measure_importances(student, case.samples, seed=case.seed, repeats=repeats)
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Reports importances as maps and tables, and draws the students from within."""
+        """Reports importances as maps and tables, and draws the students' models."""
         from glassgait.studies.importance.figures import student_figures
         from glassgait.studies.importance.study import importance_report
 

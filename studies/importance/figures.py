@@ -19,7 +19,7 @@ from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 
 
 def _with_unit(policy: Policy, index: int) -> str:
-    """Returns an axis label: an observation's symbol, its unit below."""
+    """Returns an axis label: an observation's symbol, with its unit below."""
     entry = entry_of(policy.observation_names[index])
     return f"{entry.symbol}\n({entry.unit})" if entry.unit else entry.symbol
 
@@ -47,11 +47,10 @@ def importance_map(importances: Array, names: Sequence[str], title: str) -> Figu
 def tree_figure(
     policy: BoostedTreesPolicy, joint: int, observations: Array, depth: int = 3
 ) -> Figure:
-    """Draws the first questions of a joint's first tree, at most `depth` on a branch (paper, Figure
-    6).
+    """Draws the first `depth` levels of a joint's first tree (paper, Figure 6).
 
-    Each box says how many samples (m, n) come there and what the tree adds to their targets, on
-    average (rad).
+    Each box shows how many of the samples (m, n) reach the node, and their mean change of target
+    (rad).
     """
     depth = min(depth, policy.depth)
     added = policy.robot.action_scale * policy.tree_values(observations, joint)[:, 0]
@@ -63,27 +62,27 @@ def tree_figure(
     axes.set(xlim=(0, 1), ylim=(-depth - 0.4, 0.4))
     axes.set_title(f"{_title(joint)}: tree 1 of {policy.features.shape[1]}")
 
-    # Walk the nodes from the root, each with the samples that come there.
+    # Visit the nodes from the root, each with the samples that reach it.
     members = {0: np.ones(len(observations), dtype=bool)}
     for node in range(2 ** (depth + 1) - 1):
         if node not in members:
             continue
-        mine = members[node]
-        mean = float(added[mine].mean()) if mine.any() else 0.0
-        label = f"{mine.sum():,} samples\nadds {mean:+.4f} rad".replace("-", "\N{MINUS SIGN}")
+        reaching = members[node]
+        mean = float(added[reaching].mean()) if reaching.any() else 0.0
+        label = f"{reaching.sum():,} samples\nadds {mean:+.4f} rad".replace("-", "\N{MINUS SIGN}")
         face = "#fde3d3" if mean > 0 else "#d6e8f5"
         if _level(node) < depth and np.isfinite(thresholds[node]):
             feature, threshold = int(features[node]), float(thresholds[node])
-            # In the robot's units, and still the question that is asked of the observation.
+            # Show the threshold in the robot's units.
             quantity = threshold / units.scale[feature] + units.offset[feature]
             entry = entries[feature]
             question = f"{entry.symbol}\n≤ {quantity:.3g} {entry.unit}?".replace(" ?", "?")
             label = f"{question}\n{label}"
             face = "white"
             left = observations[:, feature] <= threshold
-            members[2 * node + 1], members[2 * node + 2] = mine & left, mine & ~left
+            members[2 * node + 1], members[2 * node + 2] = reaching & left, reaching & ~left
 
-        # A box, and the branch to the question above it.
+        # Draw the box, and the branch from its parent.
         at = _place(node)
         box = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
         box["facecolor"] = face
@@ -188,7 +187,7 @@ def term_figure(parts: Contributions, title: str, n_terms: int = 15) -> Figure:
 
 
 def _edges(cuts: Array, quantities: Array) -> Array:
-    """Returns the bounds of an observation's bins, those of the samples outermost."""
+    """Returns the edges of an observation's bins, extended to the range of the samples."""
     cuts = cuts[np.isfinite(cuts)]
     ends = np.append(cuts, quantities)
     return np.array([ends.min(), *cuts, ends.max()])
@@ -199,7 +198,7 @@ def shape_figure(
     policy: AdditivePolicy, joint: int, observations: Array, columns: tuple[int, ...], title: str
 ) -> Figure:
     """Draws functions of one observation with bands of two standard deviations between the bagged
-    models, above where the observations (m, n) lie (paper, Figure 8, top)."""
+    models, above histograms of the observations (m, n) (paper, Figure 8, top)."""
     units = RobotUnits.of(policy.robot, policy.observation_names)
     cuts, quantities = units.quantities(policy.cuts.T).T, units.quantities(observations)
     scale, size = policy.robot.action_scale, (2 * COLUMN_WIDTH, 2.3)
@@ -218,7 +217,7 @@ def shape_figure(
         above.stairs(scores, edges, baseline=None, color="#0072B2", linewidth=1.0)
         above.axhline(0.0, color="0.5", linewidth=0.5)
 
-        # The density of the samples below.
+        # Draw the histogram of the samples below.
         counts, places = np.histogram(quantities[:, column], bins=20)
         below.stairs(counts, places, fill=True, color="0.6")
         below.set_xlabel(_with_unit(policy, column))
@@ -238,7 +237,7 @@ def pair_figure(policy: AdditivePolicy, pair: int, observations: Array, title: s
     table = policy.pair_tables[pair, : len(first) - 1, : len(second) - 1]
     scores = policy.robot.action_scale * table
 
-    # The same colour for the same size, of either sign.
+    # Scale the colours symmetrically about 0.
     reach = max(float(np.abs(scores).max()), 1e-9)
     figure, axes = subplots(figsize=(COLUMN_WIDTH, 2.6))
     image = axes.pcolormesh(
@@ -253,22 +252,22 @@ def pair_figure(policy: AdditivePolicy, pair: int, observations: Array, title: s
 
 @styled
 def contribution_figure(contributions: Contributions, title: str, n_terms: int = 15) -> Figure:
-    """Draws the parts of one target, the largest first, and their sum (paper, Figure 9)."""
+    """Draws the terms of one target, the largest first, and their sum (paper, Figure 9)."""
     order = np.argsort(-np.abs(contributions.values), kind="stable")
     shown, rest = order[:n_terms], order[n_terms:]
-    # The largest parts, the sum of the others, and the sum of all.
+    # List the largest terms, the sum of the others, and the sum of all.
     labels = [contributions.terms[index] for index in shown]
     values = contributions.values[shown].tolist()
     if len(rest):
         labels.append(f"{len(rest)} other terms")
         values.append(float(contributions.values[rest].sum()))
     labels.append("target")
-    # Long terms go on in a second line; none is cut.
+    # Wrap long terms instead of cutting them.
     labels = [textwrap.fill(label, 64) for label in labels]
     n_lines = sum(label.count("\n") + 1 for label in labels)
     values.append(float(contributions.values.sum()))
 
-    # Bars by sign; the sum is neutral.
+    # Colour the bars by sign, except for the sum.
     colors = [POSITIVE if value > 0 else NEGATIVE for value in values]
     colors[-1] = NEUTRAL
     figure, axes = subplots(figsize=(1.5 * COLUMN_WIDTH, 0.7 + 0.16 * n_lines))
@@ -287,9 +286,9 @@ N_SHAPES, N_PAIRS = 3, 2
 def student_figures(
     gait: str, kind: str, student: Policy, joint: int, observations: Array, seed: int = 0
 ) -> dict[str, Figure]:
-    """Draws the model of a student's joint, if it is of boosted trees or an additive model.
+    """Draws the model of a student's joint, if it has boosted trees or is an additive model.
 
-    Names begin with the kind and the joint. Averages are taken over the observations (m, n).
+    Names of figures begin with the kind and the joint. Averages are over the observations (m, n).
     """
     name = quadruped.JOINTS[joint]
     title = f"{gait.capitalize()}, {kind}, {name.replace('_', ' ')}"

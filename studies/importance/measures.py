@@ -16,7 +16,7 @@ from glassgait.studies.distillation.dataset import Dataset, r2_scores
 
 
 def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
-    """Groups observations that differ only by leg: columns by merged name, in order."""
+    """Groups observations that differ only by leg; returns columns by merged name, in order."""
     merged = [entry.merged_name for entry in entries_of(names)]
     return {
         group: np.flatnonzero([name == group for name in merged]) for group in dict.fromkeys(merged)
@@ -24,7 +24,7 @@ def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
 
 
 def merge_importances(importances: Array, names: tuple[str, ...]) -> Array:
-    """Adds importances (..., n) up over the observations of each group (..., n_groups)."""
+    """Sums importances (..., n) over the observations of each group (..., n_groups)."""
     groups = observation_groups(names)
     return np.stack(
         [importances[..., columns].sum(axis=-1) for columns in groups.values()], axis=-1
@@ -43,22 +43,21 @@ def permutation_importance(
     policy: Policy, samples: Dataset, generator: np.random.Generator, repeats: int = 10
 ) -> Array:
     """Measures how much R² each joint loses when one observation is shuffled (repeats, 12, n)."""
-    # The state's entries are one block, so that each sample keeps exactly one state; every other
-    # observation is one by itself.
-    whole = r2_scores(policy, samples)
+    # The RM state's entries are shuffled together, so that each sample has exactly one state.
+    baseline = r2_scores(policy, samples)
     observations = samples.observations
     state = set(indices_of("machine state", policy.observation_names))
     blocks = [[column] for column in range(observations.shape[1]) if column not in state]
     blocks += [sorted(state)] if state else []
 
     # Shuffle a block, score the student, and divide the loss equally among the block's entries.
-    losses = np.zeros((repeats, len(whole), observations.shape[1]))
+    losses = np.zeros((repeats, len(baseline), observations.shape[1]))
     for repeat in range(repeats):
         for columns in blocks:
             shuffled = observations.copy()
             shuffled[:, columns] = generator.permutation(observations[:, columns])
             scores = r2_scores(policy, Dataset(shuffled, samples.actions, samples.episodes))
-            losses[repeat, :, columns] = (whole - scores) / len(columns)
+            losses[repeat, :, columns] = (baseline - scores) / len(columns)
     return losses
 
 
@@ -72,31 +71,29 @@ PAPER_TOP: dict[str, dict[str, dict[str, list[list[str]]]]] = read_yaml(
 
 def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, list[list[str]]]:
     """Lists the first, second and third observations of each joint type, legs merged."""
-    # A place lists the names that a type's four joints give it, the most frequent first.
+    # A rank lists the names that the four joints of a type have there, the most frequent first.
     groups = tuple(observation_groups(names))
     order = np.argsort(-merge_importances(importances, names), axis=1, kind="stable")
     tops = {}
     for kind_index, kind in enumerate(quadruped.LEG_JOINTS):
         joints = range(kind_index, quadruped.N_JOINTS, len(quadruped.LEG_JOINTS))
-        places = [
-            Counter(groups[order[joint, place]] for joint in joints) for place in range(N_TOP)
-        ]
-        tops[kind] = [[name for name, _ in place.most_common()] for place in places]
+        ranks = [Counter(groups[order[joint, rank]] for joint in joints) for rank in range(N_TOP)]
+        tops[kind] = [[name for name, _ in rank.most_common()] for rank in ranks]
     return tops
 
 
 def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str) -> pd.DataFrame:
-    """Sets the three most important observations beside the paper's.
+    """Lists the three most important observations beside the paper's.
 
-    An asterisk marks a name that the paper lists at the same place.
+    An asterisk marks a name that the paper lists at the same rank.
     """
     paper = PAPER_TOP[method].get(gait, {})
     rows = []
-    for kind, places in top_observations(importances, names).items():
+    for kind, ranks in top_observations(importances, names).items():
         row: dict[str, str | float] = {"gait": gait, "joint type": kind}
-        theirs = paper.get(kind, [[]] * N_TOP)
-        for title, ours, known in zip(("1st", "2nd", "3rd"), places, theirs, strict=True):
-            row[title] = ", ".join(name + ("*" if name in known else "") for name in ours)
-            row[f"{title} (paper)"] = ", ".join(sorted(known)) or np.nan
+        paper_ranks = paper.get(kind, [[]] * N_TOP)
+        for title, rank, listed in zip(("1st", "2nd", "3rd"), ranks, paper_ranks, strict=True):
+            row[title] = ", ".join(name + ("*" if name in listed else "") for name in rank)
+            row[f"{title} (paper)"] = ", ".join(sorted(listed)) or np.nan
         rows.append(row)
     return pd.DataFrame(rows)

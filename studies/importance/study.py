@@ -31,11 +31,11 @@ from glassgait.studies.importance.measures import (
 )
 
 N_VISITS = 8
-"""Episodes that a shipped student visits, each of as many steps as samples are drawn, at most."""
+"""Episodes in which a shipped student collects samples."""
 
 
 def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int) -> Dataset:
-    """Draws at most so many samples from the episodes that a student was not fitted to."""
+    """Draws at most `n_samples` samples from the episodes that a student was not fitted to."""
     data = load_rounds(samples_folder(folder, kind))
     return _drawn(data.subset(data.held_out), n_samples, seed)
 
@@ -64,18 +64,20 @@ def _drawn(data: Dataset, n_samples: int, seed: int) -> Dataset:
 def measure_importances(
     student: Policy, samples: Dataset, *, seed: int, repeats: int
 ) -> pd.DataFrame:
-    """Measures a student's importances by permutation and, if it has one, by its method: a row for
-    each method, repeat, joint and observation."""
-    # Values by method (repeats, 12, n).
+    """Measures a student's importances by permutation and by the method of its kind, if any.
+
+    Returns one row per method, repeat, joint and observation.
+    """
+    # Measure the values by method (repeats, 12, n).
     generator = np.random.default_rng([seed, 1])
-    found = {"permutation": permutation_importance(student, samples, generator, repeats)}
+    importances = {"permutation": permutation_importance(student, samples, generator, repeats)}
     if (importance := student.importance(samples.observations)) is not None:
         method, values = importance
-        found[method] = values[None]
+        importances[method] = values[None]
 
-    # As rows.
+    # List them as rows.
     tables = []
-    for method, values in found.items():
+    for method, values in importances.items():
         axes = [range(len(values)), quadruped.JOINTS, student.observation_names]
         index = pd.MultiIndex.from_product(axes, names=["repeat", "joint", "observation"])
         table = pd.DataFrame({"importance": values.ravel()}, index=index).reset_index()
@@ -86,20 +88,20 @@ def measure_importances(
 def importance_report(gait: str, table: pd.DataFrame) -> Report:
     """Turns the rows of `measure_importances`, with a column `policy`, into tables and maps.
 
-    `importances` has a row for each student, method and group of observations; `top_observations`
-    stand beside the paper's.
+    The table `importances` has one row per student, method and group of observations;
+    `top_observations` has the paper's beside them.
     """
     groups, tops = [], []
     tables: dict[str, pd.DataFrame] = {}
     figures: dict[str, Figure] = {}
-    for keys, mine in table.groupby(["policy", "method"], sort=False):
-        # The rows as an array again (repeats, 12, n).
+    for keys, rows in table.groupby(["policy", "method"], sort=False):
+        # Reshape the rows to an array (repeats, 12, n).
         kind, method = map(str, keys)
-        names = tuple(dict.fromkeys(mine["observation"]))
-        values = mine["importance"].to_numpy().reshape(-1, quadruped.N_JOINTS, len(names))
+        names = tuple(dict.fromkeys(rows["observation"]))
+        values = rows["importance"].to_numpy().reshape(-1, quadruped.N_JOINTS, len(names))
         mean, stem = values.mean(axis=0), f"{kind}_{method}"
 
-        # A table and a map, the groups' importances, and the first three beside the paper's.
+        # Add a table and a map, the groups' importances, and the first three beside the paper's.
         title = f"{gait.capitalize()}, {kind}: {METHOD_TITLES[method]}"
         tables[stem] = pd.DataFrame(mean, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
         figures[stem] = importance_map(mean, symbols_of(names), title)
@@ -118,7 +120,7 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
 
 
 def _by_group(values: Array, names: tuple[str, ...], policy: str, method: str) -> pd.DataFrame:
-    """Adds importances (repeats, 12, n) up over each group, and averages over joints."""
+    """Sums importances (repeats, 12, n) over each group, and averages over joints."""
     merged = merge_importances(values, names).mean(axis=1)
     return pd.DataFrame(
         {
