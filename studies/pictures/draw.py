@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from PIL import Image
 
 from glassgait.diagrams.commands import FixedCommand
@@ -31,7 +32,7 @@ from glassgait.models.policies.library import (
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
-from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.figures import save_figure, styled, subplots
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.figures import fall_map
 from glassgait.studies.evaluation.training_ranges import outside_training
@@ -52,7 +53,7 @@ SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 def draw(names: Sequence[str] = ()) -> None:
     """Draws the named pictures, by default all."""
     experts = list(shipped_experts())
-    known = ["locomotion.svg", "learning_curves.png", "worlds.png"]
+    known = ["locomotion.svg", "learning_curves.png", "policies.png", "worlds.png"]
     known += [*(f"{gait}.gif" for gait in FILMED), "trot_gait.png"]
     for name in names or known:
         say(f"drawing {name}")
@@ -63,6 +64,8 @@ def draw(names: Sequence[str] = ()) -> None:
         elif name == "learning_curves.png":
             curves = {gait: _learning_curve(gait) for gait in experts}
             save_figure(learning_curves(curves), path.with_suffix(""), ("png",))
+        elif name == "policies.png":
+            save_figure(policies_figure(), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
             scenarios = load_scenarios(tuple(SCENARIO_GROUPS)).values()
             outside = [own.title for own in scenarios if outside_training(own)]
@@ -92,6 +95,22 @@ def _learning_curve(name: str) -> pd.DataFrame:
         curves.append(curve.assign(control_steps=curve["control_steps"] + steps))
         steps = curves[-1]["control_steps"].iloc[-1]
     return pd.concat(curves, ignore_index=True)
+
+
+@styled
+def policies_figure() -> Figure:
+    """Draws what an action of each policy of the trot costs, beside the falls of 130 robots."""
+    table = pd.read_csv(FOLDER / "policies.csv")[::-1]
+    figure, axes = subplots(figsize=(4.0, 4.2))
+    operations, falls = table["operations per action"], table["falls"]
+    bars = axes.barh(table["policy"], operations, color=np.where(falls, "#D55E00", "#0072B2"))
+    labels = [f"{n:,} ({fell} fell)" for n, fell in zip(operations, falls, strict=True)]
+    axes.bar_label(bars, labels, padding=3, fontsize=7)
+    axes.set(title="Trot: 130 robots of each policy", xscale="log", xlim=(10, 4e5))
+    axes.set_xticks(ticks := [10, 100, 1000, 10_000], [f"{tick:,}" for tick in ticks])
+    axes.set_xlabel("operations per action")
+    axes.grid(axis="y", visible=False)
+    return figure
 
 
 def fall_tables() -> dict[str, pd.DataFrame]:
