@@ -1,6 +1,7 @@
 """The wheel holds all files, and its commands run in another folder."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -95,10 +96,7 @@ def test_every_folder_of_modules_is_a_package_of_the_project():
 @pytest.mark.slow
 def test_every_tracked_file_but_the_pages_and_their_pictures_is_in_the_wheel(wheel, tracked):
     of_pages = {
-        name
-        for name in tracked
-        if name.startswith("studies/pictures/")
-        and Path(name).suffix in (".png", ".gif", ".svg", ".csv")
+        name for name in tracked if re.match(r"studies/pictures/.*\.(png|gif|svg|csv)", name)
     }
     pages = {name for name in tracked if Path(name).suffix == ".md" and "templates" not in name}
     of_pages -= {"studies/pictures/locomotion.svg"}  # The report shows it.
@@ -114,6 +112,7 @@ def test_every_tracked_file_but_the_pages_and_their_pictures_is_in_the_wheel(whe
     ("arguments", "said"),
     [
         (["view", "--n-steps", "25"], "stayed up after 0.50 s"),
+        (["demo", "--n-robots", "2"], "page written to runs/demo/report.html"),
         (["explain", "page", "--n-steps", "50", "--step", "20"], "page written to runs/explain"),
     ],
 )
