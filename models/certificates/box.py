@@ -1,4 +1,4 @@
-"""Boxes of observations: what a robot may sense, each quantity between a least and a greatest."""
+"""Boxes of observations: a range for each quantity that a robot may sense."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -32,10 +32,10 @@ from glassgait.models.task.termination import TerminationLimits
 BOX_DIRECTORY = Path(__file__).parent / "boxes"
 
 FASTEST_TURN, FASTEST_JOINT, FASTEST_TRUNK, FOOT_HEIGHTS = 20.0, 50.0, 3.0, (-0.1, 0.4)
-"""Stated limits of the gyroscope and the encoders (rad/s), and of the estimator (m/s; m)."""
+"""Assumed limits of the gyroscope and the encoders (rad/s), and of the estimator (m/s; m)."""
 
 MARGIN = 0.1
-"""Share of its width by which a measured range is widened on both sides."""
+"""Share of its width by which a measured range is widened on each side."""
 
 DECIMALS = 4
 """Decimals of a box's numbers; measured and physical ends are rounded outward to them."""
@@ -85,20 +85,20 @@ class ObservationBox:
         return frozenset(index for index, entry in entries if entry.group in COUNTED)
 
     def updated(self, indices: Collection[int], other: Self) -> Self:
-        """Returns this box with another's ranges of some observations."""
-        lower, upper, taken = self.lower.copy(), self.upper.copy(), list(indices)
-        lower[taken], upper[taken] = other.lower[taken], other.upper[taken]
+        """Returns the box with the ranges of some observations, by index, from another box."""
+        lower, upper, index = self.lower.copy(), self.upper.copy(), list(indices)
+        lower[index], upper[index] = other.lower[index], other.upper[index]
         return replace(self, lower=lower, upper=upper)
 
     def in_state(self, state: int) -> Self:
-        """Returns the box with the one-hot machine state held."""
+        """Returns the box with the one-hot machine state fixed."""
         lower, upper = self.lower.copy(), self.upper.copy()
         one_hot = machine_state_entries(self.names)
         lower[one_hot] = upper[one_hot] = np.eye(one_hot.stop - one_hot.start)[state]
         return replace(self, lower=lower, upper=upper)
 
     def random(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws quantities (count, n): counts whole, and the machine in one state."""
+        """Draws quantities (count, n), with whole counts and the machine in one state."""
         quantities = generator.uniform(self.lower, self.upper, (count, len(self.names)))
         for index in sorted(self.counted):
             low, high = math.ceil(self.lower[index]), math.floor(self.upper[index])
@@ -110,26 +110,26 @@ class ObservationBox:
         return quantities
 
     def save(self, path: Path, gait: Gait, measured: str) -> None:
-        """Writes the box of a gait's robots to a YAML file, and in words how it was measured."""
+        """Writes the box of a gait to a YAML file; `measured` says how it was measured."""
         robot = {} if self.robot.name == DEFAULT_ROBOT else {"robot": self.robot.name}
-        whole = {"gait": gait.name, **robot, "measured": measured, "ranges": self.ranges}
-        text = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=100)
+        content = {"gait": gait.name, **robot, "measured": measured, "ranges": self.ranges}
+        text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
         write_atomically(path, text)
 
 
 def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
-    """Loads a box of a gait's robots from its file."""
+    """Loads a box of a gait and a robot from its file."""
     # The box must be of this gait and robot.
-    found = read_yaml(path)
-    ranges = found.get("ranges") if isinstance(found, dict) else None
+    content = read_yaml(path)
+    ranges = content.get("ranges") if isinstance(content, dict) else None
     if not isinstance(ranges, dict):
         raise InputError(f"{path}: lacks the key 'ranges'; measure the box anew")
-    if (theirs := found.get("gait")) != gait.name:
+    if (name := content.get("gait")) != gait.name:
         raise InputError(
-            f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or add "
+            f"{path}: key 'gait' is {shown(name)}; give a box of the {gait.name}, or add "
             "--measure to 'glassgait verify prove'"
         )
-    robot_of(path, found.get("robot"), robot)
+    robot_of(path, content.get("robot"), robot)
 
     # Its ranges must be those of the observations; only an IMU observes the direction of gravity.
     for symbol, ends in ranges.items():
@@ -146,13 +146,13 @@ def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
 
 
 def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
-    """Loads the shipped box that robots of a gait were measured in."""
+    """Loads the shipped operating box of a gait."""
     if gait.name in gait_names():
         key = shipped_gait(gait.name).first_difference(gait)
         if key is not None:
             raise InputError(
-                f"the operating box that ships is of another machine than this {gait.name}, which "
-                f"differs in {key!r}; add --measure to measure its own, or name one with --box"
+                f"the shipped operating box is of another {gait.name}, which differs in {key!r}; "
+                "add --measure to measure a box, or give one by --box"
             )
     path = robot_folder(BOX_DIRECTORY, robot.name) / f"{gait.name}.yaml"
     if not path.exists():
@@ -164,10 +164,10 @@ def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
 
 
 def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
-    """Returns the box of what the robot can be and its sensors can measure.
+    """Returns the box of all that the robot and its sensors can reach.
 
-    Joint angles reach as far as a robot that has not failed, and the noise of encoders, let them.
-    It holds the operating box.
+    Joint angles exceed their limits by the overrun that is no failure yet, and by the encoders'
+    noise. The box contains the operating box.
     """
     limits = _limits(gait, operating)
     lower = np.minimum(limits.lower, operating.lower)
@@ -177,9 +177,9 @@ def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
 def measured_box(
     gait: Gait, robot: Robot, names: tuple[str, ...], lower: Array, upper: Array
 ) -> ObservationBox:
-    """Returns the box of what robots observed (n, n; scaled), its ranges widened by `MARGIN`.
+    """Returns the box of observations between two corners (n, n; scaled), widened by `MARGIN`.
 
-    Commands, counts and machine state are at their true ranges.
+    Commands, counts and machine state have their true ranges.
     """
     units, margin = RobotUnits.of(robot, names), MARGIN * (upper - lower)
     low, high = units.quantities(lower - margin), units.quantities(upper + margin)
@@ -192,8 +192,9 @@ def measured_box(
 
 
 def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:
-    """Returns the box of what a box's quantities can be."""
-    ranges = {own.symbol: _physical_range(own, gait, box.robot) for own in entries_of(box.names)}
+    """Returns the physical ranges of a box's quantities."""
+    entries = entries_of(box.names)
+    ranges = {entry.symbol: _physical_range(entry, gait, box.robot) for entry in entries}
     return ObservationBox.of_ranges(box.robot, box.names, ranges)
 
 
@@ -203,7 +204,7 @@ def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[
         reach = reach if entry.group == "joint position" else 0.0
         joint = quadruped.joint_index(entry.symbol.partition(".")[2])
         low, high = robot.lower_limits[joint] - reach, robot.upper_limits[joint] + reach
-        # Round outward; a number that is off the last decimal by rounding only stays on it.
+        # Round outward, but not because of a rounding error in the last decimal.
         low, high = np.round(np.array([low, high]) * 10.0**DECIMALS, 6)
         return math.floor(low) / 10.0**DECIMALS, math.ceil(high) / 10.0**DECIMALS
     speed = gait.max_speed if entry.symbol == "cmd.v" else gait.max_yaw_rate

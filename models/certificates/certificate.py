@@ -1,4 +1,4 @@
-"""Certificates: the claims and bounds that were proved of a policy, as JSON that others can check.
+"""Certificates: decided claims about a policy, as JSON that a second program can check.
 
 Numbers are in the robot's units. The checker shares no code with this file.
 """
@@ -56,7 +56,7 @@ class _Certificate(Settings):
 
 
 def shipped_certificates() -> tuple[Path, ...]:
-    """Lists the certificates that ship: those of the default robot, then of others by robot."""
+    """Lists the shipped certificates: those of the default robot, then of others by robot."""
     return tuple(sorted(SHIPPED.rglob("*.json"), key=lambda path: (len(path.parts), path)))
 
 
@@ -72,7 +72,7 @@ def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) 
 
 
 def assumptions(policy: Policy, gait: Gait, operating: ObservationBox) -> dict[str, Any]:
-    """Returns what a certificate assumes of the robot, the machine and what robots sense."""
+    """Returns a certificate's assumptions about the robot, the machine and the boxes."""
     robot, images = policy.robot, mirrored_states(gait)
     stiffness, damping = policy.joint_law.gains_of(robot)
     numbers = {"torque": float(robot.effort.min()), "stiffness": stiffness, "damping": damping}
@@ -87,11 +87,11 @@ def assumptions(policy: Policy, gait: Gait, operating: ObservationBox) -> dict[s
 
 
 def check_certificate(path: Path, policy: Path | None = None, robot: Path | None = None) -> str:
-    """Checks a certificate, and that what it assumes is so; reports what holds, a claim in a line.
+    """Checks a certificate and its assumptions; returns a report with one line for each claim.
 
-    By default policy and robot are those that ship under the certificate's names.
+    By default, policy and robot are the shipped ones that the certificate names.
     """
-    # Imported here: no other command needs what the checker computes with.
+    # Imported here, because no other command needs python-flint.
     try:
         from glassgait.models.certificates.checker import RefusedError, check  # noqa: PLC0415
     except ImportError as error:
@@ -106,8 +106,8 @@ def check_certificate(path: Path, policy: Path | None = None, robot: Path | None
         raise InputError(
             f"{path}: is no certificate; 'glassgait verify prove' writes one"
         ) from error
-    said = _Certificate.from_plain(content, str(path))
-    names = said.robot, said.gait, said.policy["file"]
+    loaded = _Certificate.from_plain(content, str(path))
+    names = loaded.robot, loaded.gait, loaded.policy["file"]
     if policy is None and re.fullmatch(r"\w+/\w+/\w+\.formulas", "/".join(names)):
         policy = robot_folder(STUDENT_DIRECTORY, names[0]) / names[1] / names[2]
     if policy is None or not policy.exists():
@@ -116,41 +116,43 @@ def check_certificate(path: Path, policy: Path | None = None, robot: Path | None
     if not isinstance(read, FormulaPolicy) or read.machine is None:
         raise InputError(f"{policy}: holds no formulas, or no machine; name the certified file")
 
-    # Its parts must be what they must be, and what it assumes must be so.
-    if content_digest(content) != said.sha256:
-        raise InputError(f"{path}: was changed, for its digest is of other contents; prove anew")
-    for claim in said.claims:
+    # Its content must be intact, its claims valid, and its assumptions true.
+    if content_digest(content) != loaded.sha256:
+        raise InputError(f"{path}: was changed, its digest does not match; prove the claims anew")
+    for claim in loaded.claims:
         claim.refuse_unknown(read.machine, imu=read.layout.imu)
-    box = ObservationBox.of_ranges(read.robot, read.observation_names, said.operating)
+    box = ObservationBox.of_ranges(read.robot, read.observation_names, loaded.operating)
     for key, value in assumptions(read, read.machine, box).items():
         if content[key] != value:
-            raise InputError(f"{path}: key {key!r} is not what {policy} and its robot have")
+            raise InputError(
+                f"{path}: key {key!r} does not fit {policy} and its robot; prove the claims anew"
+            )
 
     # Decide the claims.
     try:
-        found = check(path, policy)
+        decisions = check(path, policy)
     except RefusedError as error:
         raise InputError(f"{path}: {error}") from error
-    outcomes = [decision.outcome for decision in found]
-    counts = ", ".join(f"{outcomes.count(own)} {word}" for own, word in OUTCOME_WORDS.items())
+    outcomes = [decision.outcome for decision in decisions]
+    counts = ", ".join(f"{outcomes.count(key)} {word}" for key, word in OUTCOME_WORDS.items())
     try:
         ships = operating_box(read.machine, read.robot).ranges == box.ranges
     except InputError:
         ships = False
     trusted = "is the one that ships" if ships else "is taken on trust"
-    lines = (_described(one) for one in found)
-    return "\n  ".join([f"{counts}; its operating box {trusted}", *lines])
+    return "\n  ".join([f"{counts}; its operating box {trusted}", *map(_described, decisions)])
 
 
 def _described(decision: "Decision") -> str:
-    """Returns a claim in a line: a shipped one by name, another one with all that it says."""
-    said = {key: own for key, own in decision.said.items() if decision.foreign and key != "name"}
-    if decision.said["kind"] != "mirror":
-        said["most"] = f"{decision.most:g}"
+    """Returns a decided claim in a line: a shipped one by name, another with its whole content."""
+    claim = decision.claim
+    details = {key: claim[key] for key in claim if decision.foreign and key != "name"}
+    if claim["kind"] != "mirror":
+        details["most"] = f"{decision.most:g}"
     words = ["not a claim that ships"] if decision.foreign else []
-    words += [f"{key} {json.dumps(own)}".replace('"', "") for key, own in said.items()]
-    shown_as = f" ({', '.join(words)})" if words else ""
-    return f"{OUTCOME_WORDS[decision.outcome]}: {decision.said['name']}{shown_as}"
+    words += [f"{key} {json.dumps(value)}".replace('"', "") for key, value in details.items()]
+    suffix = f" ({', '.join(words)})" if words else ""
+    return f"{OUTCOME_WORDS[decision.outcome]}: {claim['name']}{suffix}"
 
 
 def content_digest(content: dict[str, Any]) -> str:
@@ -165,7 +167,7 @@ def certificate_text(content: dict[str, Any]) -> str:
     lines = []
     for key, value in content.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
-            inner = ",\n".join(f"  {json.dumps(one)}" for one in value)
+            inner = ",\n".join(f"  {json.dumps(item)}" for item in value)
             lines.append(f"{json.dumps(key)}: [\n{inner}\n]")
         else:
             lines.append(f"{json.dumps(key)}: {json.dumps(value)}")
@@ -173,9 +175,9 @@ def certificate_text(content: dict[str, Any]) -> str:
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:
-    """Returns a claim as its file says it, its outcome, and what shows it."""
-    defaults = {own.name: own.default for own in fields(Claim)} | {"changes": {}}
-    said = {name: getattr(verdict.claim, name) for name in defaults}
-    said = {name: value for name, value in said.items() if value != defaults[name]}
-    shown = {"splits": verdict.splits, "witnesses": verdict.witnesses}
-    return said | {"outcome": verdict.outcome} | {key: own for key, own in shown.items() if own}
+    """Returns a claim's content, its outcome, and the splits or witnesses that show it."""
+    defaults = {key.name: key.default for key in fields(Claim)} | {"changes": {}}
+    claim = {name: getattr(verdict.claim, name) for name in defaults}
+    claim = {name: value for name, value in claim.items() if value != defaults[name]}
+    proof = {"splits": verdict.splits, "witnesses": verdict.witnesses}
+    return claim | {"outcome": verdict.outcome} | {key: proof[key] for key in proof if proof[key]}

@@ -1,4 +1,4 @@
-"""Claims about a policy as data: what it shall never do, read from a YAML file."""
+"""Claims about what a policy never does, read from a YAML file."""
 
 from collections.abc import Sequence
 from dataclasses import field
@@ -20,8 +20,8 @@ DEFAULT_CLAIMS = Path(__file__).parent / "claims.yaml"
 IMU_CLAIMS = DEFAULT_CLAIMS.with_name("claims_imu.yaml")
 """Further claims, about policies that observe an IMU."""
 
-OWN = ".own"
-"""Ends the name of a quantity of the joint itself, such as dq.own."""
+JOINT_SUFFIX = ".own"
+"""Suffix of the quantities of the joint whose target is bounded, such as dq.own."""
 
 Names = Annotated[tuple[str, ...], FEW, DISTINCT]
 
@@ -43,18 +43,18 @@ class Claim(Settings):
 
     Attributes:
         kind: `limits`: targets stay from `least` to `most` rad.
-            `never`: a target never rises (or falls) as an observation rises, or by `most` rad for
-            each of its units at most. `effect`: one observation moves a target by `most` rad at
-            most. `mirror`: left and right are treated alike. `change`: where observations change
-            by `changes`, the squared change of the action stays within `most`.
+            `never`: a target never rises (or falls) as an observation rises; with `most`, by at
+            most `most` rad per unit. `effect`: one observation moves a target by at most `most`
+            rad. `mirror`: left and right are treated alike. `change`: if observations change by
+            `changes`, the squared change of the action is at most `most`.
         joints: The joints; all by default.
         states: Names of the machine's states; all by default.
         box: The `operating` box that robots were measured in, or the `physical` one.
-        stuck: Observations, by symbol, that may be anywhere in the physical box instead.
+        stuck: Observations, by symbol, that vary over the physical box instead.
         observations: The observations by symbol; `q.own`, `dq.own` and `a.own` are the joint's.
         limit: The robot's quantity that replaces the number `most`: the `torque` of its weakest
             motor or the `damping` of the servos, each divided by the servos' stiffness.
-        changes: Greatest change of each observation, or of each of a kind such as `dq`, in the
+        changes: Greatest change of each observation, or of all of a kind such as `dq`, in the
             robot's units.
     """
 
@@ -74,7 +74,7 @@ class Claim(Settings):
     changes: dict[str, Positive] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # Each kind needs its keys, and has no others.
+        # Each kind has required and optional keys, and no others.
         for joint in self.joints:
             quadruped.joint_index(joint)
         needed, allowed = _KEYS[self.kind]
@@ -89,7 +89,7 @@ class Claim(Settings):
         if self.kind == "effect" and self.most is None and self.limit is None:
             raise InputError("a claim of kind 'effect' needs the key 'most'; add it, or 'limit'")
         if self.limit is not None and self.most is not None:
-            raise InputError("most and limit say the same; leave out one of both")
+            raise InputError("most and limit exclude each other; remove one of them")
         if self.kind != "limits" and self.most is not None and self.most < 0.0:
             raise InputError(f"most is {self.most:g}; give 0 or more")
         if self.least is not None and self.most is not None and self.least > self.most:
@@ -99,7 +99,7 @@ class Claim(Settings):
         return f"claim {shown(self.name)}"
 
     def number(self, robot: Robot, law: JointLaw) -> float:
-        """Returns the number that the claim's `most` or `limit` stands for."""
+        """Returns the number that `most` or `limit` gives."""
         if self.limit is None:
             return self.most or 0.0
         stiffness, damping = law.gains_of(robot)
@@ -116,26 +116,26 @@ class Claim(Settings):
         return tuple(symbols.index(_of_joint(name, joint)) for name in self.observations)
 
     def change_of(self, symbol: str) -> float:
-        """Returns how much an observation may change, in the robot's units."""
+        """Returns the greatest change of an observation, in the robot's units."""
         kind = symbol.partition(".")[0]
         return self.changes.get(symbol, 0.0 if kind == "cmd" else self.changes.get(kind, 0.0))
 
     def refuse_unknown(self, gait: Gait, *, imu: bool = False) -> None:
-        """Refuses names that a gait's robots do not know."""
-        # States must be the gait's, and each is decided separately.
+        """Refuses unknown states and observations."""
+        # States must be those of the gait.
         if unknown := sorted({*self.states} - {*gait.states}):
             raise InputError(
                 f"{self.refused_as()}: the {gait.name} has no state {shown(unknown[0])}; its "
                 f"states are {', '.join(gait.states)}"
             )
 
-        # Observations must be those of the robot, and have slopes where these are claimed.
+        # Observations must be known, and must have slopes if the claim is about slopes.
         entries = ObservationLayout(gait.n_states, imu=imu).entries
         counted = {entry.symbol for entry in entries if "iterations" in entry.group}
         if self.kind == "never" and (sloped := sorted({*self.observations} & counted)):
             raise InputError(
-                f"{self.refused_as()}: {sloped[0]} counts control steps and has no slope; claim an "
-                "effect of it"
+                f"{self.refused_as()}: {sloped[0]} counts control steps and has no slope; use kind "
+                "'effect' instead"
             )
         symbols = {entry.symbol for entry in entries if entry.group != "machine state"}
         kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}
@@ -148,15 +148,15 @@ class Claim(Settings):
 
 
 def claim_files(*, imu: bool) -> tuple[Path, ...]:
-    """Returns the files of the claims that ship, of policies with an IMU or without."""
+    """Returns the files of the shipped claims about policies with or without an IMU."""
     return (DEFAULT_CLAIMS, IMU_CLAIMS) if imu else (DEFAULT_CLAIMS,)
 
 
 def load_claims(path: Path) -> tuple[Claim, ...]:
     """Loads the claims that a YAML file lists."""
-    found = read_yaml(path)
-    listed = found.get("claims") if isinstance(found, dict) else None
-    if not isinstance(listed, list) or not listed or len(found) > 1:
+    content = read_yaml(path)
+    listed = content.get("claims") if isinstance(content, dict) else None
+    if not isinstance(listed, list) or not listed or len(content) > 1:
         raise InputError(f"{path}: must hold the key 'claims' with a list of claims, and no other")
     claims = []
     for index, values in enumerate(listed):
@@ -172,6 +172,6 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
 
 
 def _of_joint(symbol: str, joint: int) -> str:
-    if not symbol.endswith(OWN):
+    if not symbol.endswith(JOINT_SUFFIX):
         return symbol
-    return f"{symbol.removesuffix(OWN)}.{quadruped.JOINTS[joint]}"
+    return f"{symbol.removesuffix(JOINT_SUFFIX)}.{quadruped.JOINTS[joint]}"

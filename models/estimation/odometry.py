@@ -1,11 +1,11 @@
-"""Leg odometry: the body state from an IMU, the joints and the feet that stand.
+"""Leg odometry: estimates the body state from the IMU, the joints and the standing feet.
 
-A foot that stands moves backward under the trunk as fast as the trunk goes forward, less what it
-rolls on its sphere: its lowest point, not its centre, is at rest. Velocity is predicted by the
-accelerometer and corrected by the standing feet, a linear filter with one gain; the places where
-the feet stood last, carried along, are the ground. Its anchors are the legged odometry of Bloesch
-et al. (*State Estimation for Legged Robots*, 2012) and the linear Kalman filter of the Mini Cheetah
-(Bledt et al., 2018), whose gains settle at constants.
+The lowest point of a standing foot is at rest (its centre is not, since the foot rolls), so the
+joints give the trunk's velocity. A linear filter with one gain predicts the velocity from the
+accelerometer and corrects it by the standing feet. The ground is the plane of the footholds, the
+places where the feet stood last. The filter is modelled on the legged odometry of Bloesch et al.
+(*State Estimation for Legged Robots*, 2012) and the linear Kalman filter of the Mini Cheetah (Bledt
+et al., 2018), whose gains converge to constants.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings, checked
 
-SLIP = 1.0  # speed over the ground at which a foot does not stand (m/s)
+SLIP = 1.0  # speed over the ground from which a foot does not count as standing (m/s)
 
 
 class OdometryState(NamedTuple):
@@ -41,8 +41,8 @@ class Odometry(Settings):
 
     title: ClassVar[str] = "odometry"
 
-    # Share of the difference between the predicted velocity and that of the standing feet that
-    # corrects the prediction in a control step.
+    # Share of the difference between the velocity by the standing feet and the predicted one that
+    # is added to the prediction in a control step.
     gain: Annotated[float, Gt(0.0), Le(1.0)] = 0.15
 
     def digest(self) -> str:
@@ -67,49 +67,49 @@ class Odometry(Settings):
     ) -> OdometryState:
         """Advances by a control step.
 
-        A foot stands if it touches now and did before, since one that has just come down still
-        moves, and if it is nearly at rest by the predicted velocity, unless no foot is: a foot that
-        swings or slips does not stand, though its sensor reads a contact.
+        A foot counts as standing if it touches now and did in the previous step: a foot that has
+        just landed still moves. By the predicted velocity it must also be nearly at rest, unless no
+        foot is: the sensor of a foot that swings or slips may read a contact, too.
 
         Measured are joint positions and velocities (..., 12; rad, rad/s), the IMU's reading
         (..., 9), and which feet seem to press on the ground (..., 4).
         """
         turned_by, change, gravity = imu[..., 0:3], imu[..., 3:6], imu[..., 6:9]
         feet, swept, rolling = kinematics.foot_motion(robot, joint_position, joint_velocity)
-        # Velocities of the soles, relative to the trunk's centre. Turning acts on all vectors at
-        # once, since a call of NumPy takes longer than its numbers.
+        # Velocities of the soles relative to the trunk's centre. One cross product turns all
+        # vectors, because the overhead of a NumPy call dominates.
         vectors = [feet, before.footholds, before.velocity[..., None, :]]
         turned = cross(turned_by[..., None, :], np.concatenate(vectors, axis=-2))
         turning = rolling + turned_by[..., None, :]
         rolled = kinematics.rolling_velocity(robot, turning, gravity[..., None, :])
         sole = swept + turned[..., : quadruped.N_LEGS, :] + rolled
 
-        # The velocity by the accelerometer, corrected by the feet that stand.
+        # The velocity predicted from the accelerometer, corrected by the standing feet.
         free = change + CONTROL_PERIOD * GRAVITY * gravity
         predicted = before.velocity - CONTROL_PERIOD * turned[..., -1, :] + free
         stood = touching & before.touching
-        over = sole + predicted[..., None, :]
-        near = stood & (np.add.reduce(np.square(over), axis=-1) < SLIP * SLIP)
+        over_ground = sole + predicted[..., None, :]
+        at_rest = stood & (np.add.reduce(np.square(over_ground), axis=-1) < SLIP * SLIP)
         # If no foot is nearly at rest, the prediction is wrong.
-        standing = np.where(near.any(axis=-1, keepdims=True), near, stood)
+        standing = np.where(at_rest.any(axis=-1, keepdims=True), at_rest, stood)
         count = np.asarray(standing.sum(axis=-1))[..., None]
         of_feet = -np.where(standing[..., None], sole, 0.0).sum(axis=-2) / np.maximum(count, 1)
         correction = self.gain * (of_feet - predicted)
         velocity = predicted + np.where(count > 0, correction, 0.0)
 
-        # The ground, carried along under the trunk.
-        carried = _carried(before.footholds, velocity, turned[..., quadruped.N_LEGS : -1, :])
-        footholds = np.where(touching[..., None], feet, carried)
+        # Footholds move with the ground under the trunk.
+        moved = _moved(before.footholds, velocity, turned[..., quadruped.N_LEGS : -1, :])
+        footholds = np.where(touching[..., None], feet, moved)
         return OdometryState(velocity, footholds, touching, turned_by)
 
     def expected_heights(self, robot: Robot, before: OdometryState, joint_position: Array) -> Array:
-        """Returns the heights of the feet (..., 4; m) before it is known which of them touch.
+        """Predicts the heights of the feet (..., 4; m) before their contacts are known.
 
-        The ground is that of the state one control step before, carried along as the trunk moved.
+        The ground is that of the previous control step, moved under the trunk.
         """
         turned = cross(before.turning[..., None, :], before.footholds)
-        carried = _carried(before.footholds, before.velocity, turned)
-        return _heights(kinematics.foot_positions(robot, joint_position), carried)
+        moved = _moved(before.footholds, before.velocity, turned)
+        return _heights(kinematics.foot_positions(robot, joint_position), moved)
 
     def body_state(self, robot: Robot, state: OdometryState, joint_position: Array) -> Array:
         """Returns the observed estimate (..., 7): velocity scaled by 2, and heights of the feet.
@@ -121,7 +121,7 @@ class Odometry(Settings):
         return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)
 
 
-def _carried(footholds: Array, velocity: Array, turned: Array) -> Array:
+def _moved(footholds: Array, velocity: Array, turned: Array) -> Array:
     """Moves footholds (..., 4, 3; m) as the ground moves under the trunk in a control step."""
     return footholds - CONTROL_PERIOD * (velocity[..., None, :] + turned)
 

@@ -1,12 +1,12 @@
-"""Readings of the robot's own sensors: of its inertial measurement unit (IMU), and of its feet.
+"""Readings of the inertial measurement unit (IMU) and of the feet's contact sensors.
 
 A reading of the IMU over a control period is nine numbers: the gyroscope's angular velocity (3;
 rad/s), the accelerometer's reading summed over the period, which is a change of velocity (3; m/s),
-and the direction of gravity that the unit's filter makes of both (3; a unit vector). All are in the
-trunk's frame.
+and the direction of gravity that the unit's filter computes from both (3; a unit vector). All are
+in the trunk's frame.
 
-Drake's `Accelerometer` measures the acceleration of the plant's last step, however long it is; only
-its sum over the period is the same for all plants.
+Drake's `Accelerometer` measures the acceleration of the plant's last step; only the sum over the
+period does not depend on the length of that step.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,11 +33,11 @@ STUCK_OPEN, SOUND, STUCK_CLOSED = np.array([-1, 0, 1], dtype=np.int8)
 """States of a foot's contact sensor."""
 
 UNCHANGED_STEPS = 50
-"""Control steps without a change after which a contact sensor is not believed: a second, longer
+"""Control steps without a change after which a contact sensor counts as stuck: a second, longer
 than the slowest gait holds a foot up or down."""
 
-LOW = 0.0075  # height below which the foot of such a sensor is taken to touch (m)
-UNREAD = np.int8(-1)  # reading of a sensor before it was read for the first time
+LOW = 0.0075  # height below which a foot with a stuck sensor counts as touching (m)
+UNREAD = np.int8(-1)  # reading of a sensor that was not read yet
 
 
 class ImuReading(NamedTuple):
@@ -49,7 +49,7 @@ class ImuReading(NamedTuple):
 
     @classmethod
     def of(cls, reading: Array) -> "ImuReading":
-        """Takes a reading (..., 9) apart."""
+        """Splits a reading (..., 9)."""
         return cls(reading[..., 0:3], reading[..., 3:6], reading[..., 6:9])
 
 
@@ -65,7 +65,7 @@ class ImuErrors(Settings):
     accelerometer_bias: Annotated[NotNegative, Le(100.0)] = 0.0
     # Greatest constant error of each coordinate of gravity's direction.
     attitude_bias: Annotated[NotNegative, Le(1.0)] = 0.0
-    delay: Annotated[int, Ge(0), Le(5)] = 0  # Control steps by which readings are late.
+    delay: Annotated[int, Ge(0), Le(5)] = 0  # Delay of readings (control steps).
 
     @property
     def half_widths(self) -> Array:
@@ -94,7 +94,7 @@ def measure_imu(
 class ContactTrust(NamedTuple):
     """Last reading of each sensor (..., 4), and the control steps since it changed.
 
-    Readings are 0, 1 or `UNREAD`. A sensor that does not change for long is taken to be stuck.
+    Readings are 0, 1 or `UNREAD`. A sensor without a change for `UNCHANGED_STEPS` counts as stuck.
     """
 
     reading: NDArray[np.int8]
@@ -102,13 +102,13 @@ class ContactTrust(NamedTuple):
 
     @classmethod
     def begin(cls, shape: tuple[int, ...] = ()) -> Self:
-        """Returns the memory before sensors are read, of robots of that shape."""
+        """Returns the state before the first reading, for an array of robots."""
         feet = (*shape, quadruped.N_LEGS)
         return cls(np.full(feet, UNREAD), np.zeros(feet, dtype=np.int64))
 
 
 def read_contacts(contact: BoolArray, wrong: BoolArray, stuck: NDArray[np.int8]) -> BoolArray:
-    """Returns readings (..., 4) of contacts by sensors that are wrong now and then, or stuck."""
+    """Returns the sensors' readings (..., 4) of contacts: some are wrong in this step, or stuck."""
     return np.where(stuck == SOUND, contact ^ wrong, stuck == STUCK_CLOSED)
 
 
@@ -121,27 +121,27 @@ def stuck_sensors(is_open: Sequence[str], closed: Sequence[str]) -> NDArray[np.i
 
 
 class Contacts(NamedTuple):
-    """Which feet touch now (..., 4), or do now or did at the step before (..., 4)."""
+    """Contacts of the feet, corrected for stuck sensors."""
 
     trust: ContactTrust
-    contact: BoolArray
-    touching: BoolArray
+    contact: BoolArray  # which feet touch now or did in the previous step (..., 4)
+    touching: BoolArray  # which feet touch now (..., 4)
 
 
 def believed_contacts(
     before: ContactTrust, reading: BoolArray, expected_height: Callable[[], Array]
 ) -> Contacts:
-    """Reads contact sensors (..., 4), and takes the feet's heights where one seems to be stuck.
+    """Reads contact sensors (..., 4); the foot's height replaces a sensor that seems stuck.
 
-    `expected_height` returns the heights (..., 4; m); it is called only if a sensor is in doubt.
+    `expected_height` returns the heights (..., 4; m); it is only called if a sensor seems stuck.
     """
     read = reading.astype(np.int8)
     counted = np.minimum(before.unchanged + 1, UNCHANGED_STEPS)
     trust = ContactTrust(read, np.where(read == before.reading, counted, 0))
-    # The memory of one step bridges a bouncing touch-down.
+    # Remembering a contact for one step bridges a bouncing touch-down.
     lasting = reading | (before.reading == 1)
-    doubted = trust.unchanged >= UNCHANGED_STEPS
-    if not doubted.any():
+    stuck = trust.unchanged >= UNCHANGED_STEPS
+    if not stuck.any():
         return Contacts(trust, lasting, reading)
     low = expected_height() < LOW
-    return Contacts(trust, np.where(doubted, low, lasting), np.where(doubted, low, reading))
+    return Contacts(trust, np.where(stuck, low, lasting), np.where(stuck, low, reading))

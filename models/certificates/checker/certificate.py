@@ -32,10 +32,10 @@ Claim = dict[str, Any]
 
 
 class Decision(NamedTuple):
-    """A claim that is what its `outcome` says; `foreign` ones do not ship."""
+    """A checked claim and its outcome; `foreign` claims do not ship."""
 
     outcome: str
-    said: Claim
+    claim: Claim
     most: float
     foreign: bool
 
