@@ -9,6 +9,7 @@ from annotated_types import Le, MaxLen, MinLen
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, JointLaw
 from glassgait.models.settings import (
@@ -32,6 +33,7 @@ Switch = Annotated[bool, tyro.conf.arg(help_behavior_hint="(without the flag: {}
 Layers = Annotated[tuple[Annotated[Count, Le(4096)], ...], MinLen(1), MaxLen(16)]
 Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
 Senses = Literal["learned", "odometry", "imu"]
+Actor = Literal["dense", "local"]
 Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 
@@ -135,6 +137,8 @@ class TrainingConfig(Settings):
         warm_start: Expert of this robot, of a machine with as many states, as which the actor
             begins; by default it begins anew.
         n_robots: Robots that train at once.
+        actor: `dense` is the paper's; in a `local` one, each leg's actions depend only on that leg
+            and the body.
         friction_updates: Updates between two draws of the frictions, and two grounds.
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
@@ -154,6 +158,7 @@ class TrainingConfig(Settings):
     warm_start: str | None = None
     updates: Count = 1000
     n_robots: Count = 256
+    actor: Actor = "dense"
     worlds: Annotated[DomainRandomization, IN_FILE] = field(default_factory=DomainRandomization)
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
@@ -184,6 +189,12 @@ class TrainingConfig(Settings):
             raise InputError(
                 f"training: n_robots is {self.n_robots}, fewer than n_groups = {n_groups}, and a "
                 "group would have none; raise n_robots or lower n_groups"
+            )
+        layers = self.ppo.actor_layers
+        if self.actor == "local" and any(width % quadruped.N_LEGS for width in layers):
+            raise InputError(
+                f"training: ppo.actor_layers is {layers}; a local actor has as many units for each "
+                f"leg, so give multiples of {quadruped.N_LEGS}"
             )
         # PPO divides by the spread of an update's advantages, which one step does not have.
         if self.steps_per_update < max(2, self.ppo.num_minibatches):

@@ -1,5 +1,7 @@
 """The networks that learn, and their optimizers: PPO's actor and critic, and the estimator."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from torch import nn
 
 from glassgait.models.policies.neural import Network
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import N_ESTIMATED, Reflection
+from glassgait.models.task.observation import N_ESTIMATED, Reflection, entries_of
 from glassgait.studies.training.config import EstimatorConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import OBSERVATION_GROUPS
 
@@ -45,6 +47,48 @@ class Mirrored(nn.Module):
         image = x[:, self.input_index] * self.input_sign
         plain, mirrored = self.network(torch.cat([x, image])).chunk(2)
         return 0.5 * (plain + mirrored[:, self.output_index] * self.output_sign)
+
+
+class LegByLeg(nn.Module):
+    """A network for each leg, which observes that leg and the body.
+
+    The four networks are blocks of the layers of a dense one, whose other weights are 0.
+    """
+
+    def __init__(self, dense: nn.Module, names: Sequence[str]) -> None:
+        """Takes a network from observations with these names, and sets its other weights to 0."""
+        super().__init__()
+        self.layers = nn.ModuleList(linear_layers(dense))
+        masks = leg_masks(names, network_of(dense))
+        for layer, mask in zip(linear_layers(dense), masks, strict=True):
+            layer.weight.data *= torch.from_numpy(mask)
+        # The entries that each leg's units observe.
+        self._observed = [np.flatnonzero(rows[0]) for rows in np.split(masks[0], quadruped.N_LEGS)]
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Maps observations (n, n_in) to actions (n, 12)."""
+        return torch.cat([self._of_leg(leg, x) for leg in range(quadruped.N_LEGS)], dim=1)
+
+    def _of_leg(self, leg: int, x: torch.Tensor) -> torch.Tensor:
+        for i, layer in enumerate(self.layers):
+            weight, bias = (part.chunk(quadruped.N_LEGS)[leg] for part in layer.parameters())
+            if i == 0:
+                x, weight = x[:, self._observed[leg]], weight[:, self._observed[leg]]
+            else:
+                x, weight = nn.functional.elu(x), weight.chunk(quadruped.N_LEGS, dim=1)[leg]
+            x = nn.functional.linear(x, weight, bias)
+        return x
+
+
+def leg_masks(names: Sequence[str], network: Network) -> list[NDArray[np.bool_]]:
+    """Finds, layer by layer, the weights (n_out, n_in) within a leg or from the body to it."""
+    legs = [[entry.leg for entry in entries_of(names)]]
+    for size in map(len, network.biases):
+        legs.append([quadruped.LEGS[i * quadruped.N_LEGS // size] for i in range(size)])
+    return [
+        np.array([[source in (None, leg) for source in before] for leg in after])
+        for before, after in pairwise(legs)
+    ]
 
 
 class StateEstimator(nn.Module):
@@ -85,9 +129,14 @@ class StateEstimator(nn.Module):
         return Network(weights, (*network.biases[:-1], network.biases[-1] * scale))
 
 
+def linear_layers(network: nn.Module) -> list[nn.Linear]:
+    """Lists the linear layers of a torch network, first layer first."""
+    return [module for module in network.modules() if isinstance(module, nn.Linear)]
+
+
 def network_of(mlp: nn.Module) -> Network:
     """Copies the linear layers of a torch network into a NumPy network."""
-    layers = [module for module in mlp.modules() if isinstance(module, nn.Linear)]
+    layers = linear_layers(mlp)
     return Network(
         tuple(layer.weight.detach().numpy().astype(float) for layer in layers),
         tuple(layer.bias.detach().numpy().astype(float) for layer in layers),
@@ -96,8 +145,8 @@ def network_of(mlp: nn.Module) -> Network:
 
 def set_layers(mlp: nn.Module, network: Network) -> None:
     """Sets the linear layers of a torch network to those of a NumPy network of the same sizes."""
-    layers = [module for module in mlp.modules() if isinstance(module, nn.Linear)]
-    for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
+    parts = zip(linear_layers(mlp), network.weights, network.biases, strict=True)
+    for layer, weight, bias in parts:
         layer.weight.data.copy_(torch.from_numpy(weight))
         layer.bias.data.copy_(torch.from_numpy(bias))
 

@@ -33,10 +33,12 @@ from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.environment import Environment
 from glassgait.studies.training.learner import (
     Learner,
+    LegByLeg,
     Mirrored,
     StateEstimator,
     act_by,
     gaussian_actor,
+    leg_masks,
     network_of,
     set_layers,
 )
@@ -247,6 +249,8 @@ class TrainingRun(LearningRun):
         actor = gaussian_actor(config.ppo, observations)
         if start is not None:
             set_layers(actor.mlp, start.actor)
+        if config.actor == "local":
+            act_by(actor, LegByLeg(actor.mlp, layout.names))
         if reflection is not None:
             act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
         return environment, Learner(config, observations, actor, learned)
@@ -288,6 +292,11 @@ def _load_start(
             f"{path}: has layers of {widths}; set "
             f"ppo.actor_layers: {[*widths]} in the file of --settings"
         )
+    masks = leg_masks(layout.names, start.actor)
+    of_others = (weight[~mask] for weight, mask in zip(start.actor.weights, masks, strict=True))
+    found = "dense" if any(weights.any() for weights in of_others) else "local"
+    if found != config.actor:
+        raise InputError(f"{path}: has a {found} actor; train with --actor {found}")
     if start.mirrored_states != mirrored:
         remedy = "leave --no-mirrored out" if mirrored is None else "train with --no-mirrored"
         raise InputError(f"{path}: would act otherwise than it learned to; {remedy}")

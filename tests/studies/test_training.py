@@ -12,9 +12,10 @@ from glassgait.diagrams.domain_randomization import GroupRanges, TerrainRanges
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
+from glassgait.models.robots.quadruped import LEGS
 from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, entries_of, reflect_observation
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.run import CHECKPOINT_NAME
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig
@@ -61,14 +62,39 @@ def test_entropy_and_divergence_fall_as_scheduled(start, tiny_training, tmp_path
     assert [divergence for _, divergence in seen] == pytest.approx([0.01, 0.01, 0.006, 0.002])
 
 
-def test_a_stopped_run_resumes_to_the_same_weights(trained, start, tmp_path):
-    start(tmp_path, updates=2).run()
-    start(tmp_path, resume=True).run()
-    assert_equal(weights(trained), weights(tmp_path))
+@pytest.mark.parametrize("actor", ["dense", "local"])
+def test_a_stopped_run_resumes_to_the_same_weights(actor, start, tmp_path):
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    start(whole, actor=actor).run()
+    start(stopped, actor=actor, updates=2).run()
+    start(stopped, actor=actor, resume=True).run()
+    assert_equal(weights(whole), weights(stopped))
     # A run may be killed after its last checkpoint and before its result.
-    (tmp_path / "trot.safetensors").unlink()
-    start(tmp_path, resume=True).run()
-    assert_equal(weights(trained), weights(tmp_path))
+    (stopped / "trot.safetensors").unlink()
+    start(stopped, actor=actor, resume=True).run()
+    assert_equal(weights(whole), weights(stopped))
+
+
+@pytest.mark.parametrize(("gait", "mirrored"), [("trot", True), ("walk", True), ("trot", False)])
+def test_legs_of_a_local_actor_ignore_other_legs(gait, mirrored, start, tmp_path, generator):
+    ppo = PpoConfig(steps_per_update=8, actor_layers=(16, 8), critic_updates=1)
+    settings = {"gait": gait, "mirrored": mirrored, "actor": "local", "ppo": ppo}
+    updated(start(tmp_path / "first", **settings))
+    warm_start = str(tmp_path / "first" / f"{gait}.safetensors")
+    run = start(tmp_path, warm_start=warm_start, **settings)
+    run.update()
+    policy = updated(run)
+    legs = np.array([entry.leg for entry in entries_of(policy.observation_names)])
+    seen = generator.normal(size=policy.layout.size)
+    acts = run.learner.ppo.actor.mlp
+    slopes = torch.autograd.functional.jacobian(acts, torch.tensor(seen[None]).float())[0, :, 0]
+    for leg, rows in zip(LEGS, np.split(slopes.numpy(), 4), strict=True):
+        ignored = (legs != leg) & (legs != None)  # noqa: E711
+        assert (rows[:, ignored] == 0.0).all()
+        assert (rows[:, ~ignored] != 0.0).all()
+        changed = np.where(ignored, generator.normal(size=len(seen)), seen)
+        of_leg = slice(3 * LEGS.index(leg), 3 * LEGS.index(leg) + 3)
+        np.testing.assert_array_equal(policy(changed)[of_leg], policy(seen)[of_leg])
 
 
 def test_checkpoints_hold_everything(start, tmp_path):
@@ -84,11 +110,17 @@ def test_checkpoints_hold_everything(start, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("gait", "mirrored", "states"),
-    [("trot", True, (1, 0)), ("walk", True, (2, 3, 0, 1)), ("trot", False, None)],
+    ("gait", "mirrored", "states", "actor"),
+    [
+        ("trot", True, (1, 0), "dense"),
+        ("walk", True, (2, 3, 0, 1), "local"),
+        ("trot", False, None, "dense"),
+    ],
 )
-def test_the_expert_acts_as_the_network_that_was_trained(gait, mirrored, states, start, tmp_path):
-    run = start(tmp_path, gait=gait, mirrored=mirrored, senses="learned")
+def test_the_expert_acts_as_the_network_that_was_trained(
+    gait, mirrored, states, actor, start, tmp_path
+):
+    run = start(tmp_path, gait=gait, mirrored=mirrored, actor=actor, senses="learned")
     policy = updated(run)
     assert policy.mirrored_states == states
     observations = run.environment.observe()
@@ -245,6 +277,7 @@ def test_an_actor_begins_as_another_expert_while_its_critic_learns(
         ("experts/trot.safetensors", {"senses": "odometry"}, "the same senses"),
         ("experts/gallop.safetensors", {}, "gallop"),
         ("experts/trot.safetensors", {"mirrored": False, "ppo": PpoConfig()}, "--no-mirrored"),
+        ("experts/trot.safetensors", {"actor": "local", "ppo": PpoConfig()}, "--actor dense"),
     ],
 )
 def test_refuses_to_start_from_what_does_not_fit(path, settings, message, start, tmp_path):
