@@ -103,15 +103,15 @@ def test_robots_of_one_group_get_their_targets_each_at_its_time():
     late = np.array([0.0, 0.005, 0.015, 0.02])
     after = physics.step(states, moved, previous_targets=targets, latency=late).states
     for robot_index, latency in enumerate(late):
-        expected = states[robot_index : robot_index + 1]
+        expected = states[robot_index]
         fine = StationConfig(time_step=0.005)
         # A quarter of the control period at a time, with nothing but the targets of that time.
-        expected = _by_quarters(fine, expected, targets[:1], moved[:1], round(latency / 0.005))
-        np.testing.assert_array_equal(after[robot_index], expected[0])
+        expected = _by_quarters(fine, expected, targets[0], moved[0], round(latency / 0.005))
+        np.testing.assert_array_equal(after[robot_index], expected)
 
 
 def _by_quarters(station, state, old, new, delay):
-    quarter = make_physics(A1, station)._engines[0]._groups[0]
+    loop = make_physics(A1, station)._engines[0]._groups[0]._loops[0]
     for step in range(4):
-        state = quarter._advance(state, old if step < delay else new, 1, None)
+        state = loop._advanced(state, old if step < delay else new, 1)
     return state
