@@ -1,4 +1,4 @@
-"""Claims of formulas: a greater input moves a joint's target by a weight, while gates are open."""
+"""Claims of formulas: how far a change of an input moves a joint's target while gates are open."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,15 +24,15 @@ INPUTS: tuple[Group, ...] = (
     "base velocity",
     "foot height",
 )
-"""Groups of observations that are inputs; those of joints say how a servo continues its motion."""
+"""Groups of observations that are inputs. Joints are not: their terms continue a motion."""
 
 CLOCKS: tuple[Group, ...] = ("iterations", "machine state")
-"""Groups that say when. A definition that uses one of these is no input."""
+"""Groups of observations of the gait's progress; definitions that use them are not inputs."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """A weight times one input and perhaps gates, which are variables by index."""
+    """A weight times one input and any gates; input and gates are indices of variables."""
 
     place: Place
     weight: float
@@ -45,7 +45,7 @@ class Term:
 
     @property
     def state(self) -> int | None:
-        """State of the machine in which its formula acts; None if it acts in all."""
+        """RM state in which its formula acts; None if it acts in all."""
         return self.place[0] if len(self.place) > 1 else None
 
     def with_gates(self, weight: float) -> Expression:
@@ -56,8 +56,8 @@ class Term:
 
     def text(self, symbols: Sequence[str]) -> str:
         """Writes the term with the given names of variables, such as 0.43*v.z."""
-        whole = times(self.with_gates(self.weight), variable(self.input))
-        return write_formula(canonical(whole), symbols)
+        term = times(self.with_gates(self.weight), variable(self.input))
+        return write_formula(canonical(term), symbols)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Walk:
     Attributes:
         quantities: Variables of the formulas (T, n, k).
         angle: Joint angles after the step, as sensors measure them (T, n, 12; rad).
-        alive: Whether the robot was up to the step's end (T, n).
+        alive: Whether the robot had not fallen by the end of the step (T, n).
     """
 
     quantities: Array
@@ -78,12 +78,12 @@ class Walk:
 
 @dataclass(frozen=True)
 class Claim:
-    """What a term predicts of the instants when its formula acts and its gates are on their sides.
+    """A term's prediction for the instants when its formula acts and its gates have given signs.
 
     Attributes:
-        sides: Side of each gate where the robot is more often: 1 or -1.
-        step: One standard deviation of the input there, in its unit, to two digits.
-        effect: Mean movement of the target for that step (rad).
+        sides: The more frequent sign of each gate: 1 or -1.
+        step: One standard deviation of the input at these instants, in its unit, to two digits.
+        effect: Mean change of the target by such a step (rad).
     """
 
     term: Term
@@ -92,7 +92,7 @@ class Claim:
     effect: float
 
     def instants(self, walk: Walk) -> NDArray[np.bool_]:
-        """Returns the instants of a walk that the claim is about (T, n)."""
+        """Returns a mask of the claim's instants in a walk (T, n)."""
         mask = _acting(self.term, walk)
         for gate, side in zip(self.term.gates, self.sides, strict=True):
             mask = mask & (side * walk.quantities[..., gate] > 0.0)
@@ -100,15 +100,15 @@ class Claim:
 
 
 def readable_terms(file: FormulaFile) -> list[Term]:
-    """Lists the readable terms of a file's formulas: numbers times one input and perhaps gates.
+    """Lists the readable terms of a file's formulas: numbers times one input and any gates.
 
-    Sums are multiplied out, and terms of the same input and gates in one formula are joined.
+    Products of sums are expanded, and a formula's terms with equal input and gates are added up.
     """
     entries, symbols = entries_of(file.vocabulary.names), file.vocabulary.symbols
     gates = {i for i, entry in enumerate(entries) if entry.group == "machine state"}
     gates |= {symbols.index(gate) for gate in GATES if gate in symbols}
 
-    # A definition is an input unless it says when.
+    # A definition is an input unless it depends on the gait's progress.
     inputs = {i for i, entry in enumerate(entries) if entry.group in INPUTS}
     clocks = {i for i, entry in enumerate(entries) if entry.group in CLOCKS}
     for i, definition in enumerate(file.vocabulary.definitions, start=len(entries)):
@@ -122,35 +122,35 @@ def readable_terms(file: FormulaFile) -> list[Term]:
 
 
 def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
-    """Derives the claims of the terms that move a target most on a walk.
+    """Derives the claims of the terms that move a target most in a walk.
 
-    Claims of an input and a joint that no larger claim has are taken first.
+    Claims whose input and joint differ from those of all larger claims come first.
     """
-    found = [claim_of(term, walk) for term in readable_terms(file)]
-    ranked = sorted((own for own in found if own), key=lambda claim: -abs(claim.effect))
+    claims = [claim_of(term, walk) for term in readable_terms(file)]
+    ranked = sorted(filter(None, claims), key=lambda claim: -abs(claim.effect))
     refuse_too_few(len(ranked), count)
-    taken: list[Claim] = []
+    distinct: list[Claim] = []
     for claim in ranked:
-        term, others = claim.term, [other.term for other in taken]
-        if not any(term.input == own.input or term.joint == own.joint for own in others):
-            taken.append(claim)
+        term, others = claim.term, [other.term for other in distinct]
+        if not any(term.input == other.input or term.joint == other.joint for other in others):
+            distinct.append(claim)
     # Fill up with the others, the largest first.
-    rest = [claim for claim in ranked if claim not in taken]
-    return sorted([*taken, *rest][:count], key=lambda claim: -abs(claim.effect))
+    rest = [claim for claim in ranked if claim not in distinct]
+    return sorted([*distinct, *rest][:count], key=lambda claim: -abs(claim.effect))
 
 
-def refuse_too_few(found: int, count: int) -> None:
-    if found < count:
+def refuse_too_few(n_terms: int, count: int) -> None:
+    if n_terms < count:
         raise InputError(
-            f"--n-claims: {count} claims are asked for, and {found} terms can be read as a weight "
+            f"--n-claims: {count} claims are asked for, but only {n_terms} terms are a weight "
             "times a command, gravity, a speed, a foot's place or a definition; ask for fewer, or "
             "name another policy"
         )
 
 
 def claim_of(term: Term, walk: Walk) -> Claim | None:
-    """Derives the claim of one term; None if it never counts, or its input never changes."""
-    # A state of the machine is 1 or 0; other gates lie between -1 and 1.
+    """Derives the claim of one term; None if it never acts, or its input never changes."""
+    # RM states are 1 or 0; other gates lie between -1 and 1.
     sides, acting = [], _acting(term, walk)
     for gate in term.gates:
         value = walk.quantities[..., gate]
@@ -167,7 +167,7 @@ def claim_of(term: Term, walk: Walk) -> Claim | None:
 
 
 def _acting(term: Term, walk: Walk) -> NDArray[np.bool_]:
-    """Returns where a term's formula acts (T, n)."""
+    """Returns a mask of the instants when a term's formula acts (T, n)."""
     return walk.alive if term.state is None else walk.alive & (walk.state == term.state)
 
 
@@ -175,20 +175,20 @@ def _terms_of(
     place: Place, formula: Expression, inputs: set[int], gates: set[int]
 ) -> Iterator[Term]:
     weights: dict[tuple[int, tuple[int, ...]], float] = {}
-    for whole in formula.terms():
-        weight, factors = _product(whole) or (0.0, [])
-        named = [factor for factor in factors if factor in inputs]
-        when = sorted(factor for factor in factors if factor in gates)
-        # A gate that counts twice, such as late*late, has no sign any more.
-        if len(named) == 1 and len(named) + len(set(when)) == len(factors):
-            key = (named[0], tuple(when))
+    for term in formula.terms():
+        weight, factors = _product(term) or (0.0, [])
+        term_inputs = [factor for factor in factors if factor in inputs]
+        term_gates = tuple(sorted(factor for factor in factors if factor in gates))
+        # The square of a gate, such as late*late, has no sign.
+        if len(term_inputs) == 1 and 1 + len(set(term_gates)) == len(factors):
+            key = (term_inputs[0], term_gates)
             weights[key] = weights.get(key, 0.0) + weight
-    for (index, when), weight in weights.items():
-        yield Term(place, weight, index, when)
+    for (index, term_gates), weight in weights.items():
+        yield Term(place, weight, index, term_gates)
 
 
 def _product(formula: Expression) -> tuple[float, list[int]] | None:
-    """Reads a formula as a number times variables; None if it is anything else."""
+    """Returns a product's number and variables; None if the formula is not a product."""
     match formula.operator:
         case "constant":
             return formula.value, []
@@ -196,9 +196,9 @@ def _product(formula: Expression) -> tuple[float, list[int]] | None:
             return 1.0, [formula.variable]
         case "neg" | "mul":
             weight, factors = -1.0 if formula.operator == "neg" else 1.0, list[int]()
-            for read in map(_product, formula.operands):
-                if read is None:
+            for operand in map(_product, formula.operands):
+                if operand is None:
                     return None
-                weight, factors = weight * read[0], factors + read[1]
+                weight, factors = weight * operand[0], factors + operand[1]
             return weight, factors
     return None

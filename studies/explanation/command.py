@@ -1,4 +1,4 @@
-"""`glassgait explain page` and `explain formulas`: actions of a rollout, and formulas."""
+"""`glassgait explain page` and `explain formulas`: explains a rollout, and prints formulas."""
 
 from dataclasses import field
 from pathlib import Path
@@ -20,19 +20,19 @@ from glassgait.studies.common.rollouts import OwnCommand
 from glassgait.studies.distillation.students import OnePolicy, sums_of_terms
 
 STEP = 100
-"""Step that is shown first, where the rollout lasts so long and a person names none."""
+"""Step that is shown first by default, if the rollout is long enough."""
 
 
 @checked
 class ExplainPage(OnePolicy):
-    """Roll a student out without the expert and write a page that explains every action.
+    """Roll out a student without the expert, and write a page that explains every action.
 
     Attributes:
         joint: Joint that is shown first, and whose figures are drawn.
         step: Control step that is shown first, and whose contributions are drawn; by default 100,
             or the last one of a shorter rollout.
         command: Commanded speed (0.5 m/s, or the gait's greatest), yaw rate and rhythm.
-        n_steps: Control steps of the rollout; a fall ends it before.
+        n_steps: Control steps of the rollout; a fall ends it earlier.
         seed: Seed of the sensors' noise.
         output: Folder of the page; runs/explain/page/<gait>/<policy> by default.
     """
@@ -51,11 +51,11 @@ class ExplainPage(OnePolicy):
 
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
-        found, policy = self.find()
-        gait = found.gait
-        joint, controller = joint_index(self.joint), found.controller(policy)
+        policies, policy = self.find()
+        gait = policies.gait
+        joint, controller = joint_index(self.joint), policies.controller(policy)
         student, name = controller.policy, Path(policy).stem
-        # Refuse a student whose actions are no sums of terms before anything heavy is imported.
+        # Refuse a student whose actions are not sums of terms before slow imports.
         try:
             student.factored_terms(joint)
         except InputError as error:
@@ -72,8 +72,8 @@ class ExplainPage(OnePolicy):
         from glassgait.studies.explanation.page import explain_rollout, render_page
         from glassgait.studies.importance.figures import contribution_figure, student_figures
 
-        # Let the student walk without the expert, and keep the replay.
-        folder = self.output or found.output(self.title) / name
+        # Roll out the student without the expert, and save the replay.
+        folder = self.output or policies.output(self.title) / name
         replay = folder / f"{name}_replay.html"
         say("rolling out")
         rollout = play(
@@ -89,7 +89,7 @@ class ExplainPage(OnePolicy):
         self._check_step(last, "ended in a fall" if rollout.failed else "ends")
         step = min(STEP, last) if self.step is None else self.step
 
-        # Split all targets, and draw the figures of the joint that is shown first.
+        # Split all targets into terms, and draw the figures of the joint that is shown first.
         say("splitting every target into its terms")
         explained = explain_rollout(student, rollout)
         title = f"{gait.name.capitalize()}, {self.joint.replace('_', ' ')}, step {step}"
@@ -100,7 +100,7 @@ class ExplainPage(OnePolicy):
         for stem, figure in figures.items():
             save_figure(figure, folder / stem)
 
-        # Everything that the page shows stands in one file.
+        # Write everything that the page shows into one file.
         page = render_page(
             gait=gait,
             policy_name=name,
@@ -128,7 +128,7 @@ class ExplainFormulas(OnePolicy):
     """Print the formulas of a policy, as the text of its file or as LaTeX.
 
     Attributes:
-        joint: Print only the lines of this joint, such as FL_calf.
+        joint: Print only the lines of this joint, for example FL_calf.
         latex: Print the whole controller as a LaTeX document instead.
     """
 
@@ -143,8 +143,8 @@ class ExplainFormulas(OnePolicy):
 
     def run(self) -> None:
         """Prints the formulas."""
-        found, name = self.find()
-        student = found.formulas(name)
+        policies, name = self.find()
+        student = policies.formulas(name)
         if self.latex:
             print(to_latex(student.to_file()), end="")
             return
@@ -170,18 +170,18 @@ class ExplainFormulas(OnePolicy):
 
 
 def lines_of_joint(lines: list[str], joint: str) -> list[str]:
-    """Leaves the titles and the lines of one joint from those of a formula file."""
-    kept, mine = [], False
+    """Returns the titles and the lines of one joint from the lines of a formula file."""
+    selected, of_joint = [], False
     for line in lines:
         if not line.startswith(" "):
-            mine = line.startswith(f"{joint} ")
-        if mine or line.startswith(("state ", "every state")):
-            kept.append(line)
-    return kept
+            of_joint = line.startswith(f"{joint} ")
+        if of_joint or line.startswith(("state ", "every state")):
+            selected.append(line)
+    return selected
 
 
 def _colored(line: str) -> Text:
-    """Sets apart comments, titles and the names of joints."""
+    """Highlights comments, titles and the names of joints."""
     code, sign, comment = line.partition("#")
     text = Text(code)
     if code.startswith(("state ", "every state", "definitions")):

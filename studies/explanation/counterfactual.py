@@ -1,6 +1,6 @@
-"""`glassgait explain counterfactual`: the value of one observation at which an action changes.
+"""`glassgait explain counterfactual`: finds the values of observations at which an action changes.
 
-Each observation is varied by itself, over its operating range, while all others stay as they are.
+Each observation is varied over its operating range while all others are constant.
 """
 
 from dataclasses import field
@@ -30,7 +30,7 @@ from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students import OnePolicy
 
 N_VALUES, N_BISECTIONS = 401, 30
-"""Values of an observation that are tried, evenly over its range, and halvings between two."""
+"""Number of values of an observation, evenly over its range, and of bisections between two."""
 
 N_DRAWN = 6
 COLUMNS = pd.Index(["observation", "value", "passes at", "unit", "share of range", "target (rad)"])
@@ -43,7 +43,7 @@ class ExplainCounterfactual(OnePolicy):
     Attributes:
         joint: The joint.
         level: Level of the joint's target (rad); by default 0.1 rad above its target at the step.
-        step: Control step of the rollout that is varied.
+        step: Control step of the rollout whose observation is varied.
         command: Commanded speed (0.5 m/s, or the gait's greatest), yaw rate and rhythm.
         box: File of the operating box; the gait's shipped one by default.
         seed: Seed of the sensors' noise.
@@ -62,8 +62,8 @@ class ExplainCounterfactual(OnePolicy):
 
     def run(self) -> None:
         """Rolls out, scans each observation, and writes the table and the figure."""
-        found, name = self.find()
-        gait, robot, controller = found.gait, found.robot, found.controller(name)
+        policies, name = self.find()
+        gait, robot, controller = policies.gait, policies.robot, policies.controller(name)
         box = load_box(self.box, gait, robot) if self.box else operating_box(gait, robot)
 
         # Roll out up to the step.
@@ -73,13 +73,13 @@ class ExplainCounterfactual(OnePolicy):
             fall = f"the robot falls at step {len(rollout.time) - 1}"
             raise InputError(f"--step {self.step}: {fall}; name an earlier step")
 
-        # Vary what the robot observes there.
+        # Vary the observation at this step.
         observation = rollout["observation"][self.step]
         scan = Scan(controller.policy, joint_index(self.joint), observation, box)
         level = scan.target + 0.1 if self.level is None else self.level
         table = scan.passes(level)
         stem = f"{Path(name).stem}_{self.joint}_{self.step}"
-        folder = self.output or found.output(self.title) / stem
+        folder = self.output or policies.output(self.title) / stem
         write_table(table, folder / "counterfactual")
         save_figure(scan.figure(table, level), folder / "counterfactual")
         print_table(f"{self.joint}: {scan.target:.3f} rad, level {level:.3f} rad", table)
@@ -87,24 +87,24 @@ class ExplainCounterfactual(OnePolicy):
 
 
 class Scan:
-    """Varies each quantity of one observation; the joint's `target` (rad) is before limits."""
+    """Varies each quantity of one observation; the joint's `target` (rad) is not limited."""
 
     def __init__(self, policy: Policy, joint: int, observation: Array, box: ObservationBox) -> None:
         self._policy, self._joint, self._box = policy, joint, box
         self._units = RobotUnits.of(policy.robot, policy.observation_names)
-        self._here = self._units.quantities(observation)
-        self.target = float(self._targets(0, self._here[:1])[0])
+        self._present = self._units.quantities(observation)
+        self.target = float(self._targets(0, self._present[:1])[0])
 
     def passes(self, level: float) -> pd.DataFrame:
         """Finds the nearest value of each quantity at which the target passes a level (rad)."""
         rows = []
         for index, entry in enumerate(entries_of(self._box.names)):
-            values, here = self._values(index, entry.group), self._here[index]
+            values, present = self._values(index, entry.group), self._present[index]
             value = self._nearest_pass(index, values, level, counted=entry.group in COUNTED)
             if value is not None:
-                share = abs(value - here) / np.ptp(values)
+                share = abs(value - present) / np.ptp(values)
                 target = float(self._targets(index, np.array([value]))[0])
-                rows.append((entry.symbol, here, value, entry.unit, share, target))
+                rows.append((entry.symbol, present, value, entry.unit, share, target))
         table = pd.DataFrame(rows, columns=COLUMNS)
         return table.sort_values("share of range", kind="stable", ignore_index=True)
 
@@ -127,32 +127,32 @@ class Scan:
         return figure
 
     def _targets(self, index: int, values: Array) -> Array:
-        """Returns the joint's targets (k; rad) where one quantity takes other values (k)."""
-        several = np.tile(self._here, (len(values), 1))
-        several[:, index] = values
-        actions = self._policy(self._units.observed(several))
+        """Returns the joint's targets (k; rad) with other values (k) of one quantity."""
+        quantities = np.tile(self._present, (len(values), 1))
+        quantities[:, index] = values
+        actions = self._policy(self._units.observed(quantities))
         return self._policy.robot.joint_targets(actions)[:, self._joint]
 
     def _values(self, index: int, group: str) -> Array:
-        """Returns the ascending values of a quantity that are tried, its present one included."""
-        here = self._here[index]
-        low, high = min(self._box.lower[index], here), max(self._box.upper[index], here)
+        """Returns the values of a quantity to try, ascending, with its present value."""
+        present = self._present[index]
+        low, high = min(self._box.lower[index], present), max(self._box.upper[index], present)
         if group == "machine state":
-            return np.array([here])
+            return np.array([present])
         if group in COUNTED:
             return np.arange(np.rint(low), high + 0.5)
-        return np.unique(np.append(np.linspace(low, high, N_VALUES), here))
+        return np.unique(np.append(np.linspace(low, high, N_VALUES), present))
 
     def _nearest_pass(
         self, index: int, values: Array, level: float, *, counted: bool
     ) -> float | None:
-        """Returns the nearest value of a quantity beyond the level; None without one."""
+        """Returns the nearest value of a quantity beyond the level, or None."""
         is_beyond = self.target > level
         passing = np.flatnonzero((self._targets(index, values) > level) != is_beyond)
-        here = int(np.argmin(np.abs(values - self._here[index])))
-        # On either side, take the first value beyond the level and its neighbour before it.
-        pairs = [(first, first + 1) for first in passing[passing < here][-1:]]
-        pairs += [(first, first - 1) for first in passing[passing > here][:1]]
+        start = int(np.argmin(np.abs(values - self._present[index])))
+        # On each side, bracket the level by the first value beyond it and the value before.
+        pairs = [(first, first + 1) for first in passing[passing < start][-1:]]
+        pairs += [(first, first - 1) for first in passing[passing > start][:1]]
         if not pairs:
             return None
         after, before = values[np.array(pairs).T]
@@ -160,4 +160,4 @@ class Scan:
             middle = 0.5 * (before + after)
             passed = (self._targets(index, middle) > level) != is_beyond
             after, before = np.where(passed, middle, after), np.where(passed, before, middle)
-        return float(after[np.argmin(np.abs(after - self._here[index]))])
+        return float(after[np.argmin(np.abs(after - self._present[index]))])

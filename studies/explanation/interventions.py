@@ -1,7 +1,8 @@
-"""`glassgait explain interventions`: whether the robot moves as the terms of its formulas predict.
+"""`glassgait explain interventions`: tests whether robots move as terms of formulas predict.
 
 The input of one term is raised by one standard deviation, and the same robots walk with and without
-that change. A claim holds if the joint moves to the predicted side, beyond its 95 % interval.
+this change. A claim holds if the joint moves in the predicted direction by more than the half-width
+of the 95 % interval.
 """
 
 from dataclasses import replace
@@ -46,9 +47,9 @@ class ExplainInterventions(OnePolicy):
     """Raise the input of single terms of formulas, and measure whether joints move as predicted.
 
     Attributes:
-        n_claims: Number of terms, those that move a target most.
-        n_robots: Robots of each walk.
-        n_steps: Control steps of each.
+        n_claims: Number of terms; those that move a target most are tested.
+        n_robots: Number of robots in each walk.
+        n_steps: Control steps of each walk.
         seed: Seed of starts, commands and noise, the same for every walk.
         output: Folder of the results; runs/explain/interventions/<gait>/<policy> by default.
     """
@@ -63,10 +64,10 @@ class ExplainInterventions(OnePolicy):
 
     def run(self) -> None:
         """Derives claims, tests them, and writes the table and the edited formulas."""
-        found, name = self.find()
-        policy, expert = found.formulas(name), found.expert_of(name)
-        file, stem = policy.to_file(), Path(name).stem
-        folder = self.output or found.output(self.title) / stem
+        policies, name = self.find()
+        policy, expert = policies.formulas(name), policies.expert_of(name)
+        gait, file, stem = policies.gait, policy.to_file(), Path(name).stem
+        folder = self.output or policies.output(self.title) / stem
         refuse_too_few(len(readable_terms(file)), self.n_claims)
         rollouts = RolloutConfig(
             n_robots=self.n_robots, n_steps=self.n_steps, seed=self.seed, n_seeds=1
@@ -74,20 +75,20 @@ class ExplainInterventions(OnePolicy):
 
         # Every walk has the same starts, commands and noise.
         say("walking with the formulas as they are")
-        plain = walk(found.gait, expert, policy, rollouts)
+        plain = walk(gait, expert, policy, rollouts)
         rows = []
         for number, claim in enumerate(derive_claims(file, plain, self.n_claims), start=1):
             symbols, term = file.vocabulary.symbols, claim.term
-            said = f"{term.joint}: {term.text(symbols)} with {symbols[term.input]} + {claim.step:g}"
-            say(f"walking with {said}")
-            text = f"# {said}\n{write_formulas(with_input_raised(file, claim))}"
+            edit = f"{term.joint}: {term.text(symbols)} with {symbols[term.input]} + {claim.step:g}"
+            say(f"walking with {edit}")
+            text = f"# {edit}\n{write_formulas(with_input_raised(file, claim))}"
             write_atomically(folder / "edited" / f"{number}_{term.joint}{SUFFIX}", text)
             edited = FormulaPolicy.from_file(read_formulas(text), policy.robot)
-            rows.append(result(claim, symbols, plain, walk(found.gait, expert, edited, rollouts)))
+            rows.append(result(claim, symbols, plain, walk(gait, expert, edited, rollouts)))
 
         table = pd.DataFrame(rows)
         write_table(table, folder / "interventions")
-        print_table(f"{found.gait.name}: {stem}", table)
+        print_table(f"{gait.name}: {stem}", table)
         n_holding = (table["holds"] == "yes").sum()
         console.print(f"{n_holding} of {len(table)} claims hold; written to {folder}")
 
@@ -95,18 +96,19 @@ class ExplainInterventions(OnePolicy):
 def walk(
     gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, rollouts: RolloutConfig
 ) -> Walk:
-    """Lets a policy walk without the expert, whose estimator observes where it has no odometry."""
-    seen = Observations()
-    log = roll_out(gait, alone(policy, expert), Scenario(), rollouts, observers=[seen])
+    """Rolls out a policy without the expert, whose estimator it needs unless it has odometry."""
+    observations = Observations()
+    log = roll_out(gait, alone(policy, expert), Scenario(), rollouts, observers=[observations])
     fell = np.logical_or.accumulate(log.failures.any(axis=2), axis=0)
-    return walk_of(policy, seen.array, ~fell[: len(seen.array)])
+    return walk_of(policy, observations.array, ~fell[: len(observations.array)])
 
 
 def walk_of(policy: FormulaPolicy, observed: Array, alive: NDArray[np.bool_]) -> Walk:
-    """Returns the walk of robots that observed (T + 1, n, N) and were up (T + 1, n)."""
+    """Returns the walk of robots from observations (T + 1, n, N) and a mask of those that are up
+    (T + 1, n)."""
     names = policy.observation_names
     quantities = policy.quantities(observed)
-    # The last step's outcome was never observed.
+    # The outcome of the last step was not observed.
     return Walk(
         quantities=quantities[:-1],
         state=np.argmax(quantities[:-1][..., machine_state_entries(names)], axis=-1),
@@ -116,14 +118,14 @@ def walk_of(policy: FormulaPolicy, observed: Array, alive: NDArray[np.bool_]) ->
 
 
 def with_input_raised(file: FormulaFile, claim: Claim) -> FormulaFile:
-    """Returns a file in which the claim's term reads its input greater by the claim's step."""
+    """Returns a file in which the input of the claim's term is raised by the claim's step."""
     term, weight = claim.term, float(f"{claim.term.weight * claim.step:.4g}")
     edited = canonical(plus(file.formulas[term.place], term.with_gates(weight)))
     return replace(file, formulas={**file.formulas, term.place: edited})
 
 
 def result(claim: Claim, symbols: tuple[str, ...], plain: Walk, edited: Walk) -> dict[str, object]:
-    """Compares robots with themselves: a row of the table."""
+    """Returns a row of the table, which compares the same robots with and without the change."""
     difference = pd.Series(mean_angle(claim, edited) - mean_angle(claim, plain)).dropna()
     measured = float(difference.mean()) if len(difference) else float("nan")
     margin = interval(difference)
@@ -142,7 +144,7 @@ def result(claim: Claim, symbols: tuple[str, ...], plain: Walk, edited: Walk) ->
 
 
 def mean_angle(claim: Claim, walk: Walk) -> Array:
-    """Returns each robot's mean joint angle at the claim's instants (n,; rad); NaN without any."""
+    """Returns each robot's mean joint angle at the claim's instants (n,; rad), or NaN."""
     mask = claim.instants(walk)
     counts = mask.sum(axis=0)
     total = np.where(mask, walk.angle[..., claim.term.place[-1]], 0.0).sum(axis=0)

@@ -1,4 +1,4 @@
-"""The page: replay, gait diagram and the terms of every target, in one file that opens offline."""
+"""The page of an explanation: replay, gait diagram and the terms of every target, in one file."""
 
 import json
 from collections.abc import Sequence
@@ -25,15 +25,15 @@ from glassgait.studies.explanation.policy_data import file_lines, variables_of
 TEMPLATES = Path(__file__).parent / "templates"
 
 MOST_SHOWN, N_SHOWN = 30, 14
-"""Terms of a target that are all shown, and of one with more; the others are a sum."""
+"""A target with more than `MOST_SHOWN` terms shows `N_SHOWN` of them, and the sum of the others."""
 
 ROUNDING = 1e-9
-"""Difference of actions, and swing of a term within a state (rad), that is none."""
+"""Differences of actions, and swings of a term within a state (rad), up to this count as 0."""
 
 
 @dataclass(frozen=True)
 class ExplainedJoint:
-    """A joint's targets (n_steps,; rad), and what each of its terms adds (n_steps, k; rad)."""
+    """A joint's targets (n_steps,; rad), and the values of its terms (n_steps, k; rad)."""
 
     terms: tuple[FactoredTerm, ...]
     values: np.ndarray
@@ -41,19 +41,19 @@ class ExplainedJoint:
     states: np.ndarray
 
     def active(self) -> np.ndarray:
-        """Returns which terms are in the formula of the step's state (n_steps, k)."""
-        # A term that serves all states has none of its own.
-        own = np.array([-1 if term.state is None else term.state for term in self.terms])
-        return (own == -1) | (own == self.states[:, None])
+        """Returns whether each term is in the formula of the step's RM state (n_steps, k)."""
+        # -1 stands for a term of all states.
+        states = np.array([-1 if term.state is None else term.state for term in self.terms])
+        return (states == -1) | (states == self.states[:, None])
 
     def active_of(self, contributions: Contributions, step: int) -> Contributions:
-        """Leaves those parts (k) of a step's target that are in the formula of its state."""
-        kept = np.flatnonzero(self.active()[step])
-        terms = tuple(contributions.terms[index] for index in kept)
-        return Contributions(terms, contributions.values[kept])
+        """Selects the contributions (k) to a step's target that are in its state's formula."""
+        active = np.flatnonzero(self.active()[step])
+        terms = tuple(contributions.terms[index] for index in active)
+        return Contributions(terms, contributions.values[active])
 
     def importances(self) -> np.ndarray:
-        """Returns the mean size of each term's swings around its mean of the state (k; rad)."""
+        """Returns each term's mean absolute deviation from its mean in the RM state (k; rad)."""
         swings = np.array(self.values)
         for state in np.unique(self.states):
             inside = self.states == state
@@ -64,7 +64,7 @@ class ExplainedJoint:
 def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, ...]:
     """Splits every target of a rollout into terms, joint by joint."""
     observations = rollout["observation"]
-    # Terms add up to what the policy asks for, before limits.
+    # Terms add up to the targets before limits.
     targets = policy.robot.joint_targets(policy(observations))
     states = rollout["rm_state"].argmax(axis=1)
     explained = []
@@ -86,11 +86,11 @@ def render_page(
     step: int,
     figures: Sequence[Path],
 ) -> str:
-    """Renders the page of a student's rollout, first shown at a joint and control step.
+    """Renders the page of a student's rollout, which opens at a joint and control step.
 
-    The replay is Meshcat's page; figures (PNG) are of the joint.
+    `replay` is Meshcat's page, and `figures` are PNG files of the joint.
     """
-    # The page's script draws from this data.
+    # Collect the data from which the page's script draws.
     titles, units, variables = variables_of(policy, rollout["observation"])
     quantities, colors = _quantities(titles, explained), state_colors(gait)
     values = Tape(tuple(quantities), variables.shape[1])(variables)
@@ -106,26 +106,26 @@ def render_page(
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "quantities": list(quantities.values()),
         "units": units,
-        # No term shows a value that is not finite.
+        # Terms use no values that are not finite.
         "values": _rounded(np.nan_to_num(values, posinf=0.0, neginf=0.0)),
-        "explained": [_joint_data(own, list(quantities)) for own in explained],
+        "explained": [_joint_data(each, list(quantities)) for each in explained],
         "figures": joint if figures else None,
         "file": file_lines(policy, len(gait.states)) if isinstance(policy, FormulaPolicy) else None,
         "joint": joint,
         "step": step,
     }
 
-    # The template holds the text around it. The data may stand inside a script element.
+    # Fill in the template. In a script element, the data must not contain "<".
     robot = policy.robot.name
-    whose = "" if robot == DEFAULT_ROBOT else f" of the {robot.capitalize()}"
+    of_robot = "" if robot == DEFAULT_ROBOT else f" of the {robot.capitalize()}"
     return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
-        title=f"{gait.name.capitalize()}{whose}, {policy_name}",
+        title=f"{gait.name.capitalize()}{of_robot}, {policy_name}",
         joint=quadruped.JOINTS[joint].replace("_", " "),
         limited=policy.joint_law.limited,
-        held_back=held_back(policy, rollout),
-        additive=any(not term.weights for own in explained for term in own.terms),
-        weighted=any(term.weights for own in explained for term in own.terms),
+        limited_steps=limited_steps(policy, rollout),
+        additive=any(not term.weights for each in explained for term in each.terms),
+        weighted=any(term.weights for each in explained for term in each.terms),
         formulas=isinstance(policy, FormulaPolicy),
         data=json.dumps(data).replace("<", "\\u003c"),
         replay=json.dumps(replay).replace("<", "\\u003c"),
@@ -133,39 +133,39 @@ def render_page(
     )
 
 
-def held_back(policy: Policy, rollout: Rollout) -> str | None:
-    """Returns in words how often limits changed what a policy asked for; None without limits."""
+def limited_steps(policy: Policy, rollout: Rollout) -> str | None:
+    """Describes in how many steps limits changed the policy's action; None without limits."""
     if policy.joint_law.limits is None:
         return None
-    apart = np.abs(policy(rollout["observation"]) - rollout["action"]).max(axis=1)
-    return f"in {np.count_nonzero(apart > ROUNDING)} of {len(apart)} steps"
+    changes = np.abs(policy(rollout["observation"]) - rollout["action"]).max(axis=1)
+    return f"in {np.count_nonzero(changes > ROUNDING)} of {len(changes)} steps"
 
 
 def _quantities(
     titles: Sequence[str], explained: Sequence[ExplainedJoint]
 ) -> dict[Expression, str]:
-    """Names everything that some term is made of: the variables in order, then functions."""
-    every = {variable(index): name for index, name in enumerate(titles)}
-    terms = (term for own in explained for term in own.terms)
+    """Names all quantities of terms: the variables in order, then functions."""
+    names = {variable(index): name for index, name in enumerate(titles)}
+    terms = (term for each in explained for term in each.terms)
     for quantity in (quantity for term in terms for quantity in term.quantities):
-        if quantity not in every:
-            every[quantity] = write_formula(quantity, titles)
-    return every
+        if quantity not in names:
+            names[quantity] = write_formula(quantity, titles)
+    return names
 
 
 def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> dict[str, Any]:
-    """Keeps each target's largest terms as pairs of index and value, and the others' sum."""
-    # Choose the largest terms of each step; in the file's order rows stay where they are.
+    """Returns each target's largest terms as pairs of index and value, and the others' sum."""
+    # Select the largest terms of each step. In the file's order, rows of the page hardly move.
     values, active = explained.values, explained.active()
     sizes = np.where(active, np.abs(values), -1.0)
     order = np.argsort(-sizes, axis=1, kind="stable")
     n_active = active.sum(axis=1)
     n_shown = np.where(n_active > MOST_SHOWN, N_SHOWN, n_active)
-    index = [sorted(own[:n].tolist()) for own, n in zip(order, n_shown, strict=True)]
-    shown = [own[kept] for own, kept in zip(values, index, strict=True)]
-    rest = [own.sum() - kept.sum() for own, kept in zip(values, shown, strict=True)]
+    index = [sorted(ranked[:n].tolist()) for ranked, n in zip(order, n_shown, strict=True)]
+    shown = [row[selected] for row, selected in zip(values, index, strict=True)]
+    rest = [row.sum() - largest.sum() for row, largest in zip(values, shown, strict=True)]
 
-    # Choose the terms that swing most over the rollout.
+    # Select the terms that swing most over the rollout.
     importances = explained.importances()
     moving = np.flatnonzero(importances > ROUNDING)
     ranked = np.sort(moving[np.argsort(-importances[moving], kind="stable")[:N_SHOWN]])
@@ -181,7 +181,7 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
         ],
         "target": _rounded(explained.targets),
         "index": index,
-        "value": [_rounded(own) for own in shown],
+        "value": [_rounded(row) for row in shown],
         "others": (n_active - n_shown).tolist(),
         "rest": _rounded(np.array(rest)),
         "error": float(np.abs(values.sum(axis=1) - explained.targets).max()),

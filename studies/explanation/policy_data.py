@@ -1,4 +1,4 @@
-"""Data of a policy for pages: its variables, and the lines of its file that act."""
+"""Data of a policy for pages: its variables, and the active lines of its file."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from glassgait.models.task.observation import entries_of, symbols_of
 def variables_of(
     policy: Policy, observations: np.ndarray
 ) -> tuple[tuple[str, ...], tuple[str, ...], np.ndarray]:
-    """Returns names (k), units (k) and values (n_steps, k) of what a policy's terms are of."""
+    """Returns names (k), units (k) and values (n_steps, k) of the variables of a policy's terms."""
     names = policy.observation_names
     entries, symbols = entries_of(names), symbols_of(names)
     units = tuple(entry.unit for entry in entries)
@@ -27,29 +27,29 @@ def variables_of(
             quantities = policy.quantities(observations)
             return vocabulary.symbols, (*units, *notes), quantities
         case AdditivePolicy():
-            # Its terms are functions that are named at values, so that any unit will do.
+            # Its terms are functions without weights, so that values may have any unit.
             quantities = RobotUnits.of(policy.robot, names).quantities(observations)
             return symbols, units, quantities
     return symbols, tuple(entry.scaled_unit(policy.robot) for entry in entries), observations
 
 
 def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
-    """Returns a policy's file by lines, and those of each state and joint.
+    """Returns a policy's file by lines, and the lines of each RM state and joint.
 
-    `acting` (n_states, 12) holds a formula's first line and the one after its last; `mirrored`
-    (n_states, 12) the lines of a formula that is the mirror image of a written one, else None.
+    `acting` (n_states, 12) has a formula's first line and the line after its last; `mirrored`
+    (n_states, 12) has the lines of formulas that are mirror images of written ones, else None.
     """
     # Find the lines of each formula.
     file, lines = policy.to_file(), policy.to_text().splitlines()
     spans: dict[tuple[int, ...], tuple[int, int]] = {}
     start = 0
     for place in file.written():
-        own = formula_lines(file, place)
-        start = lines.index(own[0], start)
-        spans[place] = (start, start + len(own))
-        start += len(own)
+        written = formula_lines(file, place)
+        start = lines.index(written[0], start)
+        spans[place] = (start, start + len(written))
+        start += len(written)
 
-    # Look up which of them act in each state.
+    # Look up the active lines in each state.
     mirror = FormulaMirror.of(policy.vocabulary, policy.mirror) if policy.mirror else None
     acting, mirrored = [], []
     for state in range(n_states):

@@ -2,12 +2,12 @@ const data = JSON.parse(document.getElementById("data").textContent);
 const at = id => document.getElementById(id);
 const last = data.state.length - 1;
 const view = { step: data.step, joint: data.joint };
-// What else of the page speaks of the moment that is shown.
+// Functions that update other parts of the page at each step.
 const followers = [];
 
 const shownJoint = joint => data.joints[joint].replace("_", " ");
 
-// A link such as #joint=FL_calf&step=40 opens the page there.
+// A link such as #joint=FL_calf&step=40 opens the page at this joint and step.
 function follow() {
   const link = new URLSearchParams(location.hash.slice(1));
   const among = (value, size) => Number.isInteger(value) && value >= 0 && value < size;
@@ -18,7 +18,7 @@ function follow() {
   if (among(step, data.state.length)) view.step = step;
 }
 follow();
-// Browsers refuse to rewrite the address many times a second.
+// Wait before writing, since browsers limit how often the address may change.
 let writing = null;
 function write() {
   clearTimeout(writing);
@@ -33,7 +33,7 @@ const short = x => minus(String(Number(x.toPrecision(4))));
 // A product of quantities, or a function of one or two.
 const nameOf = term => term.of.map(k => data.quantities[k]).join(term.weights.length ? " · " : " & ") || "intercept";
 const weightOf = term => term.weights[term.weights.length > 1 ? data.state[view.step] : 0];
-// What a reader multiplies to check a term: its weight and the values at this step.
+// The factors of a term: its weight and the values at this step.
 function productOf(term) {
   const values = term.of.map(k => short(data.values[view.step][k]));
   if (!term.weights.length) return "at " + values.join(", ");
@@ -73,20 +73,20 @@ function row(table, texts, low, high, scale, color, kind = "") {
 }
 
 function showLocal() {
-  const own = data.explained[view.joint], step = view.step;
-  const values = own.value[step], others = own.others[step];
+  const joint = data.explained[view.joint], step = view.step;
+  const values = joint.value[step], others = joint.others[step];
   at("local-title").textContent = `${shownJoint(view.joint)} at step ${step}: `
-    + `target ${signed(own.target[step])} rad`;
+    + `target ${signed(joint.target[step])} rad`;
   const table = head(at("local"), ["term"], ["weight × values"], ["adds", "number"], [""]);
   at("which").textContent = others > 0 ? `The ${values.length} largest terms`
     : values.length === 1 ? "The only term" : `All ${values.length} terms`;
-  // Bars follow one another, so that the last one ends at the target.
+  // Each bar begins where the previous one ends, so that the last one ends at the target.
   const entries = values.map((value, k) => {
-    const term = own.terms[own.index[step][k]];
+    const term = joint.terms[joint.index[step][k]];
     return [nameOf(term), productOf(term), value];
   });
-  if (others > 0) entries.push([others === 1 ? "1 other term" : `${others} other terms`, "", own.rest[step]]);
-  let end = 0, low = Math.min(0, own.target[step]), high = Math.max(0, own.target[step]);
+  if (others > 0) entries.push([others === 1 ? "1 other term" : `${others} other terms`, "", joint.rest[step]]);
+  let end = 0, low = Math.min(0, joint.target[step]), high = Math.max(0, joint.target[step]);
   for (const [, , value] of entries) {
     end += value; low = Math.min(low, end); high = Math.max(high, end);
   }
@@ -98,8 +98,8 @@ function showLocal() {
     end += value;
   }
   row(table, ["sum = target", "", signed(end)], 0, end, scale, "var(--total)", "sum");
-  at("error").textContent = own.error < 1e-15 ? "exactly"
-    : `to within ${minus(own.error.toExponential(0))} rad`;
+  at("error").textContent = joint.error < 1e-15 ? "exactly"
+    : `to within ${minus(joint.error.toExponential(0))} rad`;
 }
 
 function showValues() {
@@ -137,30 +137,30 @@ function showFile() {
   file.scrollTop = line.offsetTop - file.offsetTop - file.clientHeight / 3;
 }
 
-// The figures are of one joint alone; of another one the page has none.
+// The page has figures of only one joint.
 function showFigures() {
   if (data.figures === null) return;
   const other = data.figures !== view.joint;
   at("figures").hidden = other;
   at("other-figures").hidden = !other;
-  at("other-figures").textContent = `These are figures of ${shownJoint(data.figures)} at the step the page was made for; `
+  at("other-figures").textContent = `This page has only figures of ${shownJoint(data.figures)}; `
     + `glassgait explain page --joint ${data.joints[view.joint]} draws those of ${shownJoint(view.joint)}.`;
 }
 
 function showGlobal() {
-  const own = data.explained[view.joint];
-  at("global-which").textContent = own.moving > own.ranked.length
-    ? `The ${own.ranked.length} of ${own.moving} terms that swing most. ` : "";
-  at("global-title").textContent = `${shownJoint(view.joint)}: what moves it over the rollout`;
+  const joint = data.explained[view.joint];
+  at("global-which").textContent = joint.moving > joint.ranked.length
+    ? `The ${joint.ranked.length} of ${joint.moving} terms that swing most. ` : "";
+  at("global-title").textContent = `${shownJoint(view.joint)}: terms that move it in this rollout`;
   const table = head(at("global"), ["term"], ["swing", "number"], [""]);
-  const most = Math.max(...own.importance, 1e-9);
-  own.ranked.forEach((index, k) => {
-    const term = own.terms[index];
+  const most = Math.max(...joint.importance, 1e-9);
+  joint.ranked.forEach((index, k) => {
+    const term = joint.terms[index];
     const weight = term.weights.length === 1 ? short(term.weights[0]) : "";
     const name = weight && !term.of.length ? weight
       : [weight, nameOf(term)].filter(Boolean).join(" · ");
     const state = term.state === null ? "" : `${data.states[term.state]}: `;
-    row(table, [state + name, own.importance[k].toFixed(3)], 0, own.importance[k], [0, most],
+    row(table, [state + name, joint.importance[k].toFixed(3)], 0, joint.importance[k], [0, most],
         "var(--total)");
   });
 }
@@ -169,7 +169,7 @@ drawFile();
 
 const frame = at("replay");
 frame.srcdoc = JSON.parse(at("replay-page").textContent);
-// Whoever drags the replay has the focus in there.
+// Dragging the replay moves the focus into its frame; pass on its keys.
 frame.addEventListener("load", () => frame.contentWindow.addEventListener("keydown", event => player.press(event)));
 
 const player = new Player(document.querySelector(".player"), {
