@@ -1,1 +1,1 @@
-"""A whole controller in C: what stands in the file, written from a gait and its policies."""
+"""Export of a whole controller as C, written from a gait and its policies."""

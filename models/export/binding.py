@@ -22,10 +22,10 @@ from glassgait.models.task.command import Command
 COMPILER = "cc"
 
 FLAGS = ("-O2", "-Wall", "-Wextra", "-Werror", "-std=c99", "-ffp-contract=off")
-"""Flags by which a controller's file compiles without a warning."""
+"""Compiler flags; with these, a controller's file compiles without warnings."""
 
 OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 2, 4, 8, 16
-"""Flags that a step returns, added up."""
+"""Flags of a step, whose sum is its status."""
 
 Memory = NDArray[np.void]
 """A controller's memory: one record, with the fields of the header's struct."""
@@ -50,11 +50,11 @@ class LoadedController:
             self._init = getattr(library, f"{self.name}_init")
             self._step = getattr(library, f"{self.name}_step")
         except (OSError, AttributeError) as error:
-            raise InputError(f"{path}: is no controller {self.name!r}; compile it anew") from error
+            raise InputError(f"{path}: is no controller {self.name!r}; compile it again") from error
         self._init.restype = None
 
     def _declare(self, real: str, *, odometry: bool) -> None:
-        # Fields and their order are those of controller.h; numpy aligns them as C does.
+        # Fields are in the order of controller.h; numpy aligns them as C does.
         joints, feet, axes = (quadruped.N_JOINTS,), (quadruped.N_LEGS,), (3,)
         self._sensors = _struct(
             ("joint_position", real, joints),
@@ -64,7 +64,7 @@ class LoadedController:
         )
         self._command = _struct(("speed", real), ("yaw_rate", real), ("dwell", real))
         self._targets = _struct(("joint_position", real, joints))
-        of_odometry = (
+        odometry_fields = (
             ("begun", "i4"),
             ("velocity", real, axes),
             ("footholds", real, feet + axes),
@@ -78,7 +78,7 @@ class LoadedController:
             ("reading", "i4", feet),
             ("unchanged", "i4", feet),
             *((name, "i4") for name in ("state", "iterations", "age")),
-            *(of_odometry if odometry else ()),
+            *(odometry_fields if odometry else ()),
         )
 
     def initial(self) -> Memory:
@@ -87,15 +87,15 @@ class LoadedController:
         return memory
 
     def step(self, memory: Memory, sensors: Sensors, command: Command) -> Step:
-        """Takes one step of one robot, from the memory after the step before, which stays as is."""
-        # The structs of the header.
+        """Takes one step of one robot, and leaves the given memory unchanged."""
+        # Fill the structs of the header.
         sensed = np.zeros((), self._sensors)
         sensed["joint_position"] = sensors.joint_position
         sensed["joint_velocity"] = sensors.joint_velocity
         sensed["foot_contact"] = sensors.touching
         if self._has_imu:
-            for name, part in ImuReading.of(sensors.imu)._asdict().items():
-                sensed[name] = part
+            for name, value in ImuReading.of(sensors.imu)._asdict().items():
+                sensed[name] = value
         commanded = np.array((*command.velocity, float(command.dwell)), self._command)
 
         # C changes the memory in place.
@@ -117,13 +117,13 @@ def has_compiler() -> bool:
 
 
 def compile_c(source: Path, output: Path, flags: Sequence[str] = FLAGS) -> None:
-    """Compiles a C file; raises InputError if the compiler is missing, or refuses the file."""
+    """Compiles a C file; raises InputError if the compiler is missing or fails."""
     if not has_compiler():
         raise InputError(f"there is no C compiler {COMPILER!r}; install one, such as gcc")
     command = [COMPILER, *flags, str(source), "-o", str(output), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise InputError(f"{source}: cannot be compiled ({brief(done.stderr)}); mend it")
+        raise InputError(f"{source}: cannot be compiled ({brief(done.stderr)}); correct it")
 
 
 def write_source(written: ControllerSource, folder: Path) -> Path:

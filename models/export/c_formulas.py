@@ -1,4 +1,4 @@
-"""The C of formulas, written as in their file."""
+"""Writes formulas as C, in the notation of their file."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -31,73 +31,73 @@ RESERVED = frozenset(
     | {"tanh", "exp", "log", "sqrt", "sin", "cos", "tan", "fabs", "abs", "y0", "y1", "yn", "j0"}
     | {"nearest", "nearest_joints", "j1", "jn", "gamma", "signgam", "main"}
 )
-"""Names that a definition cannot have in C."""
+"""Names that definitions cannot have in C."""
 
 _TYPES = {"Axes": "xyz", "Feet": quadruped.LEGS, "Joints": quadruped.JOINTS}
 
-_OF_JOINTS = ("q", "dq")
+_JOINT_QUANTITIES = ("q", "dq")
 
-_ANY = "-HUGE_VAL, HUGE_VAL"
+_UNLIMITED = "-HUGE_VAL, HUGE_VAL"
 
 
 class Group(NamedTuple):
-    """Definitions that share the part of their names before the dot, such as lifted.FL."""
+    """Definitions that share the part of their names before the dot, such as `lifted`.FL."""
 
     name: str
     type: str
-    """Type of C that has these members, if there is one; else empty."""
+    """C type with these members; empty if there is none."""
     members: tuple[str, ...]
-    """The parts behind the dot; empty for a plain number."""
+    """Parts of the names after the dot; empty for a single number."""
     lines: tuple[str, ...]
 
 
 class Mirror(NamedTuple):
-    """The mirror images by which formulas act that the file leaves out."""
+    """Mirror images, which replace the formulas that the file leaves out."""
 
     signature: str
-    """Declaration of the function of the formulas that the file holds."""
+    """Declaration of the function that evaluates the formulas in the file."""
     states: tuple[str, ...]
     written: tuple[str, ...]
-    """Joints that have a formula in each state, one bit a joint."""
+    """Joints that have a formula in each state, one bit per joint."""
     arrays: tuple[CArray, ...]
 
 
 @policy_code.register
 def formula_code(policy: FormulaPolicy, style: Style) -> Code:
-    """Writes formulas of each joint, the same in all RM states or one set for each.
+    """Writes the formulas of all joints, one set for all RM states or one set per state.
 
-    Joints whose formulas the file leaves out act by the formulas of the mirrored robot.
+    Joints whose formulas the file leaves out use the formulas of the mirrored robot.
     """
     real, vocabulary, per_state = style.real, policy.vocabulary, policy.per_state
     written = policy.to_file().written()
 
-    # The formulas of each state, and the definitions and quantities that they use.
+    # Collect the formulas of each state, and the definitions and quantities that they use.
     rows = [
         {place[-1]: formula for place, formula in written.items() if place[:-1] in ((), (state,))}
         for state in range(len(policy.formulas_by_state))
     ]
     used = frozenset().union(*(formula.variables for formula in written.values()))
     n = len(vocabulary.names)
-    definitions = [one for i, one in enumerate(vocabulary.definitions, start=n) if i in used]
-    observed = used.union(*(one.formula.variables for one in definitions))
+    definitions = [item for i, item in enumerate(vocabulary.definitions, start=n) if i in used]
+    observed = used.union(*(definition.formula.variables for definition in definitions))
     quantities = _quantities(vocabulary.names, observed)
     limited = _limited(policy.readings, quantities)
 
-    # Their text.
+    # Write them as C.
     symbols = _symbols(vocabulary)
     groups = _groups(definitions, vocabulary, symbols, real)
     formulas = [_state_lines(row, symbols, real, per_state=per_state) for row in rows]
-    everything = [one.formula for one in definitions] + list(written.values())
+    all_formulas = [definition.formula for definition in definitions] + list(written.values())
     mirror = _mirror(policy, rows, style) if policy.mirror else None
     signature = style.signature(takes_state=per_state)
-    kind = "each state of the machine and joint" if per_state else "each joint"
+    kind = "each RM state and joint" if per_state else "each joint"
     return Code(
         f"Formulas of the joints' targets, one for {kind}: {policy.n_terms()} terms"
         + (", and their mirror images." if policy.mirror else "."),
         rendered(
             "formulas.c",
             real,
-            **_helpers(everything, quantities, groups, limited),
+            **_helpers(all_formulas, quantities, groups, limited),
             signature=mirror.signature if mirror else signature,
             outer_signature=signature,
             per_state=per_state,
@@ -141,15 +141,15 @@ def _ranges(readings: Readings | None, limited: Sequence[str], real: Real) -> tu
     }
     lines: list[str] = []
     for name in limited:
-        if name in _OF_JOINTS:
-            parts = (ends.get(f"{name}.{part}", _ANY) for part in quadruped.LEG_JOINTS)
-            lines.append(f"{name} = nearest_joints({name}, {', '.join(parts)});")
+        if name in _JOINT_QUANTITIES:
+            pairs = (ends.get(f"{name}.{part}", _UNLIMITED) for part in quadruped.LEG_JOINTS)
+            lines.append(f"{name} = nearest_joints({name}, {', '.join(pairs)});")
             continue
-        for kind, text in ends.items():
-            first, _, member = kind.partition(".")
-            for one in (member,) if member else _TYPES["Feet"]:
+        for kind, pair in ends.items():
+            first, _, axis = kind.partition(".")
+            for member in (axis,) if axis else _TYPES["Feet"]:
                 if first == name:
-                    lines.append(f"{name}.{one} = nearest({name}.{one}, {text});")
+                    lines.append(f"{name}.{member} = nearest({name}.{member}, {pair});")
     return tuple(lines)
 
 
@@ -159,21 +159,21 @@ def _helpers(
     groups: Sequence[Group],
     limited: Sequence[str],
 ) -> dict[str, object]:
-    """Returns the types that formulas need, and the functions besides those of math.h."""
+    """Returns the types and functions that formulas need besides those of math.h."""
     types = {group.type for group in groups}
     return {
-        "powers": [power for power in ("square", "cube") if _asks_for(formulas, power)],
+        "powers": [power for power in ("square", "cube") if _uses(formulas, power)],
         "needs_axes": "Axes" in types or bool({"v", "g", "w"} & set(quantities)),
         "needs_feet": "Feet" in types or "h" in quantities,
         "needs_joints": "Joints" in types or bool({"q", "dq", "a"} & set(quantities)),
-        "limits_joints": bool({*_OF_JOINTS} & {*limited}),
+        "limits_joints": bool({*_JOINT_QUANTITIES} & {*limited}),
         "legs": quadruped.LEGS,
         "joints": quadruped.JOINTS,
     }
 
 
 def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
-    """Names all variables as the formulas do, but for names that C has other uses for."""
+    """Names all variables as in the formulas, except where a name is not free in C."""
     observed = symbols_of(vocabulary.names)
     taken = {symbol.partition(".")[0] for symbol in observed}
     defined = [definition.symbol for definition in vocabulary.definitions]
@@ -181,9 +181,9 @@ def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
     names = []
     for place, symbol in enumerate(defined):
         first, dot, member = symbol.partition(".")
-        fit = is_identifier(first) and (not dot or is_identifier(member)) and first.islower()
-        clash = first in taken | RESERVED or (dot and first in plain)
-        names.append(symbol if fit and not clash else f"own_{place}")
+        is_valid = is_identifier(first) and (not dot or is_identifier(member)) and first.islower()
+        is_taken = first in taken | RESERVED or (dot and first in plain)
+        names.append(symbol if is_valid and not is_taken else f"own_{place}")
     return (*observed, *names)
 
 
@@ -199,16 +199,16 @@ def _quantities(names: Sequence[str], used: frozenset[int]) -> tuple[str, ...]:
 def _groups(
     definitions: Sequence[Definition], vocabulary: Vocabulary, symbols: Sequence[str], real: Real
 ) -> list[Group]:
-    # Definitions by the part of their names before the dot.
+    # Group the definitions by the part of their names before the dot.
     by_name: dict[str, list[tuple[str, Definition]]] = {}
     for definition in definitions:
         symbol = symbols[vocabulary.symbols.index(definition.symbol)]
         by_name.setdefault(symbol.partition(".")[0], []).append((symbol, definition))
 
-    # Their lines. A note that several members share is written once.
+    # Write their lines, and a note that several members share only once.
     groups = []
     for name, defined in by_name.items():
-        members, lines, said = [], [], set()
+        members, lines, notes = [], [], set()
         for symbol, definition in defined:
             _, dot, member = symbol.partition(".")
             start, indent = (f".{member} = ", 8) if dot else (f"const {real} {symbol} = ", 4)
@@ -216,8 +216,8 @@ def _groups(
             formula = _lines(start, definition.formula, symbols, real, indent)
             renamed = "" if symbol == definition.symbol else f"{definition.symbol}: "
             note = commented(renamed + definition.note)
-            lines += _noted(formula, "," if dot else ";", "" if dot and note in said else note)
-            said.add(note)
+            lines += _noted(formula, "," if dot else ";", "" if dot and note in notes else note)
+            notes.add(note)
         groups.append(Group(name, _type_of(members), tuple(members), tuple(lines)))
     return groups
 
@@ -230,7 +230,7 @@ def _type_of(members: Sequence[str]) -> str:
 
 
 def _noted(lines: Sequence[str], end: str, note: str) -> list[str]:
-    """Adds a comment behind a formula, or before it where the line is too short for both."""
+    """Adds a comment after a formula, or on the line before if it does not fit there."""
     *others, last = lines
     whole = f"{last}{end} /* {note} */"
     if not note or len(whole) > LINE_LENGTH:
@@ -265,8 +265,7 @@ def _lines(
     return tuple(written_lines(start, formula, symbols, _notation(real), **style))
 
 
-def _asks_for(formulas: Sequence[Expression], operator: str) -> bool:
+def _uses(formulas: Sequence[Expression], operator: str) -> bool:
     return any(
-        formula.operator == operator or _asks_for(formula.operands, operator)
-        for formula in formulas
+        formula.operator == operator or _uses(formula.operands, operator) for formula in formulas
     )

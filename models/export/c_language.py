@@ -40,7 +40,7 @@ def is_identifier(name: str) -> bool:
 
 
 def number(value: float, real: Real) -> str:
-    """Writes a number that C reads back as the same one, or as the nearest of single precision."""
+    """Writes a number that C reads as the same value, or as the nearest in single precision."""
     if real == "float" and 0.0 < abs(value) < SMALLEST:
         value = 0.0
     text = written_number(value)
@@ -53,7 +53,7 @@ def function(name: str, real: Real) -> str:
 
 
 def commented(text: str) -> str:
-    """Makes one line of a text that may stand in a comment and cannot end it."""
+    """Converts a text to one line that is valid in a comment and cannot end it."""
     line = " ".join(text.split())
     plain = "".join(sign if " " <= sign <= "~" else "?" for sign in line)
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
@@ -75,7 +75,7 @@ class CArray:
 
     @classmethod
     def of_reals(cls, name: str, values: NDArray[Any], real: Real, note: str) -> "CArray":
-        """Makes an array of real numbers, in single precision where that holds them exactly."""
+        """Makes an array of real numbers, in single precision if that represents them exactly."""
         with np.errstate(over="ignore"):
             narrow = values.astype(np.float32)
         if real == "float" or np.array_equal(narrow, values):
@@ -96,21 +96,21 @@ class CArray:
     def definition(self) -> str:
         written = self.values.astype(str)
         if self.type == "float":
-            # Digits of single precision are those that tell it apart from its neighbours.
+            # Write only the digits that distinguish numbers in single precision.
             written = np.char.add(self.values.astype(np.float32).astype(str), "f")
         written = np.where(np.isinf(self.values), "INFINITY", written)
         return "\n".join([f"{self.declaration} = {{", *_rows(written), "};"])
 
 
 def _rows(written: NDArray[Any]) -> Iterator[str]:
-    """Writes the inside of an array's braces; an inner array begins a new line."""
+    """Writes the lines between an array's braces; an inner array begins on a new line."""
     if written.ndim > 1:
-        for part in written:
+        for inner in written:
             yield "{"
-            yield from _rows(part)
+            yield from _rows(inner)
             yield "},"
         return
-    # As many entries as surely fit on a line.
+    # Put as many entries on a line as fit if all have the greatest width.
     width = max(len(entry) for entry in written.tolist()) + 2
     count = max(1, LINE_LENGTH // width)
     entries = written.tolist()
@@ -119,9 +119,9 @@ def _rows(written: NDArray[Any]) -> Iterator[str]:
 
 
 def rendered(template: str, real: Real, /, **values: Any) -> str:
-    """Fills a template, which computes in the type `real`.
+    """Fills a template of code that computes in the type `real`.
 
-    It writes numbers through the filter `number`, and functions of math.h through `function`.
+    The filter `number` writes numbers, and `function` writes names of functions of math.h.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),

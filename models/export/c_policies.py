@@ -1,4 +1,4 @@
-"""The C of policies, by their kind, and of networks."""
+"""Writes policies, by kind, and networks as C."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import Reflection
 
 ABREAST = 10
-"""Greatest number of trees that are walked down side by side, so that a processor need not wait."""
+"""Greatest number of trees evaluated side by side, so that the processor does not wait."""
 
 
 @dataclass(frozen=True)
 class Code:
     title: str
     functions: str
-    """Its functions; the last one is called from outside."""
+    """C functions; the last one is the entry point."""
     arrays: tuple[CArray, ...] = ()
-    """Its constant arrays, whose numbers stand at the end of the file."""
+    """Constant arrays, whose numbers are at the end of the file."""
     takes_state: bool = False
-    """Whether its last function takes the RM state first."""
+    """Whether the first argument of the last function is the RM state."""
 
 
 class Style(NamedTuple):
-    """Names of the constants of RM states, and the type to compute in."""
+    """Names of the C constants of RM states, and the type to compute in."""
 
     constants: Sequence[str]
     real: Real
@@ -71,29 +71,28 @@ def _(policy: LinearPolicy, style: Style) -> Code:
 @policy_code.register
 def _(policy: AdditivePolicy, style: Style) -> Code:
     real = style.real
-    # The gains of all joints from one bin stand side by side: (n, bins, 12).
+    # Put the effects of one bin on all joints side by side: (n, bins, 12).
     effects = np.moveaxis(policy.tables, 0, -1)
     pairs = np.column_stack([policy.pairs, policy.pair_joints])
     n_pairs = len(pairs)
 
-    # The arrays. Only pairs need the coarse cuts.
+    # Only pairs need the coarse cuts. One C function searches both, so both have the same type.
     fine, coarse = policy.cuts, policy.pair_cuts
-    # One function searches both, so both are of the type that holds both.
     cut_type = CArray.of_reals("", np.concatenate([fine.ravel(), coarse.ravel()]), real, "").type
     arrays = [
         CArray("CUTS", fine, cut_type, "cuts of each observation, ascending"),
-        CArray.of_reals("EFFECTS", effects, real, "gain of all joints, by bin"),
+        CArray.of_reals("EFFECTS", effects, real, "effect on all joints, by bin"),
         CArray.of_reals("INTERCEPTS", policy.intercepts, real, "constant of each joint"),
     ]
     if n_pairs:
         arrays += [
             CArray("PAIR_CUTS", coarse, cut_type, "coarser cuts, for pairs"),
-            CArray.of_indices("PAIRS", pairs, "two observations, and the joint that gains"),
-            CArray.of_reals("PAIR_EFFECTS", policy.pair_tables, real, "its gain, by both bins"),
+            CArray.of_indices("PAIRS", pairs, "two observations, and a joint"),
+            CArray.of_reals("PAIR_EFFECTS", policy.pair_tables, real, "effect on it, by both bins"),
         ]
     return Code(
-        f"A sum of {effects.shape[0]} functions of one observation a joint, and in all {n_pairs} "
-        "of two.",
+        f"A sum of {effects.shape[0]} functions of one observation per joint, and {n_pairs} "
+        "functions of two in total.",
         rendered(
             "additive.c",
             real,
@@ -110,18 +109,18 @@ def _(policy: AdditivePolicy, style: Style) -> Code:
 @policy_code.register
 def _(policy: BoostedTreesPolicy, style: Style) -> Code:
     real = style.real
-    # Trees that round what they compare get rounded thresholds, and round in C as well.
+    # Trees that round observations before comparing them do so in C, too.
     rounded = lower_neighbours(policy.thresholds)
     thresholds = policy.thresholds if rounded is None else rounded
     n_trees = policy.features.shape[1]
     arrays = (
-        CArray.of_indices("QUESTIONS", policy.features, "observation that a node asks for"),
-        CArray.of_reals("THRESHOLDS", thresholds, real, "above it, a node goes right"),
-        CArray.of_reals("LEAVES", policy.leaves, real, "what a leaf adds to the action"),
+        CArray.of_indices("QUESTIONS", policy.features, "observation that a node compares"),
+        CArray.of_reals("THRESHOLDS", thresholds, real, "a node goes right if it is greater"),
+        CArray.of_reals("LEAVES", policy.leaves, real, "value that a leaf adds to the action"),
         CArray.of_reals("INTERCEPTS", policy.intercepts, real, "constant of each joint"),
     )
     return Code(
-        f"A sum of {n_trees} trees a joint, of {policy.depth} questions each.",
+        f"A sum of {n_trees} trees per joint, with {policy.depth} comparisons each.",
         rendered(
             "trees.c",
             real,
@@ -144,8 +143,8 @@ def _(policy: NeuralPolicy, style: Style) -> Code:
 
 
 def network_code(network: Network, name: str, called: str, real: Real) -> Code:
-    """Writes a network, whose layers' names begin with `name`, as the function `called`."""
-    # The layers. The weights of one input for all outputs stand side by side.
+    """Writes a network as the function `called`; the names of its layers begin with `name`."""
+    # Write the layers, with the weights of one input for all outputs side by side.
     reflections, prefix = network.reflections or (), name.upper()
     arrays: list[CArray] = []
     layers, layered = [], zip(network.weights, network.biases, strict=True)
@@ -158,13 +157,13 @@ def network_code(network: Network, name: str, called: str, real: Real) -> Code:
         n_out, n_in = weight.shape
         layers.append({"n_in": n_in, "n_out": n_out, "weights": matrix.name, "biases": vector.name})
 
-    # The mirror images of its input and output, and its functions.
+    # Write the reflections of input and output, and the functions.
     for side, reflection in zip(("INPUT", "OUTPUT"), reflections, strict=False):
         arrays += reflection_arrays(f"{prefix}_{side}", reflection)
     widths = " - ".join(str(layer["n_out"]) for layer in layers[:-1])
     return Code(
         f"A network of {len(layers)} layers ({widths} hidden units)"
-        + (", the mean of itself and its mirror image." if reflections else "."),
+        + (", averaged with its mirror image." if reflections else "."),
         rendered(
             "network.c",
             real,
@@ -179,9 +178,9 @@ def network_code(network: Network, name: str, called: str, real: Real) -> Code:
 
 
 def reflection_arrays(prefix: str, reflection: Reflection) -> list[CArray]:
-    """Writes a vector's mirror image: two arrays, whose names begin with the prefix."""
+    """Writes the reflection of a vector as two arrays, whose names begin with the prefix."""
     index, sign = reflection.index, reflection.sign.astype(np.int8)
     return [
-        CArray.of_indices(f"{prefix}_IMAGE", index, "in the mirror an entry is this one"),
+        CArray.of_indices(f"{prefix}_IMAGE", index, "the mirror image of an entry is this one"),
         CArray(f"{prefix}_SIGN", sign, "signed char", "times this sign"),
     ]

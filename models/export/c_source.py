@@ -35,7 +35,7 @@ MOST_NAME = 40
 """Greatest number of characters of a controller's name, the prefix of all its names."""
 
 INITIALISED = 0x0A1C0DE5
-"""The mark that an initialised controller holds; other memory hardly holds it by chance."""
+"""Mark of an initialised controller; other memory is unlikely to contain it."""
 
 _GROUPS: dict[Group, tuple[str, str]] = {
     "joint position": ("JOINT_POSITION", "12: rad, from the default stance"),
@@ -49,7 +49,7 @@ _GROUPS: dict[Group, tuple[str, str]] = {
     "base velocity": ("BASE_VELOCITY", "3: estimated, forward, left and up, 2 * m/s"),
     "foot height": ("FOOT_HEIGHT", "4: estimated, m"),
 }
-"""Constant of the index of each group's first entry, and the comment beside it."""
+"""C constant of the index of each group's first entry, and its comment."""
 
 
 @dataclass(frozen=True)
@@ -76,33 +76,33 @@ def write_controller(
     version: str,
     real: Real = "double",
 ) -> ControllerSource:
-    """Writes a controller in which one policy acts, from sensors to joint targets.
+    """Writes a controller of one policy, from sensors to joint targets.
 
-    Its files, functions and types begin with `name`; `policy_name` stands in comments.
+    Names of its files, functions and types begin with `name`; `policy_name` is for comments.
     """
-    # The policy must be made for the gait and its observation.
+    # Check that the policy is made for the gait and its observation.
     check_name(name)
     policy, robot, law = controller.policy, controller.robot, controller.joint_law
     estimator = exported_estimator(controller)
     odometry = estimator if isinstance(estimator, Odometry) else None
     layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
-    # The expert of a student without odometry serves with its estimator only.
-    for one in (policy,) if odometry else (policy, controller.expert):
-        one.check(robot=policy.robot, gait=gait, observation_names=layout.names)
+    # A student without odometry uses the estimator of the expert.
+    for used in (policy,) if odometry else (policy, controller.expert):
+        used.check(robot=policy.robot, gait=gait, observation_names=layout.names)
 
-    # The parts that depend on the policy and its estimator.
+    # Write the policy and its estimator.
     constants = state_constants(gait)
     acting = policy_code(policy, Style(constants, real))
     network = None
     if not isinstance(estimator, Odometry):
         network = network_code(estimator, "estimator", "estimate", real)
     codes = [acting] if network is None else [acting, network]
-    # Those whose numbers stand at the end of the file.
+    # Name those whose numbers are at the end of the file.
     named = ["the estimator"] * (network is not None)
     named += ["the policy"] * (network is None or bool(acting.arrays))
     has_imu = reads_imu(controller)
 
-    # The numbers of the robot, the gait and the task, for the template.
+    # Fill the templates with the numbers of the robot, the gait and the task.
     values: dict[str, Any] = {
         **_robot_values(robot, controller, gait),
         "name": name,
@@ -148,7 +148,7 @@ def write_controller(
 def check_name(name: str) -> None:
     if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
         raise InputError(
-            f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} small "
+            f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} lower-case "
             "letters, digits and _ that begins with a letter"
         )
 
@@ -159,31 +159,31 @@ def reads_imu(controller: Controller) -> bool:
 
 
 def exported_estimator(controller: Controller) -> Network | Odometry:
-    """Returns a controller's estimator; raises InputError if there is no C of it."""
+    """Returns a controller's estimator; raises InputError if it cannot be written as C."""
     estimator = controller.estimator
     if not isinstance(estimator, Network | Odometry):
         raise InputError(
-            f"the estimator of a {controller.expert.kind} policy cannot be exported; export one of "
-            "an expert"
+            f"the estimator of a {controller.expert.kind} policy cannot be exported; export an "
+            "expert or its student"
         )
     return estimator
 
 
 def _described(policy: Policy, policy_name: str) -> str:
-    """Returns a policy's name, and its kind where that is another word."""
+    """Returns a policy's name, and its kind if that is different."""
     kind = policy.kind.replace("_", " ")
     named = commented(policy_name)
     return f"policy {named}" if named == policy.kind else f"policy {named}, {kind}"
 
 
 def _places(robot: Robot, layout: ObservationLayout) -> list[tuple[str, int, str]]:
-    found = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
+    places = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
     groups = [entry.group for entry in layout.entries]
     for group, (title, note) in _GROUPS.items():
         if group in groups:
             filled = note.format(n=layout.n_machine_states, scale=robot.action_scale)
-            found.append((title, groups.index(group), filled))
-    return found
+            places.append((title, groups.index(group), filled))
+    return places
 
 
 # ---- The robot -------------------------------------------------------------------------------
@@ -225,19 +225,19 @@ def _robot_values(robot: Robot, controller: Controller, gait: Gait) -> dict[str,
 
 
 def _ranges(robot: Robot, limits: TargetLimits | None) -> dict[str, Any]:
-    """Returns the joints' ranges and their reach: three numbers where all legs are alike."""
+    """Returns the joints' ranges and their reach, as three numbers if all legs are alike."""
     values = {"lowest": robot.lower_limits, "highest": robot.upper_limits}
     if limits is not None:
         limits.check(robot)
         values["reach"] = robot.effort / limits.stiffness
-    legs = (np.tile(one[:3], quadruped.N_LEGS) for one in values.values())
+    legs = (np.tile(array[:3], quadruped.N_LEGS) for array in values.values())
     shared = all(map(np.array_equal, values.values(), legs))
     count, index = (3, "joint % 3") if shared else (quadruped.N_JOINTS, "joint")
-    return {"limit": index, **{name: one[:count].tolist() for name, one in values.items()}}
+    return {"limit": index, **{name: array[:count].tolist() for name, array in values.items()}}
 
 
 def _efforts(robot: Robot) -> list[tuple[str, float, str]]:
-    # One constant serves all joints that share it.
+    # Write one constant if all joints share it.
     if np.ptp(robot.effort) == 0.0:
         return [("EFFORT", float(robot.effort[0]), "greatest torque of a joint, N m")]
     return [
@@ -267,14 +267,14 @@ def _odometry_code(odometry: Odometry, robot: Robot, real: Real) -> str:
 
 
 class Case(NamedTuple):
-    """The transitions out of a state: formula, lines of the condition, next constant."""
+    """The transitions from a state: formula, lines of the condition, next state's constant."""
 
     state: str
     exits: tuple[tuple[str, tuple[str, ...], str], ...]
 
 
 def state_constants(gait: Gait) -> tuple[str, ...]:
-    """Names the constant of each RM state by the state's name, or else by its number."""
+    """Returns the C constants of RM states, with their names if all are valid, else numbers."""
     names = [f"STATE_{state.upper()}" for state in gait.states]
     if len(set(names)) < len(names) or not all(is_identifier(name) for name in names):
         return tuple(f"STATE_{index}" for index in range(len(names)))
@@ -283,7 +283,7 @@ def state_constants(gait: Gait) -> tuple[str, ...]:
 
 def machine_cases(gait: Gait, real: Real) -> list[Case]:
     named = dict(zip(gait.states, state_constants(gait), strict=True))
-    found = []
+    cases = []
     for state in gait.states:
         exits = tuple(
             (commented(edge.when.text), _condition(edge, real), named[edge.target])
@@ -291,30 +291,30 @@ def machine_cases(gait: Gait, real: Real) -> list[Case]:
             if edge.source == state
         )
         if exits:
-            found.append(Case(named[state], exits))
-    return found
+            cases.append(Case(named[state], exits))
+    return cases
 
 
 def _condition(edge: Transition, real: Real) -> tuple[str, ...]:
     """Returns the lines of a condition over `now`, the propositions of a control step."""
-    # What must hold: the formula, high feet that swing, and time.
-    parts = _conjuncts(ast.parse(edge.when.text, mode="eval").body)
+    # The formula, the clearance of swinging feet and the times must all hold.
+    conditions = _conjuncts(ast.parse(edge.when.text, mode="eval").body)
     swings = zip(quadruped.LEGS, edge.when.swing_feet, strict=True)
-    parts += [f"now->height[{leg}] >= CLEARANCE" for leg, swing in swings if swing]
+    conditions += [f"now->height[{leg}] >= CLEARANCE" for leg, swing in swings if swing]
     if edge.dwell > 0.0:
         share = "" if edge.dwell == 1.0 else f"{number(edge.dwell, real)} * "
-        parts.append(f"now->spent >= {share}now->dwell")
+        conditions.append(f"now->spent >= {share}now->dwell")
     if edge.grace > 0:
-        parts.append(f"now->age >= {edge.grace}")
+        conditions.append(f"now->age >= {edge.grace}")
 
-    # Lines break between these parts only.
-    glued = [part.replace(" ", GLUE) for part in parts]
+    # Break lines only between these conditions.
+    glued = [condition.replace(" ", GLUE) for condition in conditions]
     lines = textwrap.wrap(f" &&{GLUE}".join(glued), LINE_LENGTH - 14, break_long_words=False)
     return tuple(line.replace(GLUE, " ") for line in lines)
 
 
 def _conjuncts(node: ast.expr) -> list[str]:
-    """Lists the parts that must all hold; the formula was checked with the gait's file."""
+    """Lists the conditions that must all hold; the gait has checked the formula."""
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd):
         return [*_conjuncts(node.left), *_conjuncts(node.right)]
     return [_proposition(node)]

@@ -1,8 +1,8 @@
 """The contract between an exported controller and its robot, as `deploy.yaml` beside the file.
 
-It names joints and feet in the order of all arrays, their stance, limits and gains, the sensors and
+It lists joints and feet in the order of all arrays, their stance, limits and gains, sensors and
 commands with units and frames, the rate, and digests of the exported files. A program that moves a
-robot compares it with the robot's own numbers first.
+robot first compares it with the robot's numbers.
 """
 
 import hashlib
@@ -29,13 +29,13 @@ CONTRACT = "deploy.yaml"
 VERSION = 5
 
 HEADER = """\
-# What {name} needs of the robot that it moves. Compare it with the robot's own numbers before
-# anything moves. Arrays are in the order of `joints` and `feet`; the trunk's frame has x ahead, y
-# to the left and z up.
+# What {name} requires of its robot. Compare it with the robot's numbers before anything moves.
+# Arrays are in the order of `joints` and `feet`. In the trunk's frame, x points forward, y to the
+# left and z up.
 """
 
 Signals = dict[str, dict[str, Any]]
-"""Sizes, units and frames by the name of a sensor, a command or a target."""
+"""Size, unit and frame of each sensor, command or target, by name."""
 
 
 def _signal(size: int, unit: str, frame: str = "none") -> dict[str, Any]:
@@ -65,13 +65,13 @@ TARGETS: Signals = {"joint_position": _signal(quadruped.N_JOINTS, "rad")}
 def contract_of(
     gait: Gait, controller: Controller, file: Path, policy_name: str, real: Real = "double"
 ) -> dict[str, Any]:
-    """Returns the contract of an exported file, which must exist, by key."""
+    """Returns the contract of an exported file, which must exist."""
     policy, robot = controller.policy, controller.robot
     stiffness, damping = controller.joint_law.gains_of(robot)
     units = RobotUnits.of(robot, policy.observation_names)
     affine = units.offset.tolist(), units.scale.tolist()
     contract = {
-        # What was exported.
+        # The exported file, policy and gait.
         "version": VERSION,
         "file": file.name,
         "file_digest": digest(file),
@@ -82,14 +82,14 @@ def contract_of(
         "gait": gait.name,
         "gait_digest": gait.digest(),
         "rm_states": list(gait.states),
-        # What it needs of the robot.
+        # The robot and its sensors.
         "estimator": "odometry" if isinstance(controller.estimator, Odometry) else "network",
         **robot_terms(robot),
         "stiffness": stiffness,
         "damping": damping,
         "limited": controller.joint_law.limited,
         "sensors": SENSORS | (IMU if reads_imu(controller) else {}),
-        # What it reads, beside the sensors, and gives.
+        # Commands, targets and observations.
         "command": COMMAND,
         "command_ranges": {
             "speed": [-gait.max_speed, gait.max_speed],
@@ -106,7 +106,7 @@ def contract_of(
 
 
 def robot_terms(robot: Robot) -> dict[str, Any]:
-    """Returns the entries of a contract that the robot and this project decide, by key."""
+    """Returns the entries of a contract that depend only on the robot and this project."""
     return {
         "robot": robot.name,
         "control_period": CONTROL_PERIOD,
@@ -134,17 +134,18 @@ def contract_text(contract: dict[str, Any]) -> str:
 
 def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
     """Reads a contract, and compares it with its robot and with the files beside it."""
-    # The text is as it was written.
+    # Check that the contract was not changed.
     contract = read_yaml(path)
     if not isinstance(contract, dict) or contract.get("version") != VERSION:
-        raise InputError(f"{path}: is no contract of version {VERSION}; export the controller anew")
+        raise InputError(
+            f"{path}: is no contract of version {VERSION}; export the controller again"
+        )
     if contract.get("digest") != _digest(contract):
         raise InputError(
-            f"{path}: key 'digest' does not match the others; one was changed, so export the "
-            "controller anew"
+            f"{path}: key 'digest' does not match the other keys; export the controller again"
         )
 
-    # Its numbers are the robot's.
+    # Compare its numbers with those of the robot.
     terms = robot_terms(robot or robot_of(path, contract["robot"]))
     for key, value in terms.items():
         if contract[key] != value:
@@ -153,13 +154,13 @@ def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
                 f"{shown(value)}; export the controller for this robot"
             )
 
-    # The files beside it are those that were exported.
+    # Check that the files beside it were not changed.
     file = path.parent / Path(contract["file"]).name
     for key, found in (("file_digest", digest(file)), ("header_digest", _header_digest(file))):
         if contract[key] != found:
             raise InputError(
-                f"{path}: key {key!r} is not that of {file.name}; one of the two was changed, so "
-                "export the controller anew"
+                f"{path}: key {key!r} does not match {file.name}; one of the two was changed, so "
+                "export the controller again"
             )
     return contract
 

@@ -13,8 +13,8 @@ The grammar, in printable ASCII characters and line feeds:
     word     = ( letter | "_" ) { letter | digit | "_" }
 
 Operators of equal precedence apply from left to right. Numbers have no needless leading zeros and
-are at most 10^30; brackets are at most 100 deep. Spaces may separate tokens. The certificate checker
-reads the same grammar with separate code.
+are at most 10^30; brackets are at most 100 deep. Spaces may separate tokens. The checker of
+certificates reads the same grammar with separate code.
 """
 
 import re

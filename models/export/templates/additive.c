@@ -1,4 +1,4 @@
-/* Returns the number of cuts that are at most as great as a value. */
+/* Returns the number of cuts that do not exceed a value. */
 static int bin_of({{ real }} value, const {{ cut_type }} *cuts, int n_cuts)
 {
     int low = 0;

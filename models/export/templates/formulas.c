@@ -19,41 +19,41 @@ typedef struct {
     {{ real }} RL_hip, RL_thigh, RL_calf, RR_hip, RR_thigh, RR_calf;
 } Joints;
 
-/* Returns what is observed of the joints in its own unit. What counts from the default stance has
- * all of it added, from_stance 1, and the rest nothing, from_stance 0. */
+/* Converts observations of the joints to the robot's units. If from_stance is 1, they are relative
+ * to the default stance; if it is 0, they are not. */
 static Joints joints(const {{ real }} observed[12], {{ real }} scale, {{ real }} from_stance)
 {
-    const Joints own = {
+    const Joints quantities = {
 {% for joint in joints %}
         .{{ joint }} = observed[{{ joint | upper }}] / scale + from_stance * STANCE[{{ joint | upper }}],
 {% endfor %}
     };
-    return own;
+    return quantities;
 }
 
 {% endif %}
 {% if limits_joints %}
-/* Returns the joints nearest to these in ranges of hips, thighs and calves; of right hips, whose
- * angles have the other sign, these are those of left ones in the mirror. */
-static Joints nearest_joints(Joints own, {{ real }} hip_low, {{ real }} hip_high,
+/* Clips quantities of joints to ranges of hips, thighs and calves. Right hips, whose angles have
+ * the opposite sign, have the mirror image of the range. */
+static Joints nearest_joints(Joints value, {{ real }} hip_low, {{ real }} hip_high,
     {{ real }} thigh_low, {{ real }} thigh_high, {{ real }} calf_low, {{ real }} calf_high)
 {
-    const Joints read = {
+    const Joints clipped = {
 {% for joint in joints %}
 {% if joint.endswith('R_hip') %}
-        .{{ joint }} = nearest(own.{{ joint }}, -hip_high, -hip_low),
+        .{{ joint }} = nearest(value.{{ joint }}, -hip_high, -hip_low),
 {% else %}
-        .{{ joint }} = nearest(own.{{ joint }}, {{ joint[3:] }}_low, {{ joint[3:] }}_high),
+        .{{ joint }} = nearest(value.{{ joint }}, {{ joint[3:] }}_low, {{ joint[3:] }}_high),
 {% endif %}
 {% endfor %}
     };
-    return read;
+    return clipped;
 }
 
 {% endif %}
 {{ signature }}
 {
-    /* What the formulas speak of, in the robot's units. */
+    /* Quantities of the formulas, in the robot's units. */
 {% if 'cmd' in quantities %}
     {{ 'struct' if 'cmd' in limited else 'const struct' }} {
         {{ real }} v;   /* commanded forward speed, m/s */
@@ -99,14 +99,14 @@ static Joints nearest_joints(Joints own, {{ real }} hip_low, {{ real }} hip_high
 {% endif %}
 {% if ranges %}
 
-    /* Readings: formulas read each within its range, or the nearer end of it. */
+    /* Readings: quantities are clipped to their ranges. */
 {% for line in ranges %}
     {{ line }}
 {% endfor %}
 {% endif %}
 {% if groups %}
 
-    /* Definitions: names for formulas of these. */
+    /* Definitions: named formulas of these. */
 {% endif %}
 {% for group in groups %}
 {% if group.type %}
@@ -156,32 +156,32 @@ static Joints nearest_joints(Joints own, {{ real }} hip_low, {{ real }} hip_high
 {% if mirror %}
 }
 
-/* In the mirror an observation, or a target, is this one times this sign. */
+/* The mirror image of an observation or target is this one times this sign. */
 {% for array in mirror.arrays %}
 {{ array.definition }}
 {% endfor %}
 
-/* Has a joint without a formula do as its image does in the mirror. */
+/* Evaluates the formulas, and those of the mirrored robot for joints without a formula. */
 {{ outer_signature }}
 {
 {% if per_state %}
     static const int mirrored[] = { {{- mirror.states | join(', ') -}} };
-    static const unsigned has_formula[] = { {{- mirror.written | join(', ') -}} }; /* a bit a joint */
-    const unsigned own = has_formula[state];
+    static const unsigned has_formula[] = { {{- mirror.written | join(', ') -}} }; /* a bit per joint */
+    const unsigned written = has_formula[state];
 {% else %}
-    const unsigned own = {{ mirror.written[0] }}; /* a bit a joint: has it a formula? */
+    const unsigned written = {{ mirror.written[0] }}; /* joints with a formula, a bit per joint */
 {% endif %}
-    {{ real }} target[12] = {0}, image[12] = {0}, seen[N_OBSERVATIONS];
+    {{ real }} target[12] = {0}, image[12] = {0}, reflected[N_OBSERVATIONS];
 
-    if (own != 0)
+    if (written != 0)
         formulas({{ 'state, ' if per_state }}observation, target);
-    if (own != 0xfff) {
+    if (written != 0xfff) {
         for (int i = 0; i < N_OBSERVATIONS; i++)
-            seen[i] = OBSERVATION_SIGN[i] * observation[OBSERVATION_IMAGE[i]];
-        formulas({{ 'mirrored[state], ' if per_state }}seen, image);
+            reflected[i] = OBSERVATION_SIGN[i] * observation[OBSERVATION_IMAGE[i]];
+        formulas({{ 'mirrored[state], ' if per_state }}reflected, image);
     }
     for (int joint = 0; joint < 12; joint++)
-        if (!(own >> joint & 1))
+        if (!(written >> joint & 1))
             target[joint] = TARGET_SIGN[joint] * image[TARGET_IMAGE[joint]];
 {% endif %}
     for (int joint = 0; joint < 12; joint++)

@@ -26,8 +26,8 @@ static void {{ name }}_layer_{{ loop.index }}(const {{ real }} *x, {{ real }} *y
 
 {% endfor %}
 {% if mirrored %}
-/* What the network says, and what it would say in the mirror, seen in the mirror: their mean
- * treats left and right alike. Both go through the layers at once, since these are long to read. */
+/* Averages the output with the mirror image of the output for the mirrored input, which makes the
+ * network mirror-symmetric. Each layer computes both, so that its weights are loaded once. */
 {% endif %}
 static void {{ called }}(const {{ real }} x[{{ n_in }}], {{ real }} output[{{ n_out }}])
 {

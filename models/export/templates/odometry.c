@@ -1,9 +1,9 @@
-#define GAIN {{ gain | number }} /* share of the standing feet's velocity in the trunk's, each step */
+#define GAIN {{ gain | number }} /* share of the standing feet in the trunk's velocity, each step */
 #define PERIOD {{ period | number }} /* s between two steps */
 #define GRAVITY {{ gravity | number }} /* m/s^2 */
-#define SLIP {{ slip | number }} /* m/s over the ground, at which a foot does not stand */
+#define SLIP {{ slip | number }} /* m/s over the ground, at which a foot no longer stands */
 
-/* Lengths of the legs, m. The signs of OFFSET are those of left and right. */
+/* Lengths of the legs, m. OFFSET is positive on the left and negative on the right. */
 #define THIGH {{ thigh | number }} /* from the thigh joint to the knee */
 #define CALF {{ calf | number }} /* from the knee to the foot's centre */
 #define RADIUS {{ radius | number }} /* of a foot */
@@ -14,12 +14,12 @@ static const {{ real }} HIP[4][3] = { /* the hip joint, from the trunk's centre 
 {% endfor %}
 };
 
-/* Where a foot is, how fast its joints move it and turn its shank: m, m/s, rad/s, trunk's frame. */
+/* In the trunk's frame: position of a foot, its velocity and its shank's angular velocity. */
 typedef struct {
-    {{ real }} p[3], dp[3], dr[3];
+    {{ real }} p[3], dp[3], dr[3]; /* m, m/s, rad/s */
 } Foot;
 
-/* Returns a leg's foot by the angles and velocities of its hip, thigh and calf. */
+/* Computes a leg's foot from the angles and velocities of its hip, thigh and calf. */
 static Foot foot_of(int leg, const {{ real }} q[3], const {{ real }} dq[3])
 {
     const {{ real }} shank = q[1] + q[2], turning = dq[1] + dq[2];
@@ -29,7 +29,7 @@ static Foot foot_of(int leg, const {{ real }} q[3], const {{ real }} dq[3])
     const {{ real }} z = -THIGH * {{ 'cos' | function }}(q[1]) - CALF * {{ 'cos' | function }}(shank);
     const {{ real }} dx = -THIGH * {{ 'cos' | function }}(q[1]) * dq[1] - CALF * {{ 'cos' | function }}(shank) * turning;
     const {{ real }} dz = THIGH * {{ 'sin' | function }}(q[1]) * dq[1] + CALF * {{ 'sin' | function }}(shank) * turning;
-    /* The hip turns that plane about the trunk's axis. */
+    /* The hip turns that plane about the trunk's forward axis. */
     const {{ real }} left = cos_hip * OFFSET[leg] - sin_hip * z;
     const {{ real }} up = sin_hip * OFFSET[leg] + cos_hip * z;
     const Foot foot = {
@@ -47,8 +47,8 @@ static void cross(const {{ real }} a[3], const {{ real }} b[3], {{ real }} produ
     product[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Returns which feet touch, and did before, since one that has just come down still moves. Those of
- * them that swing or slip do not stand, unless all do: then it is the prediction that is wrong. */
+/* Returns the feet that touch now and did one step before, since a foot that just came down still
+ * moves. Feet that swing or slip are left out, unless all do: then the prediction is wrong. */
 static unsigned standing_feet(const Controller *controller, const Sensors *sensors,
     const {{ real }} predicted[3], {{ real }} soles[4][3])
 {
@@ -69,8 +69,8 @@ static unsigned standing_feet(const Controller *controller, const Sensors *senso
     return near ? near : stood;
 }
 
-/* Predicts the velocity by the accelerometer, and corrects it by the feet that stand. They roll:
- * the lowest point of a foot, its sole, rests, and not its centre. */
+/* Predicts the velocity by the accelerometer, and corrects it by the standing feet. Feet roll: the
+ * lowest point of a foot, its sole, is at rest, not its centre. */
 static void advance_velocity(Controller *controller, const Sensors *sensors, const Foot feet[4])
 {
     const {{ real }} *w = sensors->angular_velocity, *dv = sensors->velocity_change;
@@ -108,7 +108,7 @@ static void advance_velocity(Controller *controller, const Sensors *sensors, con
     }
 }
 
-/* A foot that touches stands where it is; where another one stood last moves as the ground does. */
+/* Sets the footholds of feet that touch, and moves those of the other feet with the ground. */
 static void carry_footholds(Controller *controller, const Sensors *sensors, const Foot feet[4])
 {
     const {{ real }} *v = controller->velocity, *w = sensors->angular_velocity;
@@ -134,14 +134,14 @@ static void carry_footholds(Controller *controller, const Sensors *sensors, cons
 static void measure_heights(const Controller *controller, const Foot feet[4], {{ real }} height[4])
 {
     const {{ real }}(*at)[3] = controller->footholds;
-    {{ real }} one[3], other[3], normal[3], mean[3], length;
+    {{ real }} first[3], second[3], normal[3], mean[3], length;
 
     for (int axis = 0; axis < 3; axis++) {
-        one[axis] = at[FR][axis] - at[RL][axis];
-        other[axis] = at[FL][axis] - at[RR][axis];
+        first[axis] = at[FR][axis] - at[RL][axis];
+        second[axis] = at[FL][axis] - at[RR][axis];
         mean[axis] = (at[FL][axis] + at[FR][axis] + at[RL][axis] + at[RR][axis]) / {{ 4.0 | number }};
     }
-    cross(one, other, normal);
+    cross(first, second, normal);
     length = {{ 'sqrt' | function }}(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
     for (int leg = 0; leg < 4; leg++) {
         height[leg] = {{ 0.0 | number }};
@@ -150,8 +150,8 @@ static void measure_heights(const Controller *controller, const Foot feet[4], {{
     }
 }
 
-/* Goes on by a step, or begins with a robot at rest on all feet, and writes what is observed: twice
- * the velocity, then the heights. */
+/* Advances by a step, or begins with a robot at rest on all feet, and writes the observations:
+ * twice the velocity, then the heights. */
 static void estimate(
     Controller *controller, const Sensors *sensors, {{ real }} body[7])
 {

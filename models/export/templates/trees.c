@@ -1,7 +1,7 @@
 {{ signature }}
 {
 {% if compared != real %}
-    /* The trees were grown on numbers of single precision, and compare such numbers. */
+    /* The trees were fitted to single-precision numbers, and compare such numbers. */
     {{ compared }} compared[N_OBSERVATIONS];
     for (int i = 0; i < N_OBSERVATIONS; i++)
         compared[i] = ({{ compared }})observation[i];
@@ -15,8 +15,8 @@
             const {{ question_type }}(*const question)[{{ 2 ** depth - 1 }}] = &QUESTIONS[joint][tree];
             const {{ threshold_type }}(*const threshold)[{{ 2 ** depth - 1 }}] = &THRESHOLDS[joint][tree];
             const {{ leaf_type }}(*const leaf)[{{ 2 ** depth }}] = &LEAVES[joint][tree];
-            /* The nodes of {{ abreast }} trees: they are walked down side by side, since each step of one
-             * waits for the step before. The children of node k are 2 k + 1 and 2 k + 2. */
+            /* Nodes of {{ abreast }} trees, which are walked down side by side, since each step in a tree
+             * waits for the previous one. The children of node k are 2 k + 1 and 2 k + 2. */
             int {% for k in range(abreast) %}n{{ k }} = 0{{ ', ' if not loop.last }}{% endfor %};
 
             for (int level = 0; level < {{ depth }}; level++) {
