@@ -1,1 +1,1 @@
-"""Parts that studies share: episodes, scores, policies, run folders, experiments, figures."""
+"""Code that studies share: episodes, scores, policies, run folders, experiments, figures."""

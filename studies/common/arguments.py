@@ -1,4 +1,4 @@
-"""Checks of a command line before anything slow is imported: names, and the place of results."""
+"""Checks of names and output paths on the command line before slow imports."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -16,7 +16,7 @@ KINDS = (
     "symbolic_per_state",
     "formulas",
 )
-"""The kinds of students, in the order of tables."""
+"""Kinds of students, in the order of tables."""
 
 FILES = (".yaml", ".yml", ".formulas", ".safetensors")
 
@@ -25,35 +25,35 @@ SHIPPED = {
     "--robot": "models/robots/*/robot.yaml",
     "--scenario": "diagrams/scenarios/**/*.yaml",
 }
-"""Files of what an option may name."""
+"""Options whose values may be names of shipped files."""
 
 OTHERS = {
     "--scenario": ("grounds", "harsh"),
     "--policy": ("expert", *KINDS),
     "--students": KINDS,
 }
-"""Further names of an option."""
+"""Further values of options."""
 
 
-def refuse_early(command: str, arguments: Sequence[str]) -> None:
-    """Raises an InputError if a command names what does not exist, or writes over a file."""
-    given = list(_options(command, arguments))
-    # A run, or a gait of one's own, may have policies of any name.
-    own = any(
+def check_arguments(command: str, arguments: Sequence[str]) -> None:
+    """Raises an InputError if a name does not exist or an output path contains a file."""
+    pairs = list(_options(command, arguments))
+    # A run, or a user's gait or robot, may have policies of any name.
+    any_policy = any(
         option == "--source" or (option in ("--gait", "--robot") and _is_path(value))
-        for option, value in given
+        for option, value in pairs
     )
-    for option, value in given:
+    for option, value in pairs:
         if option == "--output":
-            _refuse_file(Path(value))
-        known = () if own and option == "--policy" else _known(option)
+            _check_output(Path(value))
+        known = () if any_policy and option == "--policy" else _known_values(option)
         if known and not _is_path(value) and value not in ("all", *known):
             remedy = "" if option == "--students" else ", or give the path of a file"
             raise unknown_name(option[2:].removesuffix("s"), value, known, remedy)
 
 
 def _options(command: str, arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yields every value with its option; `gait` and `robot` take a name without one."""
+    """Yields pairs of option and value; the names of `gait` and `robot` have no option."""
     option = f"--{command}"
     for argument in arguments:
         if argument.startswith("--"):
@@ -63,19 +63,19 @@ def _options(command: str, arguments: Sequence[str]) -> Iterator[tuple[str, str]
             yield option, argument
 
 
-def _known(option: str) -> tuple[str, ...]:
-    """Lists the names that an option takes; none if it takes anything."""
+def _known_values(option: str) -> tuple[str, ...]:
+    """Lists the names that an option accepts; empty if it accepts anything."""
     paths = Path(__file__).parents[2].glob(SHIPPED[option]) if option in SHIPPED else ()
     names = (path.parent.name if path.name == "robot.yaml" else path.stem for path in paths)
     return (*sorted(names), *OTHERS.get(option, ()))
 
 
-def _refuse_file(path: Path) -> None:
-    # A name that is too long cannot be looked up; writing refuses it.
+def _check_output(path: Path) -> None:
+    # `is_file` fails for a name that is too long, which is reported when it is written.
     with suppress(OSError):
-        for part in (path, *path.parents):
-            if part.is_file():
-                raise InputError(f"--output {path}: {part} is a file; name another place")
+        for folder in (path, *path.parents):
+            if folder.is_file():
+                raise InputError(f"--output {path}: {folder} is a file; give another folder")
 
 
 def _is_path(value: str) -> bool:

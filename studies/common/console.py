@@ -12,14 +12,14 @@ from glassgait.models.errors import InputError
 
 BAD_INPUT, INTERRUPTED = 2, 130  # exit codes
 
-# Brackets in paths and in names of gaits are no markup; lines in a file have 160 characters.
+# Markup is off, since paths and names of gaits may contain brackets. A file has wide lines.
 _width = None if sys.stdout.isatty() else 160
 console = Console(markup=False, emoji=False, highlight=False, width=_width)
 _notes = Console(stderr=True, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
 def note(line: str) -> None:
-    """Prints a choice that was made for the person to standard error."""
+    """Prints an automatic choice to standard error."""
     _notes.print(Text.assemble(("·", "dim"), " ", line))
 
 
@@ -30,7 +30,7 @@ def say(line: str) -> None:
 
 @contextmanager
 def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, TaskID]]:
-    """Shows a bar with the time left; its task's `text` field is the study's line."""
+    """Shows a progress bar with the time left; a study may set its task's field `text`."""
     _, *columns = Progress.get_default_columns()
     columns += [MofNCompleteColumn(), TextColumn("{task.fields[text]}", markup=False)]
     with Progress(*columns, console=console, refresh_per_second=2) as progress:
@@ -39,7 +39,7 @@ def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, TaskID]]
 
 @contextmanager
 def report_errors() -> Iterator[None]:
-    """Ends the process with one sentence: on bad input with exit code 2, on Ctrl-C with 130."""
+    """Ends the process with one sentence, on bad input with exit code 2, on Ctrl-C with 130."""
     try:
         yield
     except InputError as error:
@@ -48,7 +48,7 @@ def report_errors() -> Iterator[None]:
         sentence, code = "interrupted; what was finished is kept", INTERRUPTED
     else:
         return
-    # A path may hold line breaks, and codes that a terminal obeys.
+    # Escape line breaks and terminal control codes, which a path may contain.
     plain = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in sentence)
     print(f"glassgait: {''.join(plain)}", file=sys.stderr)
     sys.exit(code)

@@ -1,7 +1,7 @@
-"""Episodes: the only loop over control steps in which controllers move robots in batch.
+"""Episodes of many robots in the batch simulator, controlled by a controller.
 
-Reinforcement learning loops in `glassgait.studies.training`, where actions are drawn, and Drake
-advances the diagram of a single robot (`glassgait.diagrams.rollout.record`).
+Training has another loop in `glassgait.studies.training`. `glassgait.diagrams.rollout.record` runs
+the diagram of one robot.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,16 +29,16 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 
-class World(NamedTuple):
-    """A task with its physics, made once for many episodes, or of stations that training draws."""
+class PreparedTask(NamedTuple):
+    """A task with its physics, for many episodes or for stations with domain randomization."""
 
     task: TaskConfig
     physics: Physics
     true_body_state: bool = False
 
     @classmethod
-    def of(cls, gait: Gait, scenario: Scenario, controller: Controller) -> "World":
-        """Makes the world of a scenario; commands that the gait is not made for are refused."""
+    def of(cls, gait: Gait, scenario: Scenario, controller: Controller) -> "PreparedTask":
+        """Prepares a scenario; raises an InputError for commands beyond the gait's range."""
         task = TaskConfig.of_scenario(gait, scenario, controller)
         physics = make_physics(task.robot, scenario.station_of(controller))
         return cls(task, physics, scenario.true_body_state)
@@ -48,10 +48,10 @@ class ControlStep(NamedTuple):
     """A completed control step of n robots.
 
     Attributes:
-        robots: Numbers of the robots (n,), without those that were left out.
+        robots: Indices of the robots (n,), without removed ones.
         observation: Observations (n, n_obs).
-        action: Requested actions (n, 12), 0 of fallen robots; `after.memory.action` is limited.
-        fallen: Which robots had fallen by the end of the step (n,).
+        action: Actions (n, 12), 0 for fallen robots; `after.memory.action` has the limited ones.
+        fallen: Whether each robot has fallen by the end of the step (n,).
     """
 
     step: int
@@ -66,7 +66,7 @@ class ControlStep(NamedTuple):
 
 
 class Observer:
-    """Records an episode, which ends as soon as an observer is `done`."""
+    """Records an episode; the episode ends when an observer is `done`."""
 
     done: bool = False
 
@@ -76,11 +76,11 @@ class Observer:
 
 
 Event = Callable[[int, BatchSimulator], None]
-"""Called before each control step, with its number, and may change the simulator."""
+"""Function called before each control step with the step's number; may change the simulator."""
 
 
 def push(at: int, velocity: Array) -> Event:
-    """Returns an event that adds a velocity (3,; m/s, world frame) to the trunks before a step."""
+    """Returns an event that adds a velocity (3,; m/s, world frame) to the trunks at a step."""
 
     def event(step: int, simulator: BatchSimulator) -> None:
         if step == at:
@@ -90,7 +90,7 @@ def push(at: int, velocity: Array) -> Event:
 
 
 def give(at: int, command: FixedCommand) -> Event:
-    """Returns an event that gives all robots a command from a step on."""
+    """Returns an event that commands all robots from a step on."""
 
     def event(step: int, simulator: BatchSimulator) -> None:
         if step == at:
@@ -99,12 +99,12 @@ def give(at: int, command: FixedCommand) -> Event:
     return event
 
 
-class Ended(NamedTuple):
+class EpisodeEnd(NamedTuple):
     """End of an episode of n robots.
 
     Attributes:
-        fell: Control step in which each first fell (n,); the number of steps if it did not fall.
-        state: The last state, without robots that were left out.
+        fell: Control step of each robot's first fall (n,); the number of steps without a fall.
+        state: The last state, without removed robots.
     """
 
     fell: IntArray
@@ -114,7 +114,7 @@ class Ended(NamedTuple):
 def episode(
     gait: Gait,
     controller: Controller | Callable[[Array], Array],
-    scenario: Scenario | World,
+    scenario: Scenario | PreparedTask,
     *,
     n_robots: int,
     n_steps: int,
@@ -124,24 +124,24 @@ def episode(
     start: TaskState | None = None,
     when_fallen: Literal["rest", "restart", "go on"] = "rest",
     leave_out_every: int | None = None,
-) -> Ended:
-    """Lets a controller move robots; a control step is: events, observe, act, step, record.
+) -> EpisodeEnd:
+    """Simulates an episode; each control step applies events, observes, acts, steps and records.
 
-    Equal seeds give equal starts, commands and noise, whatever the controller does.
+    A seed determines starts, commands and noise for every controller.
 
     Args:
         controller: A controller, a policy, or a function from observations (n, n_obs) to actions.
-        start: A state to go on from; near the default stance by default.
-        when_fallen: Whether a robot that fell is to `rest` with actions of 0, since a policy may
-            diverge on the ground, `restart` its episode, or `go on` as if nothing had happened.
-        leave_out_every: Control steps after which fallen robots are left out, so that they cost
-            nothing more; by default none is. Others draw other noise from then on.
+        start: Initial state; by default drawn near the default stance.
+        when_fallen: What a fallen robot does: `rest` with actions of 0, since a policy may diverge
+            on the ground, `restart` its episode, or `go on` with the controller.
+        leave_out_every: Control steps between removals of fallen robots, which save time; by
+            default no robot is removed. A removal changes the noise of the others.
 
     Raises:
-        InputError: if commands come from sliders or the gait is not made for them, or if the
+        InputError: if commands come from sliders or are beyond the gait's range, or if the
             controller needs an estimator and has none.
     """
-    robot = scenario.task.robot if isinstance(scenario, World) else scenario.robot_of()
+    robot = scenario.task.robot if isinstance(scenario, PreparedTask) else scenario.robot_of()
     controller = controller_of(controller, gait, robot)
     make = _simulator_maker(gait, controller, scenario, np.random.default_rng(seed))
     simulator, robots = make(n_robots=n_robots), np.arange(n_robots)
@@ -149,7 +149,7 @@ def episode(
         simulator.restore(start)
     fell = np.full(n_robots, n_steps)
     for step in range(n_steps):
-        # Leave out fallen robots from time to time.
+        # Remove fallen robots.
         fallen = fell[robots] < n_steps
         if leave_out_every and step % leave_out_every == 0 and fallen.any():
             up, state = np.flatnonzero(~fallen), simulator.state
@@ -158,7 +158,7 @@ def episode(
         if len(robots) == 0:
             break
 
-        # Apply the events, and act.
+        # Apply the events, observe and act.
         for event in events:
             event(step, simulator)
         before, observation = simulator.state, simulator.observe()
@@ -167,32 +167,32 @@ def episode(
         if when_fallen == "rest":
             action = np.where(fallen[:, None], 0.0, action)
 
-        # Step the simulation, and let observers record.
+        # Step the simulation and record.
         outcome = simulator.step(action)
         fell[robots[outcome.terminated & ~fallen]] = step
         fallen = fallen | outcome.terminated
         after = simulator.state
-        seen = ControlStep(
+        record = ControlStep(
             step, robots, before, observation, output, action, outcome, after, fallen
         )
         for observer in observers:
-            observer.observe(seen)
+            observer.observe(record)
         if any(observer.done for observer in observers):
             break
         if when_fallen == "restart" and outcome.terminated.any():
             simulator.reset(np.flatnonzero(outcome.terminated))
-    return Ended(fell, simulator.state)
+    return EpisodeEnd(fell, simulator.state)
 
 
 def _simulator_maker(
     gait: Gait,
     controller: Controller,
-    scenario: Scenario | World,
+    scenario: Scenario | PreparedTask,
     generator: np.random.Generator,
 ) -> Callable[..., BatchSimulator]:
     """Returns a function that makes a simulator of `n_robots` for the controller."""
     estimator = estimator_in_loop(controller, true_body_state=scenario.true_body_state)
     if isinstance(scenario, Scenario):
-        scenario = World.of(gait, scenario, controller)
+        scenario = PreparedTask.of(gait, scenario, controller)
     task, physics, _ = scenario
     return partial(BatchSimulator, task, physics, generator=generator, estimator=estimator)

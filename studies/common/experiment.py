@@ -1,7 +1,7 @@
-"""Experiments: policies are measured in scenarios, case by case, and reported.
+"""Experiments: measure policies in scenarios, case by case, and report the results.
 
-A subclass of `Experiment` gives `title`, `measure` and `report`. Heavy libraries are imported in
-the functions that need them, so that `--help` does not wait for Drake and PyTorch.
+A subclass of `Experiment` defines `title`, `measure` and `report`. Functions import heavy
+libraries themselves, so that `--help` does not wait for Drake and PyTorch.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from glassgait.studies.common.jobs import (
     Gaits,
     Seeds,
     Workers,
-    gaits_named,
+    expand_gaits,
     run_parallel,
 )
 from glassgait.studies.common.run import default_folder, open_run
@@ -43,38 +43,38 @@ if TYPE_CHECKING:
     from glassgait.studies.common.policies import Policies
 
 REPORTED_SEEDS = range(7000, 7005)
-"""Seeds of the rollouts that tables report, unless others are named."""
+"""Default seeds of the rollouts in reports."""
 
 SELECTION_SEEDS = range(500, 510)
-"""Seeds that choose among candidates."""
+"""Seeds for the selection among candidates."""
 
 FORMER_SEEDS = range(1000, 1005)
-"""Seeds that chose which of the shipped networks and recipes were kept."""
+"""Seeds with which the shipped networks and recipes were selected."""
 
 PolicyNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
-"""Names of policies, as `Policies.controllers` takes them."""
+"""Names of policies for `Policies.controllers`."""
 
 ScenarioNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
-"""Names of scenarios that ship, or `all` of them, and paths of scenario files."""
+"""Names of shipped scenarios or of their groups, and paths of scenario files."""
 
 
-def refuse_to_report(seeds: Sequence[int]) -> None:
-    """Raises an InputError if a policy may be lucky in one of the seeds, which chose it."""
-    for chose, what in ((SELECTION_SEEDS, "candidates"), (FORMER_SEEDS, "what ships")):
-        for seed in {*seeds} & {*chose}:
-            kept = f"{chose[0]} to {chose[-1]} chose among {what}"
-            raise InputError(f"--seed: leads to {seed}, but {kept}; name others")
+def check_reported_seeds(seeds: Sequence[int]) -> None:
+    """Raises an InputError for seeds with which policies were selected, as scores are biased."""
+    for used, choice in ((SELECTION_SEEDS, "candidates"), (FORMER_SEEDS, "shipped policies")):
+        for seed in {*seeds} & {*used}:
+            reason = f"seeds {used[0]} to {used[-1]} selected among {choice}"
+            raise InputError(f"--seed: the seeds include {seed}, but {reason}; give other seeds")
 
 
 @checked
 class PolicySource(Settings):
-    """Settings of a command that takes policies.
+    """Settings of a command that loads policies.
 
     Attributes:
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from; by default those
-            that ship and, of a gait that does not ship, those of runs/distill/<gait> and
-            runs/train/<gait>.
+        robot: Name of a robot, or path of its robot.yaml; by default the policies' robot.
+        source: Folder of a run of train, distill or refine with the policies. By default policies
+            of built-in gaits are the shipped ones, and those of other gaits come from
+            runs/distill/<gait>, otherwise from runs/train/<gait>.
     """
 
     robot: str | None = None
@@ -83,7 +83,7 @@ class PolicySource(Settings):
 
 @checked
 class OneGait(PolicySource):
-    """Settings of a command that takes policies of one gait.
+    """Settings of a command that loads policies of one gait.
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
@@ -92,7 +92,7 @@ class OneGait(PolicySource):
     gait: str = "trot"
 
     def policies(self) -> Policies:
-        """Finds the policies, and prints their origin."""
+        """Finds the policies and prints their origin."""
         from glassgait.models.policies.library import find_gait
         from glassgait.studies.common.policies import find_policies
 
@@ -103,7 +103,7 @@ class OneGait(PolicySource):
 class Case:
     """One measurement: a controller in a scenario, with a seed.
 
-    The labels are columns that distinguish the case's rows from the others'.
+    The labels are the columns that identify the case's rows.
     """
 
     labels: dict[str, Any]
@@ -114,7 +114,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The name in progress lines and of the file that keeps the case's table."""
+        """The case's name in progress lines, and the stem of its table's file."""
         values = (f"{x:.3g}" if isinstance(x, float) else str(x) for x in self.labels.values())
         return "_".join(values).replace("/", "-")
 
@@ -124,9 +124,9 @@ def run_cases(
     measure: Callable[[Case], pd.DataFrame],
     folder: Path,
 ) -> pd.DataFrame:
-    """Measures cases in parallel, except those whose tables the folder holds already.
+    """Measures in parallel the cases whose tables are not in the folder yet.
 
-    Returns their rows with labels, in the order of the cases.
+    Returns the rows of all cases with labels, in the order of the cases.
     """
     import pandas as pd
 
@@ -136,7 +136,7 @@ def run_cases(
     with progress_bar(len(cases), len(cases) - len(pending)) as (progress, bar):
         for name in run_parallel(work, in_order=False):
             progress.update(bar, advance=1, text=name)
-    # Read all tables back, so that resumed runs and whole ones give the same bytes.
+    # Read all tables from files, so that a resumed run gives the same bytes.
     return pd.concat([pd.DataFrame(read_record(path)) for path in paths], ignore_index=True)
 
 
@@ -149,7 +149,7 @@ def _measure(measure: Callable[[Case], pd.DataFrame], case: Case, path: Path) ->
 
 @dataclass(frozen=True)
 class Report:
-    """The results of an experiment: what is written, by file name, and what is printed."""
+    """The results of an experiment: files by name, and tables and a sentence to print."""
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     metrics: Any = None
@@ -169,7 +169,7 @@ class Report:
             save_figure(figure, folder / name)
 
     def show(self) -> None:
-        """Prints the tables that are shown, and the sentence."""
+        """Prints the tables in `shown` and the sentence."""
         from glassgait.studies.common.tables import print_table
 
         for title, table in self.shown.items():
@@ -183,20 +183,20 @@ class Experiment(PolicySource):
     """Measures policies in scenarios.
 
     Attributes:
-        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
-        policy: Policies: `expert`, kinds of students, `all` for the expert and every student, and
-            paths of policy files.
-        scenario: Scenarios: names of those that ship, groups `all`, `grounds` and `harsh`, and
-            paths of scenario files.
-        falls: What ends an episode: any of the `task`'s failures, or only a `physical` fall, the
-            trunk or a thigh on the ground or a lean over 60°.
-        n_robots: Number of robots for each seed.
-        seed: First seed of all that is drawn.
+        gait: Names of gaits, or paths of gait files; `all` for every built-in gait.
+        policy: `expert`, kinds of students, `all` for the expert and every student, or paths of
+            policy files.
+        scenario: Names of shipped scenarios, groups `all`, `grounds` and `harsh`, or paths of
+            scenario files.
+        falls: What ends an episode: any failure of the `task`, or only a `physical` fall (trunk or
+            thigh on the ground, or a lean over 60°).
+        n_robots: Number of robots per seed.
+        seed: First random seed.
         n_seeds: Number of seeds: seed, seed + 1, …
-        workers: Where cases run.
-        resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/<title>/<gait> by default, followed by the policies
-            that are named. Of several gaits each has its folder <gait> in it.
+        workers: Workers that run the cases.
+        resume: Continue the run in the folder.
+        output: Folder of the results. By default runs/<title>/<gait>, with the names of given
+            policies appended. With several gaits, each has a folder <gait> in it.
     """
 
     title: ClassVar[str] = "experiment"
@@ -213,25 +213,25 @@ class Experiment(PolicySource):
     output: Path | None = None
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Measures one case, in another process; the case's labels are put before the rows."""
+        """Measures one case, in another process; returns rows without the case's labels."""
         raise NotImplementedError
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Turns the rows of all cases, with labels, into tables, figures and metrics."""
+        """Makes tables, figures and metrics from the rows of all cases with their labels."""
         raise NotImplementedError
 
     def prepared(self, cases: list[Case]) -> list[Case]:
-        """Returns the cases with what they share with the report, made before all of them."""
+        """Adds data that cases and report share, before the first case is measured."""
         return cases
 
     def cases(self) -> list[Case]:
-        """Lists every policy in every scenario with every seed, the slow scenarios first.
+        """Lists every policy in every scenario with every seed, slow scenarios first.
 
-        In a scenario all policies meet the same initial states, commands and noise: robots can be
-        compared in pairs.
+        In a scenario all policies have the same initial states, commands and noise, so that robots
+        can be compared in pairs.
         """
         seeds = range(self.seed, self.seed + self.n_seeds)
-        refuse_to_report(seeds)
+        check_reported_seeds(seeds)
         for scenario, gait in product(self.scenarios.values(), self.gaits):
             scenario.command.check(gait)
         by_cost = sorted(self.scenarios.items(), key=lambda named: named[1].max_robots or math.inf)
@@ -246,26 +246,26 @@ class Experiment(PolicySource):
         ]
 
     def run(self) -> None:
-        """Runs the experiment of each gait, and writes and prints its report."""
-        names = gaits_named(self.gait)
-        for one in (replace(self, gait=(name,)) for name in names):
-            within = self.output and (self.output / one.gaits[0].name if names[1:] else self.output)
-            one.run_in(within or one.default_output())
+        """Runs the experiment for each gait, and writes and prints the reports."""
+        names = expand_gaits(self.gait)
+        for study in (replace(self, gait=(name,)) for name in names):
+            output = self.output and self.output / (study.gaits[0].name if names[1:] else "")
+            study.run_in(output or study.default_output())
 
     def run_in(self, folder: Path) -> None:
-        """Runs the experiment of all gaits together, in a folder."""
+        """Runs the experiment for all gaits together, in one folder."""
         cases = self.cases()
         for policies in self.policies.values():
             note(policies.origin)
 
-        # Record digests of what the run reads; a resumed run must read the same.
+        # Record digests of the inputs, which must be the same when the run is resumed.
         acting = (policy for case in cases for policy in case.controller.policies.values())
-        read = {"gait": self.gaits, "scenario": self.scenarios.values(), "policy": acting}
-        digests = {name: [part.digest() for part in parts] for name, parts in read.items()}
-        inputs = {name: " ".join(dict.fromkeys(several)) for name, several in digests.items()}
+        items = {"gait": self.gaits, "scenario": self.scenarios.values(), "policy": acting}
+        digests = {name: [item.digest() for item in values] for name, values in items.items()}
+        inputs = {name: " ".join(dict.fromkeys(values)) for name, values in digests.items()}
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run), self.workers.pool():
-            # Processes are sent a copy without the policies that this one has found.
+            # Send worker processes a copy without the loaded policies.
             report = self.report(
                 run_cases(self.prepared(cases), replace(self).measure, folder / "cases")
             )
@@ -274,62 +274,62 @@ class Experiment(PolicySource):
         console.print(f"written to {folder}")
 
     def default_output(self) -> Path:
-        """Returns the folder of a run where none is named."""
-        others = () if self.policy == type(self).policy else self.policy
-        called = "_".join(Path(name).stem for name in (*self.gait, *others))
+        """Returns the default folder of the results."""
+        policies = () if self.policy == type(self).policy else self.policy
+        name = "_".join(Path(item).stem for item in (*self.gait, *policies))
         first = self.policies[self.gaits[0].name]
-        return default_folder(self.title, first.robot.name) / called
+        return default_folder(self.title, first.robot.name) / name
 
     @cached_property
     def gaits(self) -> list[Gait]:
         """The gaits."""
         from glassgait.models.policies.library import find_gait
 
-        return [find_gait(name, self.robot) for name in gaits_named(self.gait)]
+        return [find_gait(name, self.robot) for name in expand_gaits(self.gait)]
 
     @cached_property
     def scenarios(self) -> dict[str, Scenario]:
         """The scenarios by name."""
         from glassgait.diagrams.scenario import load_scenarios
 
-        found = load_scenarios(self.scenario)
+        scenarios = load_scenarios(self.scenario)
         if self.falls == "task":
-            return found
-        return {name: replace(own, limits=PHYSICAL_FALL) for name, own in found.items()}
+            return scenarios
+        return {name: replace(item, limits=PHYSICAL_FALL) for name, item in scenarios.items()}
 
     @cached_property
     def policies(self) -> dict[str, Policies]:
-        """Where each gait's policies are from, by the gait's name."""
+        """The available policies of each gait, by the gait's name."""
         from glassgait.studies.common.policies import find_policies
 
-        where = self.source, self.robot
-        return {gait.name: find_policies(gait, *where, quiet=True) for gait in self.gaits}
+        source = self.source, self.robot
+        return {gait.name: find_policies(gait, *source, quiet=True) for gait in self.gaits}
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, Controller]]:
-        """Each policy without the expert, by the gait's name and the policy's."""
-        found = {}
+        """A controller of each policy without the expert, by gait and policy name."""
+        controllers = {}
         for gait, policies in self.policies.items():
-            names = policies.named(self.policy)
-            # Of several gaits, and of the default policies, missing ones are left out.
+            names = policies.expanded(self.policy)
+            # Omit missing policies if there are several gaits or policies are the default.
             if len(self.gaits) > 1 or self.policy == type(self).policy:
                 names = [name for name in names if name in ("expert", *policies.files)]
-            found[gait] = policies.controllers(names)
-        if not any(found.values()):
-            raise InputError(f"--policy {' '.join(self.policy)}: no gait has such a policy")
-        return found
+            controllers[gait] = policies.controllers(names)
+        if not any(controllers.values()):
+            raise InputError(f"--policy {' '.join(self.policy)}: no gait has it; give another one")
+        return controllers
 
     def acting(self, gait: str) -> dict[str, Policy]:
         """Returns the policies of a gait."""
         return {name: controller.policy for name, controller in self.controllers[gait].items()}
 
-    def refuse_several_scenarios(self) -> None:
-        """Raises an InputError if there are several scenarios, for studies of one."""
+    def require_one_scenario(self) -> None:
+        """Raises an InputError if there are several scenarios."""
         if len(self.scenarios) > 1:
-            raise InputError(f"--scenario: {self.title} is of one scenario; name one")
+            raise InputError(f"--scenario: {self.title} takes one scenario; give one")
 
 
-def run_from_command_line(kind: type[Experiment]) -> None:
-    """Runs an experiment by the settings of the command line."""
+def run_from_command_line(cls: type[Experiment]) -> None:
+    """Runs an experiment with the settings of the command line."""
     with report_errors():
-        tyro.cli(kind, config=(tyro.conf.FlagCreatePairsOff,)).run()
+        tyro.cli(cls, config=(tyro.conf.FlagCreatePairsOff,)).run()

@@ -1,4 +1,4 @@
-"""Figures and HTML pages: their look, the gait diagram, and how they are written."""
+"""Style and output of figures and HTML pages, and the gait diagram."""
 
 import base64
 import io
@@ -40,20 +40,20 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "legend.frameon": False,
     "figure.constrained_layout.use": True,
-    # Names of gaits and files may hold dollar signs.
+    # Names of gaits and files may contain dollar signs.
     "text.parse_math": False,
     "pdf.fonttype": 42,
     "savefig.dpi": 200,
 }
 
 styled = mpl.rc_context(STYLE)
-"""Decorates a function that draws a figure, without a change of Matplotlib's global state."""
+"""Decorator that applies the style in a drawing function, without changing global state."""
 
 
 def subplots(n_rows: int = 1, n_columns: int = 1, **options: Any) -> tuple[Figure, Any]:
-    """Makes a figure and its axes as pyplot's `subplots` does, without pyplot's global state.
+    """Makes a figure and axes like pyplot's `subplots`, but without pyplot's global state.
 
-    The options are `figsize` (inches), and those of `Figure.subplots`.
+    The options are `figsize` (inches) and those of `Figure.subplots`.
     """
     figure = Figure(figsize=options.pop("figsize", None))
     return figure, figure.subplots(n_rows, n_columns, **options)
@@ -64,7 +64,7 @@ def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png"
     """Writes a figure as `<stem>.png` and `<stem>.pdf`."""
     for extension in extensions:
         buffer = io.BytesIO()
-        # No date inside: equal runs give equal files.
+        # Omit the date, so that equal runs give equal files.
         metadata = {"CreationDate": None} if extension == "pdf" else {"Software": None}
         figure.savefig(buffer, format=extension, metadata=metadata)
         write_atomically(stem.with_name(f"{stem.name}.{extension}"), buffer.getvalue())
@@ -72,7 +72,7 @@ def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png"
 
 @styled
 def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) -> Figure:
-    """Draws the feet in contact over time, with the reward machine's states as bands."""
+    """Draws foot contacts over time, with RM states as bands."""
     figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
     last = rollout.time[-1]
     draw_gait(axes, rollout, gait)
@@ -83,7 +83,7 @@ def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) 
 
 def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
     """Draws the gait diagram of a whole rollout."""
-    # The states of the reward machine are bands behind the contacts.
+    # Draw RM states as bands behind the contacts.
     states, colors = rollout["rm_state"].argmax(axis=1), state_colors(gait)
     for start, stop in _runs(states):
         axes.axvspan(
@@ -94,7 +94,7 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
             linewidth=0,
         )
 
-    # A bar is a contact, a row a leg.
+    # Draw each contact as a bar in the leg's row.
     for row in range(quadruped.N_LEGS):
         touches = rollout["foot_contact"][:, row] > 0.5
         bars = [
@@ -113,7 +113,7 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:
-    """Finds the stretches [start, stop) of equal values."""
+    """Returns the intervals [start, stop) of equal values."""
     edges = np.flatnonzero(np.diff(values)) + 1
     return list(pairwise([0, *edges.tolist(), len(values)]))
 
@@ -134,6 +134,6 @@ def page_template(folder: Path, name: str) -> jinja2.Template:
 
 
 def inline_image(path: Path) -> str:
-    """Encodes a picture as a URL that holds all of it."""
-    kind = {".png": "image/png", ".svg": "image/svg+xml", ".gif": "image/gif"}[path.suffix]
-    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+    """Encodes a picture as a data URL."""
+    mime = {".png": "image/png", ".svg": "image/svg+xml", ".gif": "image/gif"}[path.suffix]
+    return f"data:{mime};base64,{base64.b64encode(path.read_bytes()).decode()}"

@@ -1,4 +1,4 @@
-"""Jobs side by side, on this machine or a cluster, and runs of many gaits and seeds."""
+"""Parallel jobs, on this machine or a cluster, and runs of several gaits and seeds."""
 
 import logging
 import os
@@ -19,23 +19,22 @@ from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.studies.common.console import console, say
 
 Steps = Annotated[Count, Le(180_000)]
-"""Control steps of one robot: an hour at most, which the memory holds."""
+"""Control steps of one robot, at most an hour, which fits in memory."""
 
 Gaits = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of gaits, or paths of gait files."""
 
 Seeds = Annotated[Count, Le(10_000)]
-"""Number of seeds: each is a job, and all jobs are listed before the first."""
+"""Number of seeds, limited since all jobs are listed before the first one runs."""
 
 
 @checked
 class Workers(Settings):
-    """Where jobs run, and how many at once.
+    """Workers that run jobs in parallel.
 
     Attributes:
-        backend: Where jobs run: in processes of this machine (`loky`), or on a Ray or a Dask
-            cluster.
-        n_workers: Jobs that run at once; by default as many as there are cores.
+        backend: Run jobs in processes of this machine (`loky`), or on a Ray or Dask cluster.
+        n_workers: Number of jobs that run at once; by default the number of cores.
     """
 
     title: ClassVar[str] = "workers"
@@ -45,10 +44,10 @@ class Workers(Settings):
 
     @contextmanager
     def pool(self) -> Iterator[None]:
-        """Lets the loops within, those of `run_parallel`, run on these workers.
+        """Makes calls of `run_parallel` in this context use these workers.
 
-        The cluster is the one that DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names, or else a new one
-        of this machine's cores. Its workers must see the run's folder under the same path.
+        DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names the cluster; by default a new one uses this
+        machine's cores. Its workers must see the run's folder under the same path.
         """
         connect = {"loky": nullcontext, "ray": _connect_to_ray, "dask": _connect_to_dask}
         try:
@@ -59,7 +58,7 @@ class Workers(Settings):
         except (OSError, RuntimeError, ValueError) as error:
             problem = f"no cluster answers ({brief(str(error))}); check its address"
             raise InputError(f"--backend {self.backend}: {problem}") from error
-        # What surrounds a command may choose another backend than loky.
+        # With loky, keep a backend that the caller of a command has selected.
         backend = {} if self.backend == "loky" else {"backend": self.backend}
         with connected, parallel_config(n_jobs=self.n_workers or -1, **backend):
             yield
@@ -75,7 +74,7 @@ def _connect_to_dask() -> Any:
 
 
 def _connect_to_ray() -> Any:
-    # Set before Ray is imported: it reports nothing to its makers unless a person asks for it.
+    # Disable usage reports by default. Ray reads this variable when it is imported.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     import ray
     from ray.util.joblib import register_ray
@@ -85,10 +84,10 @@ def _connect_to_ray() -> Any:
 
 
 def run_parallel(calls: Iterable[Any], *, in_order: bool = True) -> Iterator[Any]:
-    """Makes calls of `joblib.delayed` on the workers of the surrounding `Workers.pool`.
+    """Runs calls of `joblib.delayed` on the workers of the enclosing `Workers.pool`.
 
-    Yields results in the order of the calls, or each as soon as it is there. Without a pool, or of
-    a single call, it makes them here. An InputError says if a worker process was killed.
+    Yields results in the order of the calls, or as soon as they are available. Without a pool, or
+    with a single call, runs them in this process. Raises an InputError if a worker was killed.
     """
     calls = list(calls)
     backend: Any
@@ -97,44 +96,44 @@ def run_parallel(calls: Iterable[Any], *, in_order: bool = True) -> Iterator[Any
     if n_jobs <= 1:
         yield from (_call(*call) for call in calls)
         return
-    kind = "generator" if in_order else "generator_unordered"
+    return_as = "generator" if in_order else "generator_unordered"
     if not backend.supports_return_generator:
-        # Ray returns its results at the end.
-        kind = "list"
+        # Ray returns all results at the end.
+        return_as = "list"
     try:
-        yield from Parallel(n_jobs, return_as=kind)(delayed(_call)(*call) for call in calls)
+        yield from Parallel(n_jobs, return_as=return_as)(delayed(_call)(*call) for call in calls)
     except TerminatedWorkerError as error:
         raise InputError(
-            "a worker process was ended from outside, most likely for lack of memory; free some or "
-            "ask for fewer at once, then continue with --resume"
+            "a worker process was ended from outside, probably for lack of memory; free memory or "
+            "lower --n-workers, then continue with --resume"
         ) from error
 
 
-def _call(function: Callable[..., Any], values: Sequence[Any], named: dict[str, Any]) -> Any:
-    # Sums depend on the number of threads: with one, results are the same wherever a call runs.
+def _call(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[str, Any]) -> Any:
+    # Sums depend on the number of threads. Always use one, for equal results on all workers.
     with threadpool_limits(1), parallel_config("sequential"):
-        return function(*values, **named)
+        return function(*args, **kwargs)
 
 
 class Job(NamedTuple):
-    """A run of one gait, by name or file, and one seed, in a folder by which errors call it."""
+    """A run of one gait (name or file) and one seed in a folder, which names it in errors."""
 
     gait: str
     seed: int
     folder: Path
 
 
-def gaits_named(names: Sequence[str]) -> tuple[str, ...]:
-    """Returns gaits as they were named; `all` stands for every gait that ships."""
+def expand_gaits(names: Sequence[str]) -> tuple[str, ...]:
+    """Returns the names, with `all` replaced by every built-in gait."""
     return gait_names() if tuple(names) == ("all",) else tuple(names)
 
 
 def jobs_of(names: Sequence[str], seeds: range, root: Path, output: Path | None) -> list[Job]:
     """Returns a job for each gait and seed.
 
-    The folder that a person named, if any, is that of the only run, or of all in place of `root`.
+    `output` is the folder of a single run, or replaces `root` as the folder of several runs.
     """
-    gaits = {name: load_gait(name).name for name in gaits_named(names)}
+    gaits = {name: load_gait(name).name for name in expand_gaits(names)}
     if output and len(gaits) * len(seeds) == 1:
         return [Job(next(iter(gaits)), seeds[0], output)]
     return [
@@ -145,20 +144,20 @@ def jobs_of(names: Sequence[str], seeds: range, root: Path, output: Path | None)
 
 
 def run_jobs(jobs: Sequence[Job], run: Callable[[Job], Any]) -> list[Any]:
-    """Runs several jobs on the workers by a function that is pickled, and returns their results.
+    """Runs jobs on the workers with a function that can be pickled, and returns their results.
 
-    A single one runs here, and its own loops on the workers. Jobs that are refused are named in an
-    InputError after all others are done.
+    A single job runs in this process, with its loops on the workers. An InputError lists jobs with
+    bad input after all other jobs are done.
     """
     if len(jobs) == 1:
         return [run(jobs[0])]
     results, refused = [], []
-    for job, (result, sentence) in zip(
+    for job, (result, problem) in zip(
         jobs, run_parallel(delayed(_run_job)(job, run) for job in jobs), strict=True
     ):
         results.append(result)
-        refused += [f"{job.folder}: {sentence}"] if sentence else []
-        say(f"{job.folder}: {'refused' if sentence else 'done'} ({len(results)} of {len(jobs)})")
+        refused += [f"{job.folder}: {problem}"] if problem else []
+        say(f"{job.folder}: {'refused' if problem else 'done'} ({len(results)} of {len(jobs)})")
     if refused:
         raise InputError(
             f"{len(refused)} of {len(jobs)} jobs were refused, the others are done: "
@@ -168,8 +167,8 @@ def run_jobs(jobs: Sequence[Job], run: Callable[[Job], Any]) -> list[Any]:
 
 
 def _run_job(job: Job, run: Callable[[Job], Any]) -> tuple[Any, str]:
-    """Returns the result of a job, and the sentence that it was refused with, if it was."""
-    # Progress bars of several jobs at once would overwrite one another.
+    """Returns the result of a job and the message of its InputError, if any."""
+    # Progress bars of parallel jobs would overwrite each other.
     console.quiet = True
     try:
         return run(job), ""

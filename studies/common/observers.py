@@ -1,4 +1,4 @@
-"""Observers of episodes: logs of all that is scored, and observations."""
+"""Observers that record logs for scores, and observations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class RolloutLog:
     Attributes:
         velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
         command: Commanded forward speed and yaw rate (T, n, 2; m/s, rad/s).
-        reward: Reward with the machine's factor (T, n).
-        plain_reward: Reward without it (T, n).
-        served_dwell: Control steps of rhythm served by transitions (T, n).
+        reward: Reward with the reward machine's factor (T, n).
+        plain_reward: Reward without the factor (T, n).
+        served_dwell: Commanded control steps that transitions served (T, n).
         failures: Flags in the order of `FAILURES` (T, n, 7).
     """
 
@@ -33,26 +33,26 @@ class RolloutLog:
 
     @classmethod
     def stacked(cls, logs: Sequence["RolloutLog"], axis: int) -> "RolloutLog":
-        """Joins logs along a new axis: 0 of single steps, 1 of single robots."""
-        parts = zip(*(vars(log).values() for log in logs), strict=True)
-        return cls(*(np.stack(part, axis) for part in parts))
+        """Stacks logs along a new axis: 0 for logs of steps, 1 for logs of robots."""
+        columns = zip(*(vars(log).values() for log in logs), strict=True)
+        return cls(*(np.stack(arrays, axis) for arrays in columns))
 
     def padded(self, n_steps: int) -> "RolloutLog":
-        """Returns the log with its last step repeated, which changes no score of fallen robots."""
-        kept = np.minimum(np.arange(n_steps), len(self.reward) - 1)
-        return RolloutLog(**{name: values[kept] for name, values in vars(self).items()})
+        """Repeats the last step up to `n_steps`, which does not change scores of fallen robots."""
+        steps = np.minimum(np.arange(n_steps), len(self.reward) - 1)
+        return RolloutLog(**{name: values[steps] for name, values in vars(self).items()})
 
 
 class Log(Observer):
-    """Records everything that is scored, until every robot has fallen."""
+    """Records a rollout log until every robot has fallen."""
 
     def __init__(self) -> None:
-        self._seen: list[RolloutLog] = []
+        self._steps: list[RolloutLog] = []
 
     def observe(self, step: ControlStep) -> None:
         """Records a control step."""
         outcome = step.outcome
-        seen = RolloutLog(
+        log = RolloutLog(
             velocity=forward_and_yaw(step.after.plant),
             command=step.before.command.velocity,
             reward=outcome.reward,
@@ -60,12 +60,12 @@ class Log(Observer):
             served_dwell=outcome.served_dwell,
             failures=outcome.failures,
         )
-        self._seen.append(seen)
+        self._steps.append(log)
         self.done = bool(step.fallen.all())
 
     def rollout(self, n_steps: int) -> RolloutLog:
         """Returns the log of an episode of `n_steps`."""
-        return RolloutLog.stacked(self._seen, axis=0).padded(n_steps)
+        return RolloutLog.stacked(self._steps, axis=0).padded(n_steps)
 
 
 class Observations(Observer):

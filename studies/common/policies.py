@@ -1,8 +1,8 @@
-"""Finding the policies of a gait: one rule for every command.
+"""Finds the policies of a gait, for all commands.
 
-What ships is taken, unless `--source` names the folder of a run of train, distill or refine. Of a
-gait that does not ship, the runs' default folders are taken: runs/distill/<gait>, or else
-runs/train/<gait>; of another robot than the default one runs/train/<robot>/<gait> and so on.
+`--source` names the folder of a run of train, distill or refine. Without it, policies of built-in
+gaits are the shipped ones, and those of other gaits come from runs/distill/<gait>, otherwise from
+runs/train/<gait> (runs/train/<robot>/<gait> for a robot other than the default).
 """
 
 from collections.abc import Iterable
@@ -43,62 +43,62 @@ SHIPPED = "shipped"
 
 @dataclass(frozen=True)
 class Policies:
-    """The policies of a gait that a command can use.
+    """The available policies of a gait.
 
     Attributes:
         place: `shipped`, or the folder of a run.
         files: Files of the students by kind, in the order of tables.
-        expert_there: The expert, and its file; None where there is none, so that only files of
-            formulas that hold odometry can act.
+        optional_expert: The expert, or None. Without an expert, only formula files that contain
+            odometry can act.
     """
 
     gait: Gait
     robot: Robot
     place: str
     files: dict[str, Path]
-    expert_there: NeuralPolicy | None = None
+    optional_expert: NeuralPolicy | None = None
     expert_file: Path | None = None
 
     @property
     def expert(self) -> NeuralPolicy:
-        """The expert, by whose estimator students observe; an InputError if there is none."""
-        if self.expert_there is None:
-            raise InputError(_lacking(self.gait, self.place, self.robot))
-        return self.expert_there
+        """The expert, whose estimator students use; raises an InputError if there is none."""
+        if self.optional_expert is None:
+            raise InputError(_no_policies(self.gait, self.place, self.robot))
+        return self.optional_expert
 
     @property
     def origin(self) -> str:
-        """A sentence about the policies' origin."""
+        """A sentence on the policies' origin."""
         expert = "" if self.place == SHIPPED else f", the expert {self.expert_file or 'not found'}"
         return f"{self.gait.name}: policies from {self.place}{expert}"
 
     def output(self, study: str) -> Path:
-        """Returns the default folder of a command's run of these policies."""
+        """Returns a command's default output folder for these policies."""
         return default_folder(study, self.robot.name) / self.gait.name
 
     @cached_property
     def students(self) -> dict[str, Policy]:
-        """Every student, by kind."""
+        """All students, by kind."""
         return {kind: load_student_of(self.expert, path) for kind, path in self.files.items()}
 
     def file(self, name: str) -> Path:
-        """Returns the file of `expert`, of a kind of student, or the file that a path names."""
-        found = Path(name) if is_file(name) else {EXPERT: self.expert_file, **self.files}.get(name)
-        if found is not None:
-            return found
-        # Without an expert, making one comes first.
-        of = f"--gait {self.gait.name}{self.expert.robot.option}"
-        remedy = f"; make it with 'glassgait distill {of} --students {name}'"
+        """Returns the file of `expert` or of a kind of student; a path is returned as it is."""
+        path = Path(name) if is_file(name) else {EXPERT: self.expert_file, **self.files}.get(name)
+        if path is not None:
+            return path
+        # `self.expert` raises an InputError if the expert is missing too.
+        options = f"--gait {self.gait.name}{self.expert.robot.option}"
+        remedy = f"; make it with 'glassgait distill {options} --students {name}'"
         raise unknown_name(
             f"{self.robot.name} {self.gait.name} policy",
             name,
             (EXPERT, *self.files),
-            f" ({self.place}){remedy if name in KINDS else ''}; or name the file of a policy "
+            f" ({self.place}){remedy if name in KINDS else ''}; or give a policy's file "
             f"ending in {' or '.join(POLICY_SUFFIXES)}, or another run with --source",
         )
 
     def policy(self, name: str) -> Policy:
-        """Loads a policy by its name (see `file`), and refuses one for another machine."""
+        """Loads a policy by its name (see `file`); raises an InputError if the gait differs."""
         path, expert = self.file(name), self.expert_of(name)
         if name == EXPERT:
             policy = self.expert
@@ -107,8 +107,8 @@ class Policies:
         else:
             policy = load_policy(path, self.robot)
             if not isinstance(policy.estimator, Odometry):
-                lacking = _lacking(self.gait, self.place, self.robot)
-                raise InputError(f"{path}: needs its expert's estimator. {lacking}")
+                problem = _no_policies(self.gait, self.place, self.robot)
+                raise InputError(f"{path}: needs its expert's estimator. {problem}")
             names = ObservationLayout(self.gait.n_states, imu=policy.layout.imu).names
             with naming(path):
                 policy.check(gait=self.gait, observation_names=names)
@@ -117,131 +117,131 @@ class Policies:
         return policy
 
     def formulas(self, name: str) -> FormulaPolicy:
-        """Loads a policy that is made of formulas, and refuses others."""
+        """Loads a formula policy; raises an InputError for other policies."""
         policy = self.policy(name)
         if not isinstance(policy, FormulaPolicy):
             raise InputError(
-                f"--policy {name}: is of the kind {policy.kind!r}, not made of formulas; name a "
-                f"student of formulas, or a {FormulaPolicy.suffix} file"
+                f"--policy {name}: is of kind {policy.kind!r}, not made of formulas; give a "
+                f"formula student, or a {FormulaPolicy.suffix} file"
             )
         return policy
 
     def controller(self, name: str) -> Controller:
-        """Loads a policy that acts without the expert, with the estimator that it observes by."""
+        """Loads a controller of one policy without the expert, with its estimator."""
         policy = self.policy(name)
         return alone(policy, None if isinstance(policy, NeuralPolicy) else self.expert_of(name))
 
     def expert_of(self, name: str) -> NeuralPolicy | None:
-        """Returns the expert beside a policy's file, or else the gait's; None if there is none."""
-        kept = policy_path(self.file(name).parent, EXPERT)
-        if name == EXPERT or kept == self.expert_file or not kept.exists():
-            return self.expert_there
-        return load_expert(self.gait, kept, self.robot)
+        """Returns the expert beside a policy's file, otherwise the gait's; None without one."""
+        path = policy_path(self.file(name).parent, EXPERT)
+        if name == EXPERT or path == self.expert_file or not path.exists():
+            return self.optional_expert
+        return load_expert(self.gait, path, self.robot)
 
     def controllers(self, names: Iterable[str]) -> dict[str, Controller]:
-        """Loads policies that act without the expert, by their names in folders and tables."""
-        found: dict[str, Controller] = {}
-        for name in self.named(names):
+        """Loads controllers of policies without the expert, by their names in tables."""
+        controllers: dict[str, Controller] = {}
+        for name in self.expanded(names):
             stem = Path(name).stem if is_file(name) else name
-            # The second of two files of one name is called by its path.
-            found[name if stem in found else stem] = self.controller(name)
-        return found
+            # If two files have the same stem, the second is named by its path.
+            controllers[name if stem in controllers else stem] = self.controller(name)
+        return controllers
 
-    def named(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Replaces `all` by the expert and every student there is."""
-        given = tuple(names)
-        return (EXPERT, *self.files) if ALL in given else given
+    def expanded(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Returns the names, with `all` replaced by the expert and every student."""
+        names = tuple(names)
+        return (EXPERT, *self.files) if ALL in names else names
 
 
 def is_file(name: str) -> bool:
-    """Returns whether a name is that of a policy's file, rather than a kind."""
+    """Returns whether a name is the path of a policy file, rather than a kind."""
     return Path(name).suffix in POLICY_SUFFIXES
 
 
 def find_policies(
     gait: Gait, source: Path | None = None, robot: str | None = None, *, quiet: bool = False
 ) -> Policies:
-    """Finds the policies of a gait, and prints their origin unless it is to be quiet.
+    """Finds the policies of a gait, and prints their origin unless `quiet`.
 
-    The robot is by default that of the run's policies, and of what ships the default one. A folder
-    that holds no policies of the gait is refused, and one whose students' expert is not found.
+    The robot is by default the robot of the run's policies, or the default robot.
+
+    Raises:
+        InputError: if the folder contains no policies of the gait, or the students' expert is
+            missing.
     """
-    name, known = gait.name, load_robot(robot or DEFAULT_ROBOT)
+    name, body = gait.name, load_robot(robot or DEFAULT_ROBOT)
     if source is not None:
-        found = _in_run(gait, source, known if robot else None)
-        if found is None:
-            raise InputError(_lacking(gait, str(source), known))
-    elif name in shipped_experts(known.name):
-        files = _students_in(robot_folder(STUDENT_DIRECTORY, known.name) / name, name)
-        expert, path = load_expert(gait, robot=known), shipped_expert(name, known.name)
-        found = Policies(gait, known, SHIPPED, files, expert, path)
+        policies = _in_run(gait, source, body if robot else None)
+        if policies is None:
+            raise InputError(_no_policies(gait, str(source), body))
+    elif name in shipped_experts(body.name):
+        files = _students_in(robot_folder(STUDENT_DIRECTORY, body.name) / name, name)
+        expert, path = load_expert(gait, robot=body), shipped_expert(name, body.name)
+        policies = Policies(gait, body, SHIPPED, files, expert, path)
     else:
-        # Students keep their expert beside them, so a distillation is better than a training.
+        # A distillation comes first, since its folder contains the students' expert too.
         distilled, trained = (
-            default_folder(own, known.name) / name for own in ("distill", "train")
+            default_folder(study, body.name) / name for study in ("distill", "train")
         )
-        found = _in_run(gait, distilled, known) or _in_run(gait, trained, known)
-        found = found or Policies(gait, known, str(trained), {})
+        policies = _in_run(gait, distilled, body) or _in_run(gait, trained, body)
+        policies = policies or Policies(gait, body, str(trained), {})
     if not quiet:
-        note(found.origin)
-    return found
+        note(policies.origin)
+    return policies
 
 
 def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None) -> NeuralPolicy:
-    """Finds the expert that students of a gait are to imitate, as `find_policies` does.
+    """Finds the expert for distillation, like `find_policies`.
 
-    For a gait that does not ship, runs/train/<gait> is taken, even if students were distilled from
-    an earlier expert.
+    The expert of a gait that is not built in comes from runs/train/<gait>, even if students were
+    distilled from an earlier expert.
     """
-    known = load_robot(robot or DEFAULT_ROBOT)
-    if source is None and gait.name not in shipped_experts(known.name):
-        source = default_folder("train", known.name) / gait.name
+    body = load_robot(robot or DEFAULT_ROBOT)
+    if source is None and gait.name not in shipped_experts(body.name):
+        source = default_folder("train", body.name) / gait.name
     return find_policies(gait, source, robot).expert
 
 
 def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies | None:
-    """Finds the policies of a run; None where there are none."""
+    """Finds the policies of a run; returns None without any."""
     files, trained = _students_in(folder, gait.name), policy_path(folder, gait.name)
     if not files and not trained.exists():
         return None
     _refuse_other_gait(gait, folder)
 
-    # Take an expert that was trained here, or that students keep beside them, or what ships.
-    kept, name = policy_path(folder, EXPERT), robot.name if robot else DEFAULT_ROBOT
-    ships = shipped_expert(gait.name, name)
-    path = next((path for path in (trained, kept, ships) if path.exists()), None)
+    # The expert was trained in this run, is beside the students, or is the shipped one.
+    beside, name = policy_path(folder, EXPERT), robot.name if robot else DEFAULT_ROBOT
+    shipped = shipped_expert(gait.name, name)
+    path = next((path for path in (trained, beside, shipped) if path.exists()), None)
     if path is None:
-        raise InputError(
-            f"{folder}: the students' expert is not found; put its file there as {kept}"
-        )
+        raise InputError(f"{folder}: the students' expert is not found; copy its file to {beside}")
     expert = load_expert(gait, path, robot)
     return Policies(gait, expert.robot, str(folder), files, expert, path)
 
 
-def _lacking(gait: Gait, folder: str, robot: Robot) -> str:
-    # A gait that does not ship is named by its file.
+def _no_policies(gait: Gait, folder: str, robot: Robot) -> str:
+    # A gait that is not built in is given by its file.
     of = f"--gait {gait.name}{'' if gait.name in gait_names() else '.yaml'}{robot.option}"
     return (
-        f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
-        f"{of}', students with 'glassgait distill {of}', or name the folder of a run with --source"
+        f"{folder}: contains no policies of the {gait.name}; make an expert with 'glassgait train "
+        f"{of}', students with 'glassgait distill {of}', or give the folder of a run with --source"
     )
 
 
 def _refuse_other_gait(gait: Gait, folder: Path) -> None:
-    # Policies refuse changes of built-in gaits themselves.
-    record = folder / CONFIG_NAME
-    found = read_yaml(record) if record.exists() and gait.name not in gait_names() else None
-    match found:
+    # Policies detect changes of built-in gaits themselves.
+    path = folder / CONFIG_NAME
+    record = read_yaml(path) if path.exists() and gait.name not in gait_names() else None
+    match record:
         case {"inputs": {"gait": str(made_for)}} if made_for != gait.digest():
             raise InputError(
-                f"{record}: its policies were made for another {gait.name} than the gait is now "
-                "(key 'inputs.gait'); undo what was edited, or give the gait another name and "
-                "train it"
+                f"{path}: its policies were made for another {gait.name} than the gait is now "
+                "(key 'inputs.gait'); undo the edits of the gait, or rename it and train it"
             )
 
 
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:
-    """Lists the files of students that a folder holds, by kind and in the order of tables."""
+    """Returns a folder's student files by kind, in the order of tables."""
     files = (path for path in folder.glob("*") if path.name != CHECKPOINT_NAME)
     kinds = {path.stem for path in files if is_file(path.name)} - {gait, EXPERT}
     known = [kind for kind in KINDS if kind in kinds]

@@ -1,4 +1,4 @@
-"""Rolling controllers out: many robots in batch, or single ones in the systems diagram."""
+"""Rollouts of controllers: many robots in batch, or single robots in a diagram."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -36,7 +36,7 @@ class RolloutConfig(Settings):
     """Settings of rollouts.
 
     Attributes:
-        n_robots: Number of robots for each seed; the paper's 26.
+        n_robots: Number of robots per seed, by default as in the paper.
         seed: First seed of initial states, commands and noise.
         n_seeds: Number of seeds: seed, seed + 1, …
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
@@ -52,29 +52,29 @@ class RolloutConfig(Settings):
     speed_range: Range | None = None
 
     def commanding(self, scenario: Scenario) -> Scenario:
-        """Returns a scenario with the commanded speeds, if they are set."""
+        """Returns the scenario with `speed_range`, if it is set."""
         if self.speed_range is None:
             return scenario
         return replace(scenario, command=DrawnCommands(self.speed_range))
 
     def robots_in(self, scenario: Scenario) -> int:
-        """Returns how many robots are rolled out in a scenario."""
+        """Returns the number of robots in a scenario."""
         return min(self.n_robots, scenario.max_robots or self.n_robots)
 
     @property
     def seeds(self) -> range:
-        """Every seed."""
+        """All seeds."""
         return range(self.seed, self.seed + self.n_seeds)
 
 
 @checked
-class OwnCommand(Settings):
-    """A command; what is not given is of the command that it is laid over.
+class CommandOverride(Settings):
+    """A command that replaces values of another command.
 
     Attributes:
         speed: Forward speed (m/s).
         yaw_rate: Yaw rate (rad/s).
-        dwell: Iterations to stay in a state of the reward machine (control steps).
+        dwell: Control steps to stay in an RM state.
     """
 
     title: ClassVar[str] = "command"
@@ -83,13 +83,13 @@ class OwnCommand(Settings):
     yaw_rate: float | None = None
     dwell: Annotated[int, Ge(1)] | None = None
 
-    def over(self, gait: Gait, asked: object = None) -> FixedCommand:
-        """Lays it over a fixed command, else over 0.5 m/s, or as fast as the gait goes."""
-        given = {name: value for name, value in asdict(self).items() if value is not None}
-        check_command(gait, "--command.", **given)
-        if not isinstance(asked, FixedCommand):
-            asked = FixedCommand(min(0.5, gait.max_speed), dwell=int(np.clip(8, *gait.dwell)))
-        return replace(asked, **given)
+    def override(self, gait: Gait, command: object = None) -> FixedCommand:
+        """Overrides a fixed command, by default 0.5 m/s or the gait's greatest speed."""
+        values = {name: value for name, value in asdict(self).items() if value is not None}
+        check_command(gait, "--command.", **values)
+        if not isinstance(command, FixedCommand):
+            command = FixedCommand(min(0.5, gait.max_speed), dwell=int(np.clip(8, *gait.dwell)))
+        return replace(command, **values)
 
 
 def roll_out(
@@ -101,9 +101,9 @@ def roll_out(
     observers: Sequence[Observer] = (),
     events: Sequence[Event] = (),
 ) -> RolloutLog:
-    """Rolls out the robots of the first seed, from near the default stance.
+    """Rolls out the robots of the first seed, which start near the default stance.
 
-    Observers and events are only of discrete plants. Commands of sliders are refused.
+    A continuous plant ignores observers and events. Raises an InputError for slider commands.
     """
     scenario = config.commanding(scenario)
     if scenario.accuracy is not None:
@@ -125,7 +125,7 @@ def roll_out(
 def score(
     gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
 ) -> pd.DataFrame:
-    """Rolls out the robots of the first seed, and returns their scores, a row a robot."""
+    """Rolls out the robots of the first seed and returns their scores, one row per robot."""
     return score_rollouts(roll_out(gait, controller, scenario, config))
 
 
@@ -140,22 +140,22 @@ def play(
     seed: int = 0,
     repetitions: int = 1,
 ) -> Rollout:
-    """Rolls one robot out as fast as it goes, pushed as the scenario says, and writes the replay.
+    """Rolls out one robot in a scenario with its pushes, and writes a replay.
 
-    A fall ends the rollout before `n_steps`. The replay plays `repetitions` times, and stands still
-    then. The seed is that of noise, pushes and drawn commands.
+    A fall ends the rollout before `n_steps`. The replay plays `repetitions` times and then stops.
+    The seed determines noise, pushes and drawn commands.
     """
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
     simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
     pushed = pusher(simulator, scenario, seed)
-    # A push returns nothing, so that only a fall or the last step stops the rollout.
+    # `record` calls the pusher, which returns None and therefore never ends the rollout.
     rollout = record(simulator, n_steps, stopped=lambda: bool(pushed()))
     save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
     return rollout
 
 
 def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], None]:
-    """Returns a function to call between control steps, which pushes the robot at times."""
+    """Returns a function that pushes the robot at random; call it between control steps."""
     randomization, generator = scenario.randomization(), np.random.default_rng(seed)
     diagram = simulator.get_system()
     assert isinstance(diagram, Diagram)
@@ -173,7 +173,7 @@ def _roll_out_diagrams(
 ) -> RolloutLog:
     if isinstance(scenario.command, SliderCommand):
         raise InputError(f"{scenario.error_name()}: {NO_SLIDERS}")
-    # One diagram serves all robots; each has its context, and with it its seed.
+    # All robots share one diagram; each has a context with its seed.
     diagram = MakeLocomotion(gait, scenario, policy=controller)
     n = config.robots_in(scenario)
     generator, ground = np.random.default_rng(config.seed), scenario.station.ground

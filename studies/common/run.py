@@ -1,4 +1,4 @@
-"""Run folders: one run each, with a record of what it was made of."""
+"""Run folders: each contains one run, with a record of its settings, inputs and software."""
 
 import platform
 from collections.abc import Collection, Iterator, Mapping
@@ -32,11 +32,11 @@ PACKAGES = (
 """The software that results depend on."""
 
 PLACES = ("output", "resume", "workers")
-"""Settings that change where and how a run is made, but not its results."""
+"""Settings that do not affect a run's results."""
 
 
 def default_folder(study: str, robot: str = DEFAULT_ROBOT) -> Path:
-    """Returns the folder below `runs` in which the runs of a command are kept."""
+    """Returns the folder below `runs` for the runs of a command."""
     return robot_folder(Path("runs", *study.split()), robot)
 
 
@@ -52,30 +52,30 @@ def open_run(
 ) -> Iterator[None]:
     """Claims a folder for a run, and writes settings, inputs and software to its `config.yaml`.
 
-    The folder must be empty, unless the run that it holds is resumed; else an InputError says so.
-    `inputs` are digests of what the run reads; a setting of the same name, which says where it was
-    read from, is not compared. A continued run may change the `free` settings.
+    Raises an InputError if the folder is not empty, or contains another run than the resumed one:
+    settings (except `free` ones), inputs and software must be equal. `inputs` are digests of what
+    the run reads; settings of the same name only locate it and are not compared.
     """
     software = {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
     record = {"study": study, "settings": to_plain(settings), "inputs": dict(inputs)}
     record["software"] = software
     path = folder / CONFIG_NAME
 
-    # Check before writing anything: a refused command must not leave a trace.
+    # Check before writing, so that bad input leaves no files.
     begun = path.exists()
     if begun and not resume:
         refuse_run(folder, "continue it with --resume, or ")
     elif begun:
-        _refuse_another(path, record, {*free, *PLACES, *inputs})
+        _check_same_run(path, record, {*free, *PLACES, *inputs})
     elif _visible(folder):
-        raise InputError(f"{folder}: holds other files; name a new folder with --output")
+        raise InputError(f"{folder}: holds other files; give a new folder with --output")
 
     # Write the record, and let the caller work.
     write_atomically(path, yaml.safe_dump(record, sort_keys=False))
     try:
         yield
     except InputError:
-        # A run that was refused before it wrote anything leaves no folder behind.
+        # Remove the folder of a new run that wrote nothing else.
         if not begun and _visible(folder) == [CONFIG_NAME]:
             path.unlink()
             with suppress(OSError):
@@ -84,28 +84,28 @@ def open_run(
 
 
 def read_run(folder: Path, study: str) -> dict[str, Any]:
-    """Reads the record of a folder's run, and refuses one of another study."""
+    """Reads the record of a run; raises an InputError if it is of another study."""
     path = folder / CONFIG_NAME
-    found = read_yaml(path)
-    parts = ("settings", "inputs", "software")
-    if not isinstance(found, dict) or any(not isinstance(found.get(key), dict) for key in parts):
-        raise InputError(f"{path}: is damaged, or not of this version; name another folder")
-    if found.get("study") != study:
-        theirs = shown(found.get("study"))[1:-1]
+    record = read_yaml(path)
+    keys = ("settings", "inputs", "software")
+    if not isinstance(record, dict) or any(not isinstance(record.get(key), dict) for key in keys):
+        raise InputError(f"{path}: is damaged, or not of this version; give another folder")
+    if record.get("study") != study:
+        other = shown(record.get("study"))[1:-1]
         raise InputError(
-            f"{folder}: holds a run of '{theirs}', not of 'glassgait {study}'; name another folder"
+            f"{folder}: holds a run of '{other}', not of 'glassgait {study}'; give another folder"
         )
-    return found
+    return record
 
 
 def refuse_run(folder: Path, remedy: str = "") -> None:
-    """Raises an InputError if a folder holds a run, beside whose results nothing is written."""
+    """Raises an InputError if a folder contains a run, to protect its results."""
     if (folder / CONFIG_NAME).exists():
-        raise InputError(f"{folder}: holds a run; {remedy}name another folder with --output")
+        raise InputError(f"{folder}: holds a run; {remedy}give another folder with --output")
 
 
 def to_plain(config: Any) -> Any:
-    """Turns a configuration into values that YAML and JSON can hold."""
+    """Converts a configuration to plain values for YAML and JSON."""
     if is_dataclass(config) and not isinstance(config, type):
         config = asdict(config)
     if isinstance(config, dict):
@@ -115,12 +115,12 @@ def to_plain(config: Any) -> Any:
     return str(config) if isinstance(config, Path) else config
 
 
-def _refuse_another(path: Path, record: dict[str, Any], free: Collection[str]) -> None:
-    """Refuses to continue a run with other settings, inputs or software than its record has."""
+def _check_same_run(path: Path, record: dict[str, Any], free: Collection[str]) -> None:
+    """Raises an InputError if settings, inputs or software differ from the run's record."""
     before, now = (
-        _flat({key: value for key, value in own["settings"].items() if key not in free})
-        | _flat({"inputs": own["inputs"], "software": own["software"]})
-        for own in (read_run(path.parent, record["study"]), record)
+        _flat({key: value for key, value in values["settings"].items() if key not in free})
+        | _flat({"inputs": values["inputs"], "software": values["software"]})
+        for values in (read_run(path.parent, record["study"]), record)
     )
     differences = [
         brief(f"{key} = {shown(before.get(key))}, not {shown(now.get(key))}")
@@ -128,15 +128,15 @@ def _refuse_another(path: Path, record: dict[str, Any], free: Collection[str]) -
         if before.get(key) != now.get(key)
     ]
     if differences:
-        # Three are enough to see what was changed.
+        # Show at most three differences.
         raise InputError(
-            f"{path}: was made with {'; with '.join(differences[:3])}; continue it with the same, "
-            "or name another folder with --output"
+            f"{path}: was made with {'; with '.join(differences[:3])}; resume it without changes, "
+            "or give another folder with --output"
         )
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns nested settings by paths such as `station.friction`."""
+    """Flattens nested settings to keys such as `station.friction`."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         nested = isinstance(value, dict)
@@ -145,7 +145,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _visible(folder: Path) -> list[str]:
-    """Lists what a folder holds besides hidden files."""
+    """Lists the entries of a folder that are not hidden."""
     if not folder.is_dir():
         return []
     return [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]

@@ -13,7 +13,7 @@ from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.observers import RolloutLog
 
 WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
-"""Control steps of a window (1 s) over which tracking is averaged: a gait sways in its cycle."""
+"""Control steps of a window (1 s) that averages speeds, since a robot sways in a gait cycle."""
 
 SCORES = (
     "return",
@@ -24,34 +24,31 @@ SCORES = (
 )
 
 PHYSICAL = "fell_physically"
-"""Column of scores: whether a robot falls physically, where both kinds of fall are counted."""
+"""Column of scores that distinguish physical falls: whether a robot falls physically."""
 
 
 def score_rollouts(log: RolloutLog) -> pd.DataFrame:
-    """Scores every robot up to its first failure, a row a robot.
+    """Scores every robot up to its first failure, one row per robot.
 
     Columns:
-        steps: Control steps survived.
-        fell: Whether it failed before the end, by any of the task's terminations.
-        failure: Names of the terminations.
+        steps: Control steps until the first failure or the end.
+        fell: Whether the robot failed.
+        failure: Names of the failures.
         return, plain_return: Sums of the rewards with and without the reward machine's factor.
-        rhythm: Share of the commanded rhythm that it kept.
-        going_speed_error, yaw_rate_error: Means over seconds of the absolute difference between a
-            second's average and the command (m/s, rad/s). The first second after a new command is
-            left out and, for the speed, seconds in which the robot is commanded to stand: standing
-            is easy, and drawn commands below `DEAD_BAND` ask for it. NaN if nothing is left.
+        rhythm: Share of the commanded rhythm that was kept.
+        going_speed_error, yaw_rate_error: Absolute difference between the average over a second and
+            the command (m/s, rad/s), averaged over seconds. The first second after a new command
+            does not count. For the speed, seconds with a commanded speed of 0 do not count either,
+            since standing is easy (see `DEAD_BAND`). NaN if no second counts.
     """
     n_steps, n_robots = log.reward.shape
     failed = np.any(log.failures, axis=2)
     rows = []
     for i in range(n_robots):
-        # A robot is scored until its first failure; what it does on the ground does not count.
         fell = bool(failed[:, i].any())
         steps = int(np.argmax(failed[:, i])) + 1 if fell else n_steps
         alive = slice(0, steps)
-        speed_error, yaw_rate_error = _tracking_errors(
-            log.velocity[alive, i], log.command[alive, i]
-        )
+        speed_error, yaw_error = _tracking_errors(log.velocity[alive, i], log.command[alive, i])
         rows.append(
             {
                 "robot": i,
@@ -62,14 +59,14 @@ def score_rollouts(log: RolloutLog) -> pd.DataFrame:
                 "plain_return": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,
                 "going_speed_error": speed_error,
-                "yaw_rate_error": yaw_rate_error,
+                "yaw_rate_error": yaw_error,
             }
         )
     return pd.DataFrame(rows)
 
 
 def _tracking_errors(velocity: Array, command: Array) -> tuple[float, float]:
-    """Returns the mean errors of speed, where it is commanded, and of yaw rate (m/s, rad/s)."""
+    """Returns the mean errors of speed, if it is commanded, and of yaw rate (m/s, rad/s)."""
     n_windows = len(velocity) // WINDOW_STEPS
     whole = slice(0, n_windows * WINDOW_STEPS)
     difference = (velocity[whole] - command[whole]).reshape(n_windows, WINDOW_STEPS, 2)
@@ -87,27 +84,30 @@ def _ratio(part: float, whole: float) -> float:
 
 def interval(values: pd.Series) -> float:
     """Returns half the width of the 95 % interval of the mean (Student's t)."""
-    known = values.dropna().to_numpy(dtype=float)
-    if len(known) < 2:
+    samples = values.dropna().to_numpy(dtype=float)
+    if len(samples) < 2:
         return float("nan")
-    quantile = stats.t.ppf(0.975, len(known) - 1)
-    return float(quantile * np.std(known, ddof=1) / np.sqrt(len(known)))
+    quantile = stats.t.ppf(0.975, len(samples) - 1)
+    return float(quantile * np.std(samples, ddof=1) / np.sqrt(len(samples)))
 
 
 def wilson_interval(count: int, n: int) -> tuple[float, float]:
-    """Returns the 95 % interval of a share, by Wilson's score."""
+    """Returns the 95 % Wilson score interval of a share."""
     bounds = stats.binomtest(count, n).proportion_ci(confidence_level=0.95, method="wilson")
     return float(bounds.low), float(bounds.high)
 
 
 def summarize(scores: pd.DataFrame, by: Sequence[str], against: str | None = None) -> pd.DataFrame:
-    """Averages scores over robots, with falls and intervals.
+    """Averages scores over the robots of each group, in the order of the scores.
 
-    A row a group, in the order of the scores: means and half the widths of their 95 % intervals
-    (`_ci`); `falls`, their share `fall_rate` with Wilson's interval (`_low`, `_high`) and, if they
-    were told apart, `physical_falls`. `against` a policy, robot by robot in the same gait and
-    scenario, also `points_more`, by which the falls of a hundred exceed the reference's, and the
-    shares of its return (`share`) and plain return (`plain_share`) with paired intervals.
+    Columns:
+        <score>, <score>_ci: Mean, and half the width of its 95 % interval.
+        falls, fall_rate, fall_rate_low, fall_rate_high: Number and share of falls, with the Wilson
+            interval.
+        physical_falls: Number of physical falls, if the scores distinguish them.
+        points_more, share, plain_share: Comparison with the policy `against` in the same gait and
+            scenario: difference of the fall rates in percentage points, and share of its return and
+            plain return with paired intervals.
     """
     keys, rows = list(by), []
     for values, group in scores.groupby(keys, sort=False):
@@ -128,8 +128,8 @@ def summarize(scores: pd.DataFrame, by: Sequence[str], against: str | None = Non
 def _compared(group: pd.DataFrame, scores: pd.DataFrame, against: str) -> dict[str, float]:
     """Compares a group with a policy in the same gait and scenario."""
     reference = scores[scores["policy"] == against]
-    for place in {"gait", "scenario"} & {*scores}:
-        reference = reference[reference[place] == group[place].iloc[0]]
+    for column in {"gait", "scenario"} & {*scores}:
+        reference = reference[reference[column] == group[column].iloc[0]]
     compared = {"points_more": 100.0 * (group["fell"].mean() - reference["fell"].mean())}
     for name, score in {"share": "return", "plain_share": "plain_return"}.items():
         share, half = paired_share(group[score], reference[score])
@@ -138,12 +138,11 @@ def _compared(group: pd.DataFrame, scores: pd.DataFrame, against: str) -> dict[s
 
 
 def paired_share(values: pd.Series, reference: pd.Series) -> tuple[float, float]:
-    """Returns the mean of values as a share of a reference's, and half its 95 % interval.
+    """Returns the ratio of the means of values and reference, and half its 95 % interval.
 
-    Robots of a seed start alike, are commanded alike and feel the same noise. They are compared one
-    by one, which leaves out how much robots differ by their commands: the interval is that of a
-    ratio of paired means, to first order in the errors.
+    The robots of a seed have the same starts, commands and noise. Pairing them removes the variance
+    between commands: the interval is that of a ratio of paired means, to first order in the errors.
     """
-    part, whole = values.to_numpy(dtype=float), reference.to_numpy(dtype=float)
-    share = part.mean() / whole.mean()
-    return share, interval(pd.Series(part - share * whole)) / abs(whole.mean())
+    x, y = values.to_numpy(dtype=float), reference.to_numpy(dtype=float)
+    share = x.mean() / y.mean()
+    return share, interval(pd.Series(x - share * y)) / abs(y.mean())

@@ -13,7 +13,7 @@ import yaml
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
 from glassgait.models.settings import Settings, checked
-from glassgait.studies.common.jobs import gaits_named
+from glassgait.studies.common.jobs import expand_gaits
 from glassgait.studies.common.run import to_plain
 
 IN_FILE = tyro.conf.Suppress
@@ -50,7 +50,7 @@ class SettingsFile(Settings):
         command: Any = self
         values = to_plain(command.config)
         if "gait" in values:
-            values["gait"], *others = gaits_named(command.gait)
+            values["gait"], *others = expand_gaits(command.gait)
             if others:
                 raise InputError("--print-settings: a settings file is of one gait; name one")
         return yaml.safe_dump(values, sort_keys=False)

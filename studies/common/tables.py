@@ -1,4 +1,4 @@
-"""Tables: on the terminal, and as CSV and Markdown files."""
+"""Tables on the terminal and in CSV and Markdown files."""
 
 import json
 import re
@@ -14,11 +14,11 @@ from glassgait.models.files import write_atomically
 from glassgait.studies.common.console import console
 
 HALF = " ±"
-"""Ends the title of a column that holds half the intervals of the column before."""
+"""Suffix of the title of a column with half the widths of the intervals of another column."""
 
 
 def print_table(title: str, frame: pd.DataFrame) -> None:
-    """Prints a table on the terminal, its intervals beside their means."""
+    """Prints a table on the terminal, with intervals beside their means."""
     table, frame = Table(title=title, title_justify="left"), joined(frame)
     for column in frame.columns:
         numeric = pd.api.types.is_numeric_dtype(frame[column])
@@ -29,13 +29,13 @@ def print_table(title: str, frame: pd.DataFrame) -> None:
 
 
 def write_table(frame: pd.DataFrame, stem: Path) -> None:
-    """Writes a table as `<stem>.csv`, numbers in full precision, and `<stem>.md`, for reading."""
+    """Writes a table as `<stem>.csv` in full precision, and as `<stem>.md` in rounded numbers."""
     write_atomically(stem.with_name(f"{stem.name}.csv"), frame.to_csv(index=False))
     write_atomically(stem.with_name(f"{stem.name}.md"), to_markdown(frame))
 
 
 def write_metrics(values: Any, path: Path) -> None:
-    """Writes metrics as JSON, keys sorted, so that equal runs give equal files."""
+    """Writes metrics as JSON with sorted keys, so that equal runs give equal files."""
     write_atomically(path, json.dumps(values, indent=2, sort_keys=True) + "\n")
 
 
@@ -45,7 +45,7 @@ def json_records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
 
 
 def joined(frame: pd.DataFrame) -> pd.DataFrame:
-    """Writes the column `x ±` behind the numbers of the column `x`, where it has any."""
+    """Appends the numbers of each column `x ±` to those of the column `x`, unless they are NaN."""
     halves = [str(name) for name in frame.columns if str(name).endswith(HALF)]
     texts = {}
     for name in halves:
@@ -65,7 +65,7 @@ def to_markdown(frame: pd.DataFrame) -> str:
     frame = joined(frame)
     rows = [map(str, frame.columns), ["---"] * len(frame.columns)]
     rows += [map(format_cell, row) for row in frame.itertuples(index=False)]
-    # Escape what would end a cell, or begin code or HTML.
+    # Escape characters that end a cell or start code or HTML.
     escaped = (
         [re.sub(r"[\\|`<]", r"\\\g<0>", " ".join(cell.splitlines())) for cell in row]
         for row in rows

@@ -23,7 +23,7 @@ from glassgait.studies.common.episode import (
     Event,
     IntArray,
     Observer,
-    World,
+    PreparedTask,
     episode,
 )
 from glassgait.studies.distillation.dataset import Dataset
@@ -53,7 +53,7 @@ def collect(
     # Use the given scenario, or draw a station for each robot.
     n, numbers = len(episodes), np.array(episodes)
     if isinstance(worlds, Scenario):
-        world: Scenario | World = replace(worlds, command=DrawnCommands())
+        world: Scenario | PreparedTask = replace(worlds, command=DrawnCommands())
     else:
         law, robot = controller.joint_law, controller.robot
         drawn = worlds.stations(robot, generator, law)
@@ -65,7 +65,7 @@ def collect(
             robot=robot,
             observes_imu=controller.expert.layout.imu,
         )
-        world = World(task, make_physics(robot, *stations))
+        world = PreparedTask(task, make_physics(robot, *stations))
 
     # Roll out, and record.
     speeds = None if speeds is None else speeds[(numbers - 1) % len(speeds)]

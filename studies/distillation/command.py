@@ -16,7 +16,7 @@ from glassgait.studies.common.jobs import (
     Job,
     Seeds,
     Workers,
-    gaits_named,
+    expand_gaits,
     jobs_of,
     run_jobs,
 )
@@ -64,7 +64,7 @@ class Distill(SettingsFile):
         from glassgait.studies.common.tables import print_table
 
         # Refuse invalid settings before any job begins.
-        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        gaits = [load_gait(name) for name in expand_gaits(self.gait)]
         for gait in gaits:
             self.config.for_gait(gait)
         experts = [find_expert(gait, self.source, self.robot) for gait in gaits]

@@ -17,7 +17,7 @@ from glassgait.studies.common.experiment import (
     Case,
     Experiment,
     Report,
-    refuse_to_report,
+    check_reported_seeds,
     run_cases,
 )
 
@@ -56,7 +56,7 @@ class Alternation(Experiment):
 
     def cases(self) -> list[Case]:
         """Lists every student at every ratio below 1, and the expert once, at ratio 1."""
-        self.refuse_several_scenarios()
+        self.require_one_scenario()
         return [
             replace(
                 case,
@@ -95,7 +95,7 @@ def alternation_scores(
     from glassgait.diagrams.scenario import Scenario
     from glassgait.models.policies.controller import Controller, alone
 
-    refuse_to_report(config.seeds)
+    check_reported_seeds(config.seeds)
     scenario = config.commanding(Scenario())
     scenario.command.check(gait)
     acting = {("expert", _share(1)): alone(expert)} | {

@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, checked
 from glassgait.studies.common.experiment import Case, Experiment, Report
-from glassgait.studies.common.rollouts import OwnCommand
+from glassgait.studies.common.rollouts import CommandOverride
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +40,7 @@ class Pushes(Experiment):
     n_robots: ClassVar[int] = 1
     n_seeds: ClassVar[int] = 1
 
-    command: OwnCommand = field(default_factory=OwnCommand)
+    command: CommandOverride = field(default_factory=CommandOverride)
     n_phases: Annotated[Count, Le(1000)] = 8
     n_steps: Steps = 250
     n_directions: Annotated[Count, Ge(3), Le(360)] = 12
@@ -52,12 +52,12 @@ class Pushes(Experiment):
 
     def cases(self) -> list[Case]:
         """Lists one case per policy, in which all robots follow one command."""
-        self.refuse_several_scenarios()
+        self.require_one_scenario()
         cases = super().cases()
         if any(case.scenario.accuracy is not None for case in cases):
             raise InputError("--scenario: is continuous; name a scenario of discrete time")
         return [
-            replace(case, scenario=replace(case.scenario, command=self.command.over(case.gait)))
+            replace(case, scenario=replace(case.scenario, command=self.command.override(case.gait)))
             for case in cases
         ]
 
@@ -83,7 +83,7 @@ class Pushes(Experiment):
 
         summary, gait = tables.push_summary(table), table["gait"].iloc[0]
         title = (
-            f"{gait.capitalize()} at {self.command.over(self.gaits[0]).speed:g} m/s: "
+            f"{gait.capitalize()} at {self.command.override(self.gaits[0]).speed:g} m/s: "
             "which pushes are survived. Direction as angle, speed (m/s) as radius"
         )
         return Report(

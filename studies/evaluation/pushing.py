@@ -14,7 +14,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
-from glassgait.studies.common.episode import ControlStep, Observer, World, episode
+from glassgait.studies.common.episode import ControlStep, Observer, PreparedTask, episode
 
 FIRST_STEPS = 150  # control steps from standing to the first stride that is timed
 MOST_STEPS = 450  # control steps to reach the phases in; later, a new command may come
@@ -42,7 +42,7 @@ def push_everywhere(
     Returns one row per direction (from straight ahead, to the left), speed and phase. The `end` of
     a robot that does not survive is its first failure, or `no_rhythm`.
     """
-    world = World.of(gait, scenario, controller)
+    world = PreparedTask.of(gait, scenario, controller)
     walk = partial(episode, gait, controller, world, seed=np.random.default_rng(seed))
     # Let one robot per phase walk until the instant of its phase.
     phases = _PhaseStates(gait.states.index(gait.initial), n_phases)

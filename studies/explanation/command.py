@@ -16,7 +16,7 @@ from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, checked
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.jobs import Steps
-from glassgait.studies.common.rollouts import OwnCommand
+from glassgait.studies.common.rollouts import CommandOverride
 from glassgait.studies.distillation.students import OnePolicy, sums_of_terms
 
 STEP = 100
@@ -41,7 +41,7 @@ class ExplainPage(OnePolicy):
 
     joint: str = "FL_hip"
     step: Annotated[int, Ge(0)] | None = None
-    command: OwnCommand = field(default_factory=OwnCommand)
+    command: CommandOverride = field(default_factory=CommandOverride)
     n_steps: Steps = 300
     seed: Seed = 0
     output: Path | None = None
@@ -79,7 +79,7 @@ class ExplainPage(OnePolicy):
         rollout = play(
             gait,
             controller,
-            Scenario(command=self.command.over(gait)),
+            Scenario(command=self.command.override(gait)),
             open_meshcat(),
             replay,
             n_steps=self.n_steps,

@@ -25,7 +25,7 @@ from glassgait.models.settings import Seed, checked
 from glassgait.models.task.observation import entries_of
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
-from glassgait.studies.common.rollouts import OwnCommand
+from glassgait.studies.common.rollouts import CommandOverride
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students import OnePolicy
 
@@ -55,7 +55,7 @@ class ExplainCounterfactual(OnePolicy):
     joint: str = "FR_calf"
     level: float | None = None
     step: Annotated[int, Ge(0)] = 280
-    command: OwnCommand = field(default_factory=OwnCommand)
+    command: CommandOverride = field(default_factory=CommandOverride)
     box: Path | None = None
     seed: Seed = 0
     output: Path | None = None
@@ -67,7 +67,8 @@ class ExplainCounterfactual(OnePolicy):
         box = load_box(self.box, gait, robot) if self.box else operating_box(gait, robot)
 
         # Roll out up to the step.
-        diagram = MakeLocomotion(gait, Scenario(command=self.command.over(gait)), policy=controller)
+        scenario = Scenario(command=self.command.override(gait))
+        diagram = MakeLocomotion(gait, scenario, policy=controller)
         rollout = record(make_simulator(diagram, seed=self.seed), self.step + 1)
         if len(rollout.time) <= self.step:
             fall = f"the robot falls at step {len(rollout.time) - 1}"

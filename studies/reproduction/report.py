@@ -25,9 +25,9 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, c
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import gait_figure, save_figure
-from glassgait.studies.common.jobs import Gaits, Job, Workers, gaits_named, run_jobs
+from glassgait.studies.common.jobs import Gaits, Job, Workers, expand_gaits, run_jobs
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.rollouts import OwnCommand, RolloutConfig
+from glassgait.studies.common.rollouts import CommandOverride, RolloutConfig
 from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.config import DistillationConfig
@@ -115,7 +115,7 @@ class Report(Settings):
 
     def run(self) -> None:
         """Studies every gait, then writes report.html."""
-        started, names, report = time.monotonic(), gaits_named(self.gait), self.settled()
+        started, names, report = time.monotonic(), expand_gaits(self.gait), self.settled()
         folder = self.output or default_folder(self.study + "_quick" * self.quick, self._robot.name)
         claim = {"study": self.study, "settings": report, "inputs": self._inputs(names)}
         # A continued run may name other gaits.
@@ -253,7 +253,7 @@ def study_gait(report: Report, job: Job) -> GaitResults:
     tops = importances.tables["top_observations"]
 
     # Gait sequences of every student (Figures 3 to 5), and a local explanation (Figure 9).
-    scenario = Scenario(command=OwnCommand().over(gait))
+    scenario = Scenario(command=CommandOverride().override(gait))
     for kind, student in students.items():
         diagram = MakeLocomotion(gait, scenario, policy=alone(student, expert))
         rollout = record(make_simulator(diagram), SEQUENCE_STEPS)

@@ -23,7 +23,7 @@ from glassgait.studies.common.experiment import PolicySource
 from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.jobs import Steps
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies
-from glassgait.studies.common.rollouts import OwnCommand, play
+from glassgait.studies.common.rollouts import CommandOverride, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
@@ -58,7 +58,7 @@ class View(PolicySource):
     stills: bool = False
     live: bool = False
     scenario: str = NOMINAL_SCENARIO
-    command: OwnCommand = field(default_factory=OwnCommand)
+    command: CommandOverride = field(default_factory=CommandOverride)
     n_steps: Steps | None = None
     seed: Seed = 0
     output: Path | None = None
@@ -75,8 +75,8 @@ class View(PolicySource):
         scenario = load_scenario(self.scenario)
         if self.live:
             scenario = replace(scenario, command=SliderCommand())
-        elif self.command != OwnCommand() or scenario.command == DrawnCommands():
-            scenario = replace(scenario, command=self.command.over(gait, scenario.command))
+        elif self.command != CommandOverride() or scenario.command == DrawnCommands():
+            scenario = replace(scenario, command=self.command.override(gait, scenario.command))
 
         # Names say the policy, the ratio and the scenario.
         folder = self.output or default_folder(self.title, controller.robot.name) / gait.name

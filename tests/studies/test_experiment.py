@@ -80,8 +80,8 @@ def test_each_of_several_gaits_has_its_folder(tmp_path, monkeypatch):
         ({"gait": ("three_one",), "policy": ("formulas",)}, "policy 'formulas'"),
         ({"gait": ("gallop",)}, "unknown gait 'gallop'"),
         ({"scenario": ("mars",)}, "mars"),
-        ({"seed": 500}, "500 to 509 chose among candidates"),
-        ({"seed": 1004}, "1000 to 1004 chose among what ships"),
+        ({"seed": 500}, "500 to 509 selected among candidates"),
+        ({"seed": 1004}, "1000 to 1004 selected among shipped policies"),
     ],
 )
 def test_bad_settings_are_refused_before_anything_is_written(settings, key, tmp_path):

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed, parallel_config
 from threadpoolctl import threadpool_info
 
 from glassgait.models.errors import InputError
-from glassgait.studies.common.jobs import Workers, gaits_named, jobs_of, run_jobs, run_parallel
+from glassgait.studies.common.jobs import Workers, expand_gaits, jobs_of, run_jobs, run_parallel
 
 
 def test_results_come_in_the_order_of_the_calls():
@@ -74,7 +74,7 @@ def test_each_gait_and_seed_has_its_folder():
     assert folders(["trot"], output=Path("mine")) == ["mine"]
     assert folders(["trot", "walk"], output=Path("mine")) == ["mine/trot", "mine/walk"]
     assert folders(["trot"], 2) == ["runs/train/trot/seed_3", "runs/train/trot/seed_4"]
-    assert len(gaits_named(["all"])) == 6
+    assert len(expand_gaits(["all"])) == 6
 
 
 def test_a_job_that_is_refused_stops_no_other(capsys):

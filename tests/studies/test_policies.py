@@ -108,7 +108,7 @@ def test_formulas_that_hold_all_they_need_act_without_an_expert(own_gait, tmp_pa
     text = load_student("trot", "formulas").to_text().replace("gait: trot", "gait: prance")
     (path := tmp_path / "whole.formulas").write_text(text)
     found = find_policies(find_gait(path))
-    assert found.expert_there is None
+    assert found.optional_expert is None
     controller = found.controller(str(path))
     assert controller.student is None
     assert controller.estimator == Odometry(gain=0.15)
@@ -147,7 +147,7 @@ def test_students_are_in_the_order_of_tables():
     assert tuple(STUDENTS) == KINDS
     found = find_policies(TROT)
     assert list(found.files) == [kind for kind in STUDENTS if kind in found.files]
-    assert found.named(["all"]) == ("expert", *found.files)
+    assert found.expanded(["all"]) == ("expert", *found.files)
 
 
 @pytest.mark.parametrize(

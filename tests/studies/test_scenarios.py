@@ -18,7 +18,7 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts import OwnCommand, RolloutConfig, pusher, roll_out
+from glassgait.studies.common.rollouts import CommandOverride, RolloutConfig, pusher, roll_out
 from glassgait.studies.distillation.collection import collect
 
 EXPERT_ALONE = ["evaluate", "scenarios", "--policy", "expert"]
@@ -59,7 +59,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         ("evaluate scenarios --scenario bad.yaml", "bad.yaml: unknown key 'frictoin'; remove"),
         ("evaluate scenarios --scenario watched.yaml", "'watched': command uses sliders"),
         ("evaluate scenarios --scenario fast.yaml", "command: speed is 9.0; give -1 to 1"),
-        ("evaluate alternation --scenario nominal sap_2ms", "of one scenario; name one"),
+        ("evaluate alternation --scenario nominal sap_2ms", "takes one scenario; give one"),
         ("view --scenario bad.yaml", "bad.yaml: unknown key"),
         ("distill --scenario bad.yaml", "bad.yaml: unknown key"),
         ("distill --scenario cenic_1e-5", "time_step is 0.0; it must divide the control"),
@@ -108,14 +108,14 @@ def test_students_are_asked_for_what_experts_are_over_the_whole_range(expert):
 @pytest.mark.parametrize(
     ("given", "gait", "asked", "command"),
     [
-        (OwnCommand(), TROT, None, FixedCommand(speed=0.5)),
-        (OwnCommand(speed=0.1), TROT, COMMANDED, replace(COMMANDED, speed=0.1)),
-        (OwnCommand(dwell=7), TROT, DrawnCommands((0.0, 0.2)), FixedCommand(dwell=7)),
-        (OwnCommand(), replace(TROT, max_speed=0.3), None, FixedCommand(speed=0.3)),
+        (CommandOverride(), TROT, None, FixedCommand(speed=0.5)),
+        (CommandOverride(speed=0.1), TROT, COMMANDED, replace(COMMANDED, speed=0.1)),
+        (CommandOverride(dwell=7), TROT, DrawnCommands((0.0, 0.2)), FixedCommand(dwell=7)),
+        (CommandOverride(), replace(TROT, max_speed=0.3), None, FixedCommand(speed=0.3)),
     ],
 )
 def test_a_command_is_laid_over_another(given, gait, asked, command):
-    assert given.over(gait, asked) == command
+    assert given.override(gait, asked) == command
 
 
 def test_a_rollout_records_its_world(icy, tmp_path):

@@ -1,5 +1,5 @@
 "use strict";
-// One clock for all replays of a page. A replay follows messages: its page may be a file of its own.
+// Clock for all replays of a page. It controls replays by messages, since each is a separate page.
 class Player {
   constructor(box, { last, period, frames, shown }) {
     Object.assign(this, { box, last, period, frames, shown, step: 0, timer: null });
@@ -13,7 +13,7 @@ class Player {
     part("back").addEventListener("click", () => this.go(this.step - 1));
     part("on").addEventListener("click", () => this.go(this.step + 1));
     this.speed.addEventListener("change", () => { if (this.timer) { this.pause(); this.toggle(); } });
-    // Meshcat starts its animation by itself, once it has loaded.
+    // Meshcat starts its animation when it has loaded.
     window.addEventListener("message", event => { if (event.data?.replay === "ready") this.seek(); });
   }
   go(step) {
@@ -49,7 +49,7 @@ class Player {
     this.button.textContent = "pause";
     this.timer = requestAnimationFrame(tick);
   }
-  // Keys of the page, and of a replay that has the focus.
+  // Handle keys of the page and of a focused replay.
   press(event) {
     const by = event.shiftKey ? 10 : 1, tag = event.target.tagName;
     if (tag === "SELECT" || (tag === "INPUT" && event.target.type !== "range")) return;
@@ -65,14 +65,14 @@ class Player {
 }
 
 function runs(values) {
-  const found = [];
+  const intervals = [];
   let start = 0;
   for (let i = 1; i <= values.length; i++)
-    if (i === values.length || values[i] !== values[start]) { found.push([start, i]); start = i; }
-  return found;
+    if (i === values.length || values[i] !== values[start]) { intervals.push([start, i]); start = i; }
+  return intervals;
 }
 
-// A gait strip: feet in contact over the reward machine's states, which are named and hatched.
+// Gait strip: foot contacts over labelled and hatched RM states.
 class Strip {
   static left = 26;
   static width = 610;
@@ -126,7 +126,7 @@ class Strip {
   }
 }
 
-// One player for replays and strips of rollouts that begin together; one that ends early stays.
+// Makes a player for replays and strips of rollouts. A shorter rollout stays at its last step.
 function playTogether(box, { frames, strips: svgs, rollouts, moment, step = 0 }) {
   const strips = svgs.map((svg, k) => new Strip(svg, rollouts[k], to => player.go(to)));
   const { period } = rollouts[0];
