@@ -1,1 +1,1 @@
-"""Controllers in C and ONNX: writing them, and measuring whether they are the same policies."""
+"""Export of controllers to C and ONNX, and their comparison with Python."""

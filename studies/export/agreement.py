@@ -22,14 +22,14 @@ from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.studies.common.episode import ControlStep as EpisodeStep
 from glassgait.studies.common.episode import Observer, episode
 
-SAME = 1e-6
-"""Difference of a joint target (rad) up to which C in double precision is the same controller."""
+TOLERANCE = 1e-6
+"""Greatest difference of a joint target (rad) between Python and C in double precision."""
 
 COMMAND_STEPS = 50
 """Control steps between two commands of random sequences."""
 
 SEQUENCE_STEPS = 500
-"""Control steps of a sequence; each begins with a controller that was just started."""
+"""Control steps of a sequence; each begins with a controller in its initial state."""
 
 UNLIMITED = Scenario(limit_targets=False)
 """The nominal scenario, except that joints follow any target."""
@@ -58,27 +58,27 @@ def agreement_table(
     *,
     exact: bool = True,
 ) -> pd.DataFrame:
-    """Compares C and Python over recorded and random sequences, one row and half the steps each."""
-    # Recorded robots show what policies are for, and random sensors what they may meet.
+    """Compares C and Python on recorded and random sensors, with a row and half the steps each."""
+    # Recorded sensors are those of normal use; random ones may reach any state.
     recorded = (n_steps + 1) // 2
     sequences = {
         "recorded": recorded_sequences(gait, controller, recorded, seed),
         "random": random_sequences(controller.robot, gait, n_steps - recorded, seed),
     }
-    found = {
-        name: compare_controllers(gait, controller, compiled, one)
-        for name, one in sequences.items()
+    agreements = {
+        name: compare_controllers(gait, controller, compiled, each)
+        for name, each in sequences.items()
     }
 
     # Single precision differs by rounding.
-    for one in found.values():
-        if exact and (not one.target <= SAME or one.machine):
+    for each in agreements.values():
+        if exact and (not each.target <= TOLERANCE or each.machine):
             raise InputError(
-                f"export: a joint target of C differs from Python's by {one.target:.2g} rad, and "
-                f"the machine at {one.machine} of {one.steps} steps; export another policy, and "
+                f"export: a joint target of C differs from Python's by {each.target:.2g} rad, and "
+                f"the machine at {each.machine} of {each.steps} steps; export another policy, and "
                 "report this fault"
             )
-    return pd.DataFrame([{"sensors": name, **one._asdict()} for name, one in found.items()])
+    return pd.DataFrame([{"sensors": name, **row._asdict()} for name, row in agreements.items()])
 
 
 def compare_controllers(
@@ -87,7 +87,7 @@ def compare_controllers(
     compiled: LoadedController,
     sequences: Sequence[Sequence[Moment]],
 ) -> Agreement:
-    # The control step in Python, with all that the C file holds but the policy.
+    # Make the control step in Python. Like the C file, it has everything except the policy.
     controller.refuse_other_machine(gait)
     control = ControlStep(
         controller.robot,
@@ -97,25 +97,26 @@ def compare_controllers(
         controller.policy.layout.imu,
     )
 
-    # Both take the same steps, each with its memory.
-    greatest, apart, changes = 0.0, 0, 0
+    # Take the same steps in both, each with its memory.
+    greatest, n_different, changes = 0.0, 0, 0
     for sequence in sequences:
-        ours, theirs, state = None, compiled.initial(), None
+        memory, c_memory, state = None, compiled.initial(), None
         for sensors, command in sequence:
-            within = sound_command(gait, command)
-            targets, ours = control.step(ours, sensors, within, controller.policy)
-            step = compiled.step(theirs, sensors, command)
-            theirs = step.memory
+            sound = sound_command(gait, command)
+            targets, memory = control.step(memory, sensors, sound, controller.policy)
+            step = compiled.step(c_memory, sensors, command)
+            c_memory = step.memory
             greatest = float(np.maximum(greatest, np.abs(targets - step.targets).max()))
-            machine = tuple(int(part) for part in ours.machine)
-            apart += machine != tuple(theirs[name] for name in ("state", "iterations", "age"))
+            machine = tuple(map(int, memory.machine))
+            c_machine = tuple(c_memory[name] for name in ("state", "iterations", "age"))
+            n_different += machine != c_machine
             changes += state not in (None, machine[0])
             state = machine[0]
-    return Agreement(sum(map(len, sequences)), greatest, apart, changes)
+    return Agreement(sum(map(len, sequences)), greatest, n_different, changes)
 
 
 def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
-    """Draws sensors at random; in every other step a transition of the gait fires."""
+    """Draws random sensors; in every other step, feet fire a transition of the gait."""
     generator = np.random.default_rng(seed)
     counts = [min(SEQUENCE_STEPS, n_steps - k) for k in range(0, n_steps, SEQUENCE_STEPS)]
     return [list(_random_moments(robot, gait, count, generator)) for count in counts]
@@ -146,8 +147,7 @@ def recorded_sequences(
 ) -> list[list[Moment]]:
     """Records the sensors of robots that the controller moves, in the nominal scenario."""
     steps = recorded_steps(gait, controller, n_steps, seed)
-    of_robots = zip(*(_moments(one.before) for one in steps), strict=True)
-    return list(map(list, of_robots))
+    return list(map(list, zip(*(_moments(step.before) for step in steps), strict=True)))
 
 
 def recorded_steps(

@@ -33,14 +33,14 @@ class Export(OneGait):
     """Write a controller as one C file, or a network as ONNX, and check it against Python.
 
     Attributes:
-        policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
-            shortest by default.
+        policy: `expert`, a kind of student, or path of a policy file; by default the shortest sum
+            of terms.
         format: `c` is the whole controller, from sensors to joint targets. `onnx` is a network and
             its estimator; it needs `pip install 'glassgait[onnx]'`.
-        precision: Type that the C file computes in, or that the ONNX file reads and gives.
-        name: Prefix of the names of its files, functions and types; <gait>_<policy> by default.
-        n_steps: Control steps through which Python and the export are compared, half of them of
-            recorded and half of random sensors.
+        precision: Type of the C file's arithmetic, or of the ONNX file's inputs and outputs.
+        name: Prefix of the names of files, functions and types; <gait>_<policy> by default.
+        n_steps: Control steps of the comparison with Python; for C, half with recorded and half
+            with random sensors.
         output: Folder of the results; runs/export/<gait>/<policy> by default.
     """
 
@@ -55,25 +55,25 @@ class Export(OneGait):
     output: Path | None = None
 
     def run(self) -> None:
-        # The policy, and the name of its files.
-        found = self.policies()
-        asked = self.policy or default_student(found)
-        controller, policy_name = found.controller(asked), Path(asked).stem
-        name = self.name or controller_name(found.gait.name, policy_name)
+        # Load the policy, and name its files.
+        policies = self.policies()
+        gait, selected = policies.gait, self.policy or default_student(policies)
+        controller, policy_name = policies.controller(selected), Path(selected).stem
+        name = self.name or controller_name(gait.name, policy_name)
         check_name(name)
-        folder = default_folder(self.title, found.robot.name) / found.gait.name / policy_name
+        folder = default_folder(self.title, policies.robot.name) / gait.name / policy_name
         folder = self.output or folder
         inputs = {
-            "gait": found.gait.digest(),
+            "gait": gait.digest(),
             "expert": controller.expert.digest(),
             "policy": controller.policy.digest(),
         }
 
-        # The files, their contract, and the tables of the comparison with Python.
+        # Write the files, their contract, and the tables of the comparison with Python.
         with open_run(folder, study=self.title, settings=self, inputs=inputs):
             write = self._write_c if self.format == "c" else self._write_onnx
-            files, tables = write(found.gait, controller, folder / name, policy_name)
-            contract = contract_of(found.gait, controller, files[0], policy_name, self.precision)
+            files, tables = write(gait, controller, folder / name, policy_name)
+            contract = contract_of(gait, controller, files[0], policy_name, self.precision)
             files.append(folder / CONTRACT)
             write_atomically(files[-1], contract_text(contract))
             for title, table in tables.items():
@@ -81,7 +81,7 @@ class Export(OneGait):
                 print_table(f"{name}: {title.replace('_', ' ')}", table)
             records = {title: json_records(table) for title, table in tables.items()}
             write_metrics({"bytes": files[0].stat().st_size} | records, folder / "metrics.json")
-        console.print(f"written to {', '.join([str(files[0]), *(one.name for one in files[1:])])}")
+        console.print(f"written to {', '.join([str(files[0]), *(f.name for f in files[1:])])}")
 
     def _write_c(self, gait: Gait, controller: Controller, stem: Path, policy_name: str) -> Written:
         names = {"name": stem.name, "policy_name": policy_name, "version": version("glassgait")}

@@ -24,19 +24,19 @@ from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
-from glassgait.studies.export.agreement import SAME, recorded_steps
+from glassgait.studies.export.agreement import TOLERANCE, recorded_steps
 
 OPSET = 17
 """Version of ONNX's operators; runtimes since 2022 have it."""
 
 OBSERVATION, ACTIONS, ESTIMATE = "obs", "actions", "estimate"
-"""Names of the graph's inputs and outputs; the estimate is an input where odometry makes it."""
+"""Names of the graph's inputs and outputs; with odometry, the estimate is an input."""
 
 _TYPES = {"double": TensorProto.DOUBLE, "float": TensorProto.FLOAT}
 
 
 class _Graph:
-    """Nodes and constants of a graph, whose values are known by name; rows are the first axis."""
+    """Builds a graph's nodes and constants, and refers to values by name; axis 0 is the batch."""
 
     def __init__(self) -> None:
         self.nodes: list[onnx.NodeProto] = []
@@ -85,7 +85,7 @@ class _Graph:
 def graph_bytes(
     gait: Gait, controller: Controller, policy_name: str, version: str, real: Real
 ) -> bytes:
-    """Returns a network that acts by proprioception as the bytes of an ONNX file.
+    """Returns the bytes of an ONNX file of a network and its estimator.
 
     The graph maps `obs` (batch, 40 + n_states; 46 + n_states with an IMU) to `actions` (batch, 12)
     and `estimate` (batch, 7), the velocity of the trunk and the heights of the feet. Odometry has a
@@ -100,7 +100,7 @@ def graph_bytes(
     layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
     policy.check(robot=policy.robot, gait=gait, observation_names=layout.names)
 
-    # Inputs, the estimator and the actor.
+    # Add inputs, the estimator and the actor.
     graph = _Graph()
     observation = graph.add("Cast", OBSERVATION, to=TensorProto.DOUBLE)
     if isinstance(estimator, Odometry):
@@ -113,16 +113,16 @@ def graph_bytes(
     for value, name in zip((action, estimate), outputs, strict=False):
         graph.add("Cast", value, named=name, to=_TYPES[real])
 
-    # The model.
+    # Make the model.
     width = layout.n_proprioceptive
     sizes = {OBSERVATION: width, ACTIONS: quadruped.N_JOINTS, ESTIMATE: N_ESTIMATED}
-    reads, gives = (
-        [helper.make_tensor_value_info(name, _TYPES[real], ["batch", sizes[name]]) for name in part]
-        for part in (inputs, outputs)
+    input_types, output_types = (
+        [helper.make_tensor_value_info(key, _TYPES[real], ["batch", sizes[key]]) for key in keys]
+        for keys in (inputs, outputs)
     )
     opsets = [helper.make_opsetid("", OPSET)]
     model = helper.make_model(
-        helper.make_graph(graph.nodes, "policy", reads, gives, graph.constants),
+        helper.make_graph(graph.nodes, "policy", input_types, output_types, graph.constants),
         opset_imports=opsets,
         ir_version=helper.find_min_ir_version_for(opsets),
         producer_name="glassgait",
@@ -134,8 +134,8 @@ def graph_bytes(
 
 
 def _metadata(gait: Gait, controller: Controller, policy_name: str) -> dict[str, str]:
-    """Describes a graph as deployment stacks do; lists are separated by commas."""
-    # The robot's numbers, and the machine that a program around the graph has to run.
+    """Returns the metadata that deployment stacks read; lists are separated by commas."""
+    # Collect the robot's numbers, and the machine that a program around the graph has to run.
     terms, entries = robot_terms(controller.robot), controller.policy.layout.entries
     stiffness, damping = controller.joint_law.gains_of(controller.robot)
     machine = {
@@ -149,8 +149,8 @@ def _metadata(gait: Gait, controller: Controller, policy_name: str) -> dict[str,
         ],
     }
 
-    # All as text. Joints share their gains and their scale.
-    found = {
+    # Write all as text. Joints share gains and scale.
+    metadata = {
         "robot": terms["robot"],
         "joint_names": _listed(terms["joints"]),
         "joint_stiffness": _listed([stiffness] * quadruped.N_JOINTS),
@@ -167,8 +167,8 @@ def _metadata(gait: Gait, controller: Controller, policy_name: str) -> dict[str,
         "policy_digest": controller.policy.digest(),
     }
     if isinstance(controller.estimator, Odometry):
-        found["odometry_gain"] = repr(controller.estimator.gain)
-    return found
+        metadata["odometry_gain"] = repr(controller.estimator.gain)
+    return metadata
 
 
 def _listed(values: Iterable[object]) -> str:
@@ -181,13 +181,13 @@ def compare_graph(
     """Compares a graph with Python on observations of robots that the controller moves.
 
     Returns the greatest difference of a joint target (rad) and of an estimated velocity (0.5 m/s)
-    or foot height (m). More than `SAME` is refused.
+    or foot height (m). Raises an InputError if one is greater than `TOLERANCE`.
     """
     session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
     narrow = session.get_inputs()[0].type == "tensor(float)"
     dtype = np.float32 if narrow else np.float64
 
-    # The graph reads inputs of its precision, so Python gets the same.
+    # Round the inputs to the graph's precision, for Python as well.
     steps = recorded_steps(gait, controller, n_rows, seed)
     rows = np.concatenate([step.observation for step in steps])
     observed, body = np.split(rows.astype(dtype).astype(float), [-N_ESTIMATED], 1)
@@ -198,16 +198,19 @@ def compare_graph(
         assert controller.estimator is not None
         body = controller.estimator(observed)
         action, estimate = session.run([ACTIONS, ESTIMATE], inputs)
-    wanted = controller.policy(np.concatenate([observed, body], axis=1))
-    target, apart = controller.robot.action_scale * _apart(action, wanted), _apart(estimate, body)
-    # A difference that is not a number is refused as well.
-    if not max(target, apart) <= SAME:
+    expected = controller.policy(np.concatenate([observed, body], axis=1))
+    target_error = controller.robot.action_scale * _difference(action, expected)
+    estimate_error = _difference(estimate, body)
+    # NaN is refused as well.
+    error = max(target_error, estimate_error)
+    if not error <= TOLERANCE:
         raise InputError(
-            f"the ONNX graph differs from Python by {max(target, apart):.2g}, more than {SAME:g}; "
-            "export it with --precision double or --format c"
+            f"the ONNX graph differs from Python by {error:.2g}, more than {TOLERANCE:g}; export "
+            "it with --precision double or --format c"
         )
-    return pd.DataFrame([{"observations": len(rows), "target": target, "estimate": apart}])
+    errors = {"target": target_error, "estimate": estimate_error}
+    return pd.DataFrame([{"observations": len(rows), **errors}])
 
 
-def _apart(graph: Any, python: Array) -> float:
+def _difference(graph: Any, python: Array) -> float:
     return float(np.abs(graph - python).max())

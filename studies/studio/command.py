@@ -25,11 +25,11 @@ class OpenStudio(OnePolicy):
     Attributes:
         policy: A kind of student, or path of a file, whose policy is made of formulas; by default
             the student with the fewest terms.
-        scenario: Name of a scenario that ships, or path of a scenario file, in which the robot
-            begins; of a discrete plant in Drake.
+        scenario: Name of a scenario that ships, or path of a scenario file, with a discrete plant
+            in Drake.
         seed: Seed of the sensors' noise and of pushes.
-        port: Port of the page on this machine; 0 is any that is free.
-        output: Folder of what is saved; runs/studio/<gait> by default.
+        port: Port of the page on this machine; 0 for any free port.
+        output: Folder of saved formulas; runs/studio/<gait> by default.
     """
 
     title: ClassVar[str] = "studio"
@@ -47,34 +47,34 @@ class OpenStudio(OnePolicy):
             if (error.name or "").partition(".")[0] not in ("nicegui", "fastapi", "uvicorn"):
                 raise
             raise InputError(MISSING) from error
-        # Imported here: Drake takes seconds, and mistakes of the command line come before it.
+        # Imported here: Drake takes seconds to import, and errors of the command line come first.
         from glassgait.studies.studio.live_robot import LiveRobot  # noqa: PLC0415
         from glassgait.studies.studio.session import EditSession  # noqa: PLC0415
 
-        # The policy and the scenario are checked before the page opens.
-        found, name = self.find()
-        policy = found.formulas(name)
+        # Check the policy and the scenario before the page opens.
+        policies, name = self.find()
+        gait, policy = policies.gait, policies.formulas(name)
         scenario = load_scenario(self.scenario)
         if scenario.accuracy is not None or scenario.station.engine != "drake":
             raise InputError(
-                f"--scenario {self.scenario}: the studio walks on discrete plants of Drake; name "
+                f"--scenario {self.scenario}: the studio simulates discrete plants of Drake; name "
                 "a scenario without accuracy and engine, such as nominal"
             )
-        # The page steers; this command holds until it does.
-        dwell = sum(found.gait.dwell) // 2
+        # This command holds until the page's sliders change it.
+        dwell = sum(gait.dwell) // 2
         scenario = replace(scenario, command=FixedCommand(0.0, 0.0, dwell))
-        folder = self.output or found.output(self.title)
+        folder = self.output or policies.output(self.title)
         refuse_run(folder)
-        # The port is bound first: a taken one is refused before Drake builds anything.
+        # Bind the port first, to refuse a used one before Drake builds the diagram.
         with _listening(HOST, self.port) as listening:
-            controller = found.controller(name)
-            robot = LiveRobot(found.gait, scenario, controller, seed=self.seed)
-            session = EditSession(policy, found.expert)
-            save_as = folder / f"{found.file(name).stem}_edited"
+            controller = policies.controller(name)
+            robot = LiveRobot(gait, scenario, controller, seed=self.seed)
+            session = EditSession(policy, policies.expert)
+            save_as = folder / f"{policies.file(name).stem}_edited"
             try:
                 port = listening.getsockname()[1]
                 console.print(f"open http://{HOST}:{port} in a browser; Ctrl-C here ends it")
-                serve(robot, session, found.gait, save_as, listening)
+                serve(robot, session, gait, save_as, listening)
             finally:
                 robot.stop()
 

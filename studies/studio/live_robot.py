@@ -24,23 +24,23 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.rollouts import pusher
 
-KEPT = 250
-"""Control steps that are kept (5 s)."""
+KEPT_SAMPLES = 250
+"""Control steps whose samples are kept (5 s)."""
 
 SHOWN_EVERY = 2
 """Control steps from one picture to the next: 25 pictures a second."""
 
 FALLEN_STEPS = 50
-"""Control steps that a robot lies before both stand again."""
+"""Control steps from a fall to the restart of both robots."""
 
-PATIENCE = 0.25
-"""Lag (s) beyond which lost time is not caught up with."""
+MAX_LAG = 0.25
+"""Lag (s) beyond which the robots do not catch up with real time."""
 
 
 class ExchangeablePolicy(Policy):
-    """Acts as the policy in `acting`, which may be exchanged between two control steps.
+    """Delegates to the policy in `acting`, which may be exchanged between two control steps.
 
-    Policies of one file's versions share everything but their formulas.
+    Exchanged policies differ only in their formulas.
     """
 
     kind = "exchangeable"
@@ -80,13 +80,13 @@ class _Walker:
         self._diagram = MakeLocomotion(gait, scenario, policy=controller)
         self._simulator = make_simulator(self._diagram)
         self._context = self._simulator.get_mutable_context()
-        # Looked up once: pydrake's look-ups fail where another thread looks through all objects.
+        # Look up ports once: pydrake's look-ups fail while another thread iterates over objects.
         self._outputs = [self._diagram.GetOutputPort(name) for name in Sample._fields]
         self._command = self._diagram.GetInputPort("command")
         self._dwell = self._diagram.GetInputPort("commanded_dwell")
 
     def begin(self, seed: int, command: FixedCommand) -> None:
-        """Stands again as at first, with the noise and the scenario's pushes of a seed."""
+        """Resets the robot, with the noise and the scenario's pushes of a seed."""
         begin_anew(self._simulator, seed=seed)
         self._pushed = pusher(self._simulator, self._scenario, seed)
         self._step = 0
@@ -116,10 +116,10 @@ class _Walker:
 
 
 class LiveRobot:
-    """Advances a robot and its ghost by the wall clock, and keeps their last samples.
+    """Advances a robot and its ghost in real time, and keeps their last samples.
 
-    Requests are carried out between two control steps, in order. If either robot falls, both stand
-    again after a second, with the next seed.
+    The ghost acts by the policy before all edits. Requests are executed between two control steps,
+    in order. If either robot falls, both restart after a second with the next seed.
 
     Attributes:
         address: Address of Meshcat's page once the thread runs.
@@ -132,15 +132,15 @@ class LiveRobot:
         self, gait: Gait, scenario: Scenario, controller: Controller, *, seed: int = 0
     ) -> None:
         self._gait, self._scenario, self._robot, self._seed = gait, scenario, controller.robot, seed
-        # The ghost acts by the policy as it was.
+        # The first walker is the robot, and the second one the ghost.
         self._edited = ExchangeablePolicy(controller.policy)
         controllers = (replace(controller, student=self._edited, period=0), controller)
-        self._walkers = [_Walker(gait, scenario, own) for own in controllers]
+        self._walkers = [_Walker(gait, scenario, each) for each in controllers]
 
-        # Of the thread: what it is asked for, and what it answers.
+        # Requests to the thread, and its results.
         self._requests: deque[Callable[[], object]] = deque()
         self._stopping = threading.Event()
-        self._samples: deque[tuple[Sample, Sample]] = deque(maxlen=KEPT)
+        self._samples: deque[tuple[Sample, Sample]] = deque(maxlen=KEPT_SAMPLES)
         self._lying = 0
         self.address: Future[str] = Future()
         self.steering = FixedCommand(0.5 * gait.max_speed, 0.0, sum(gait.dwell) // 2)
@@ -188,7 +188,7 @@ class LiveRobot:
         try:
             self._run()
         except BaseException as error:
-            # A thread that ends by SystemExit, as Drake's aborts do, would end silently.
+            # SystemExit, which Drake's aborts raise, would end the thread silently.
             self.problem = f"the robot's thread has ended: {type(error).__name__}: {error}"
             raise
 
@@ -209,21 +209,21 @@ class LiveRobot:
                     marks = {"rm_state": robot.rm_state, "foot_contact": robot.foot_contact}
                     display.show(robot.state, **marks, ghost=ghost.state)
 
-            # Wait for the next control instant; after a long lag, time is lost.
-            left = due - time.perf_counter()
-            self.late += 0.01 * ((left < -CONTROL_PERIOD) - self.late)
-            if left < -PATIENCE:
+            # Wait for the next control instant. After a long lag, skip the lost time.
+            remaining = due - time.perf_counter()
+            self.late += 0.01 * ((remaining < -CONTROL_PERIOD) - self.late)
+            if remaining < -MAX_LAG:
                 due = time.perf_counter()
-            elif left > 0:
-                self._stopping.wait(left)
+            elif remaining > 0:
+                self._stopping.wait(remaining)
 
     def answer(self) -> None:
         while self._requests:
             self._requests.popleft()()
 
     def advance(self) -> bool:
-        """Advances both robots by a control step; returns False while they lie."""
-        # Whoever fell lies for a second.
+        """Advances both robots by a control step; returns False while they do not move."""
+        # After a fall, both robots wait for a second.
         if self._lying:
             self._lying -= 1
             if self._lying == 0:
@@ -233,9 +233,9 @@ class LiveRobot:
         for walker in self._walkers:
             walker.advance()
         robot, ghost = (walker.sample() for walker in self._walkers)
-        # At an action that is not finite time stops, and the page shows why.
+        # Pause at an action that is not finite; the page shows the problem.
         if (robot.failures + ghost.failures)[FAILURES.index("not_finite")]:
-            self.problem = "a target is not finite; change the formula where it has no value"
+            self.problem = "a target is not finite; change the formula, which may divide by 0"
             self.paused = True
             self._begin()
             return False

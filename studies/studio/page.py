@@ -33,10 +33,10 @@ REFRESH = 0.2
 """Time between two updates of the page (s)."""
 
 RECONNECT = 30.0
-"""Time that a busy machine has to build the page, and that a browser may be out of reach (s)."""
+"""Timeout of building the page on a busy machine, and of a browser's reconnection (s)."""
 
 SWITCH_INTERVAL = 1e-3
-"""How long the robot's thread may keep Python to itself while messages wait (s)."""
+"""Time after which the robot's thread yields to waiting messages (s)."""
 
 SECOND = round(1.0 / CONTROL_PERIOD)
 
@@ -50,12 +50,12 @@ def serve(
     robot: LiveRobot, session: EditSession, gait: Gait, save_as: Path, listening: socket.socket
 ) -> None:
     """Serves the page until Ctrl-C; edits are saved to the folder and stem `save_as`."""
-    # NiceGUI's page on an application of its own, which has no other routes. It answers only by
-    # this machine's name, and sockets only of its own page: other sites cannot reach it.
+    # A separate application serves NiceGUI's page and has no other routes. It accepts only this
+    # machine's name, and sockets only from this page, so that other sites cannot reach it.
     app = FastAPI(openapi_url=None)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=[HOST, "localhost"])
     core.sio.eio.cors_allowed_origins = None
-    # Junk that others send prints nothing: it fails inside of the servers, whose logs are off.
+    # Invalid messages fail inside the servers; turn off their logs.
     core.sio.async_handlers = False
     core.sio.eio.logger.setLevel(logging.CRITICAL)
 
@@ -63,7 +63,7 @@ def serve(
     async def root() -> None:
         await _Page(robot, session, gait, save_as).build()
 
-    # NiceGUI looks through all objects as it starts, which fails beside pydrake's own look-ups.
+    # NiceGUI iterates over all objects as it starts; start the robot, which calls pydrake, later.
     nicegui_app.on_startup(robot.start)
     ui.run_with(
         app,
@@ -74,7 +74,7 @@ def serve(
         show_welcome_message=False,
         reconnect_timeout=RECONNECT,
     )
-    # Python's threads switch more often, so that messages do not wait for the robot.
+    # Let Python's threads switch more often, so that messages do not wait for the robot.
     config = uvicorn.Config(app, log_level="critical", access_log=False, lifespan="on")
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL)
@@ -94,7 +94,7 @@ class _Page:
 
     async def build(self) -> None:
         ui.query("html").props('lang="en"')
-        # Quasar's own blue is too light to read text on.
+        # Quasar's default blue is too light behind text.
         ui.colors(primary="#005a8c", negative="#a40000")
         address = await asyncio.wrap_future(self._robot.address)
         with ui.element("main").classes("row").style("width: 100%; gap: 1rem"):
@@ -130,10 +130,10 @@ class _Page:
                     min=least, max=most, step=step, value=value, on_change=self._steer
                 )
                 slider.props(f'aria-label="{name}"')
-                ui.label().bind_text_from(slider, "value", lambda own: f"{own:g}")
+                ui.label().bind_text_from(slider, "value", lambda value: f"{value:g}")
                 self._sliders.append(slider)
 
-        # What can be done to both robots.
+        # Buttons for both robots.
         with ui.row().style("align-items: center"):
             ui.label("push by 1 m/s")
             for name, velocity in PUSHES.items():
@@ -144,7 +144,7 @@ class _Page:
             self._pause = pause
 
     def _build_editor(self) -> None:
-        # The choice of a formula, and what can be done with the versions.
+        # Choice of a formula, and buttons for versions.
         titles = {index: self._title(place) for index, place in enumerate(self._session.places)}
         with ui.row().style("align-items: center"):
             choice = ui.select(titles, value=0, label="formula", on_change=self._choose)
@@ -154,7 +154,7 @@ class _Page:
                 ui.button(name, on_click=partial(self._change, act)).props("dense outline")
             ui.button("save", on_click=self._save).props("dense")
 
-        # The text, the terms that it adds up, and what was changed in the file.
+        # The formula's text, its terms, and the changed lines of the file.
         self._text = ui.textarea().props('outlined rows=8 aria-label="formula"')
         self._text.style("width: 100%; " + MONOSPACE)
         ui.button("apply", on_click=self._edit).props("dense")
@@ -182,7 +182,7 @@ class _Page:
         self._refresh()
 
     async def _change(self, act: Any) -> None:
-        """Edits in another thread, and lets the robot act by the result."""
+        """Edits in another thread, and gives the result to the robot."""
         try:
             await asyncio.to_thread(act)
         except InputError as error:
@@ -212,15 +212,15 @@ class _Page:
         if self._shown != (self._place, self._session.policy):
             self._show_formula()
 
-        # The switch follows the robot, which pauses by itself if an action is not finite.
+        # Update the switch, since the robot pauses if an action is not finite.
         samples = self._robot.samples()
         self._pause.set_value(self._robot.paused)
         if not samples:
             return
         robot = samples[-1][0]
-        observations = np.stack([own.observation for own, _ in samples[-SECOND:]])
+        observations = np.stack([sample.observation for sample, _ in samples[-SECOND:]])
         values = self._tape(self._session.policy.quantities(observations))
-        # Ranked by the last second, so that rows keep their places within a stride.
+        # Rank by the mean over the last second, so that rows do not move within a stride.
         ranked = np.argsort(-np.abs(values).mean(axis=0), kind="stable")
         self._terms.rows[:] = [
             {"term": self._texts[index], "adds (rad)": f"{values[-1, index]:+.4f}"}
@@ -228,34 +228,34 @@ class _Page:
         ]
         self._terms.update()
 
-        # Where the formula acts, and how robot and ghost fare.
+        # Show whether the formula acts, and the scores and angles of robot and ghost.
         state, joint = int(robot.rm_state.argmax()), self._place[-1]
         acts = len(self._place) == 1 or self._place[0] == state
         self._sum.set_text(
-            f"The terms add up to {values[-1].sum():+.3f} rad. The machine is in "
-            f"{self._gait.states[state]}, where this formula {'acts' if acts else 'rests'}."
+            f"The terms add up to {values[-1].sum():+.3f} rad. The RM state is "
+            f"{self._gait.states[state]}, in which this formula {'acts' if acts else 'is unused'}."
         )
         self._status.set_text(self._robot.problem or self._measures(samples[-SECOND:]))
         joints = (quadruped.JOINT_POSITION.start or 0) + joint
-        actions = np.stack([own.action for own, _ in samples])
+        actions = np.stack([sample.action for sample, _ in samples])
         targets = self._session.policy.robot.joint_targets(actions)[:, joint]
-        angles = [[pair[which].state[joints] for pair in samples] for which in (0, 1)]
+        angles = [[pair[index].state[joints] for pair in samples] for index in (0, 1)]
         lines = [targets, *angles]
         for series, line in zip(self._chart.options["series"], lines, strict=True):
             series["data"] = [round(float(value), 3) for value in line]
         self._chart.update()
 
     def _measures(self, samples: list) -> str:
-        parts = []
+        texts = []
         for name, index in (("robot", 0), ("ghost", 1)):
-            own = [pair[index] for pair in samples]
-            speed = np.mean([kinematics.base_velocity(one.state)[0][0] for one in own])
-            reward = np.mean([one.reward for one in own]) / CONTROL_PERIOD
-            parts.append(
+            chosen = [pair[index] for pair in samples]
+            speed = np.mean([kinematics.base_velocity(sample.state)[0][0] for sample in chosen])
+            reward = np.mean([sample.reward for sample in chosen]) / CONTROL_PERIOD
+            texts.append(
                 f"{name}: {speed:.2f} m/s, reward {reward:.1f} a second, "
                 f"{self._robot.falls[index]} falls"
             )
-        return f"{'; '.join(parts)}; {100 * self._robot.late:.0f} % of steps late"
+        return f"{'; '.join(texts)}; {100 * self._robot.late:.0f} % of steps late"
 
 
 def _chart_options() -> dict[str, Any]:

@@ -16,11 +16,11 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 class EditSession:
     """The versions of a policy whose formulas are edited.
 
-    Formulas that the file leaves out, because they are mirror images, follow those that it holds.
+    Mirror images, which the file leaves out, change with the formulas in the file.
     """
 
     def __init__(self, policy: FormulaPolicy, expert: Policy) -> None:
-        # A file without odometry observes by its expert's estimator.
+        # A file without odometry needs its expert's estimator.
         self._expert = expert
         self._versions = [policy]
         self._at = 0
@@ -47,7 +47,7 @@ class EditSession:
         policy = FormulaPolicy.from_file(edited, self.policy.robot)
         if policy.estimator is None:
             policy = policy.with_estimator_of(self._expert)
-        # Versions that were undone are forgotten.
+        # Drop versions that were undone.
         self._versions[self._at + 1 :] = [policy]
         self._at = len(self._versions) - 1
 

@@ -1,4 +1,4 @@
-"""`glassgait verify`: proves what a policy of formulas can never do, and checks such proofs."""
+"""`glassgait verify`: proves claims about a policy of formulas, and checks such proofs."""
 
 import time
 from collections.abc import Mapping
@@ -52,16 +52,16 @@ COLUMNS = pd.Index(["claim", "outcome", "worst", "claimed", "where"])
 
 @checked
 class Prove(OnePolicy):
-    """Prove what a policy of formulas can never do, or find the observation where it does.
+    """Prove claims about a policy of formulas, or find observations that refute them.
 
     Attributes:
         policy: A kind of student made of formulas, or path of a policy file; by default the
             student whose actions are sums of the fewest terms.
         claims: YAML file of further claims, besides those that ship.
         box: File of the operating box; the gait's shipped one by default.
-        measure: Measure the operating box anew, in all scenarios, before anything is proved.
-        rollouts: How robots are rolled out to measure it.
-        workers: Where they are rolled out.
+        measure: First measure the operating box, in all scenarios.
+        rollouts: Rollouts that measure the box.
+        workers: Where these rollouts run.
         output: Folder of the results; runs/verify/prove/<gait>/<policy> by default.
     """
 
@@ -77,24 +77,24 @@ class Prove(OnePolicy):
     output: Path | None = None
 
     def run(self) -> None:
-        """Measures where it is asked for, proves, and writes the certificate."""
-        # Refuse what cannot be proved or checked.
+        """Measures the box if requested, decides the claims, and writes the certificate."""
+        # Refuse settings and policies whose claims cannot be proved or checked.
         if self.box and self.measure:
-            raise InputError("--box: is not read where the box is measured; leave out one of both")
-        found, name = self.find()
-        gait, path, policy = found.gait, found.file(name), found.policy(name)
+            raise InputError("--box: cannot be used with --measure; leave out one of both")
+        policies, name = self.find()
+        gait, path, policy = policies.gait, policies.file(name), policies.policy(name)
         if isinstance(policy, FormulaPolicy) and policy.machine is None:
             raise InputError(
-                f"{path}: holds no machine, so that no certificate of it could be checked; write "
-                "the gait's under 'machine' in its header"
+                f"{path}: has no reward machine, which the check of a certificate needs; write the "
+                "gait's under 'machine' in its header"
             )
         claims = self._claims(gait, policy)
 
-        folder = self.output or found.output(self.title) / Path(name).stem
+        folder = self.output or policies.output(self.title) / Path(name).stem
         inputs = {"gait": gait.digest(), "policy": digest(path)}
         with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=False):
             # Decide each claim.
-            prover, started = Prover(policy, gait, self._box(found, folder)), time.time()
+            prover, started = Prover(policy, gait, self._box(policies, folder)), time.time()
             verdicts = []
             with progress_bar(len(claims)) as (progress, bar):
                 for claim in claims:
@@ -104,17 +104,18 @@ class Prove(OnePolicy):
 
             # Write the table and the certificate.
             rows = [
-                (own.claim.name, OUTCOME_WORDS[own.outcome], own.worst, own.claimed, own.where)
-                for own in verdicts
+                (each.claim.name, OUTCOME_WORDS[each.outcome], each.worst, each.claimed, each.where)
+                for each in verdicts
             ]
             table = pd.DataFrame(rows, columns=COLUMNS)
             write_table(table, folder / "claims")
-            counts = {own: int((table["outcome"] == own).sum()) for own in OUTCOME_WORDS.values()}
+            outcomes = table["outcome"].tolist()
+            counts = {word: outcomes.count(word) for word in OUTCOME_WORDS.values()}
             metrics = {**counts, "seconds": time.time() - started}
             write_metrics(metrics, folder / "metrics.json")
             text = certificate_text(certificate(prover, verdicts, path))
             write_atomically(folder / CERTIFICATE_NAME, text)
-        print_table(f"{gait.name}: what {path.name} can never do", table)
+        print_table(f"{gait.name}: claims about {path.name}", table)
         console.print(", ".join(f"{count} {word}" for word, count in counts.items()))
         console.print(f"written to {folder}")
 
@@ -123,7 +124,7 @@ class Prove(OnePolicy):
         shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path)]
         further = load_claims(self.claims) if self.claims else ()
         for claim in further:
-            if claim.name in {one.name for one in shipped}:
+            if claim.name in {each.name for each in shipped}:
                 name = f"{self.claims}: {claim.refused_as()}"
                 raise InputError(f"{name}: a claim that ships has this name; rename yours")
             try:
@@ -137,7 +138,7 @@ class Prove(OnePolicy):
         if self.measure:
             expert = policies.expert
             controllers = {"expert": alone(expert)}
-            controllers |= {kind: alone(own, expert) for kind, own in policies.students.items()}
+            controllers |= {kind: alone(each, expert) for kind, each in policies.students.items()}
             with self.workers.pool():
                 box, how = measure_box(gait, controllers, load_scenarios(("all",)), self.rollouts)
             box.save(folder / "box.yaml", gait, how)
@@ -151,40 +152,40 @@ def measure_box(
     scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> tuple[ObservationBox, str]:
-    """Returns the box of what robots that do not fall sense, and in words how it was measured."""
-    # Scenarios of continuous plants take minutes a robot.
-    stepped = [scenario for scenario in scenarios.values() if scenario.accuracy is None]
+    """Returns the box of observations of robots that do not fall, and describes the measurement."""
+    # Leave out continuous plants, which take minutes per robot.
+    discrete = [scenario for scenario in scenarios.values() if scenario.accuracy is None]
     jobs = [
-        delayed(_sensed)(gait, controller, scenario, config)
-        for scenario in stepped
+        delayed(_observed_range)(gait, controller, scenario, config)
+        for scenario in discrete
         for controller in controllers.values()
     ]
     corners = []
     with progress_bar(len(jobs)) as (progress, bar):
-        for found in run_parallel(jobs):
-            corners += [] if found is None else [found]
+        for corner in run_parallel(jobs):
+            corners += [] if corner is None else [corner]
             progress.update(bar, advance=1)
 
     # Widen the ranges of all robots.
     if not corners:
-        raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
+        raise InputError(f"every robot of the {gait.name} fell; raise --n-robots")
     lower, upper = (np.array(ends) for ends in zip(*corners, strict=True))
     policy = next(iter(controllers.values())).policy
     ends = lower.min(axis=0), upper.max(axis=0)
     box = measured_box(gait, policy.robot, policy.observation_names, *ends)
     how = (
         f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
-        f"steps without a fall, in each of {len(stepped)} scenarios, led by each of "
+        f"steps without a fall, in each of {len(discrete)} scenarios, led by each of "
         f"{', '.join(controllers)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
         "width on both sides; commands, counts and machine state at their true ranges"
     )
     return box, how
 
 
-def _sensed(
+def _observed_range(
     gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
 ) -> tuple[Array, Array] | None:
-    """Returns the least and greatest observations (n, n) of the robots that stay up."""
+    """Returns the least and greatest observations (n,) of the robots that stay up."""
     scenario, observations = config.commanding(scenario), Observations()
     ended = episode(
         gait,
@@ -198,18 +199,18 @@ def _sensed(
     up = ended.fell == config.n_steps
     if not up.any():
         return None
-    kept = observations.array[:, up]
-    return kept.min(axis=(0, 1)), kept.max(axis=(0, 1))
+    observed = observations.array[:, up]
+    return observed.min(axis=(0, 1)), observed.max(axis=(0, 1))
 
 
 @checked
 class Check(Settings):
-    """Check a certificate by arithmetic of its own, without the program that proved it.
+    """Check a certificate with separate arithmetic, without the program that proved it.
 
     Attributes:
-        certificates: Files of certificates, or folders that hold one; those that ship by default.
-        policy: The policy's file, of a certificate of one that does not ship.
-        robot: The robot's file, of a certificate of one that does not ship.
+        certificates: Files of certificates, or folders with one; those that ship by default.
+        policy: The policy's file, if the policy does not ship.
+        robot: The robot's file, if the robot does not ship.
     """
 
     title: ClassVar[str] = "verify check"
@@ -219,17 +220,16 @@ class Check(Settings):
     robot: Path | None = None
 
     def run(self) -> None:
-        """Checks each, and reports what holds."""
+        """Checks each certificate, and prints the result."""
         for option, file in {"--policy": self.policy, "--robot": self.robot}.items():
             if file and len(self.certificates) != 1:
                 raise InputError(f"{option}: is of one certificate; name one")
 
-        # A run's folder holds its certificate.
         named = self.certificates or shipped_certificates()
         paths = [path / CERTIFICATE_NAME if path.is_dir() else path for path in named]
         with progress_bar(len(paths)) as (progress, bar):
             for path in paths:
                 progress.update(bar, text=f"checking {path.name}")
-                found = check_certificate(path, self.policy, self.robot)
-                console.print(f"{path}: {found}")
+                result = check_certificate(path, self.policy, self.robot)
+                console.print(f"{path}: {result}")
                 progress.update(bar, advance=1)

@@ -31,20 +31,20 @@ from glassgait.studies.view.stills import gait_strip
 
 @checked
 class View(PolicySource):
-    """Watch one robot, live in Meshcat with sliders or as fast as it goes.
+    """Watch one robot: record a replay, or steer it live in Meshcat.
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
-        ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
-            default the policy acts alone.
+        ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for only the student; by
+            default only the policy acts.
         stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
-        live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
-            or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
+        live: Run in real time in Meshcat, with commands from sliders, until the button `stop and
+            save` or Ctrl-C; a robot that falls restarts, and the last minute is saved.
         scenario: Name of a scenario that ships, or path of a scenario file.
-        command: The command, in place of the scenario's, where there are no sliders; what is left
-            out is the scenario's. Where it names none, 0.5 m/s or the gait's greatest speed.
-        n_steps: Control steps of the rollout, 500 by default; a fall ends it before. Not with
+        command: Command that replaces the scenario's, without --live. Missing values are the
+            scenario's or, if it has none, 0.5 m/s or the gait's greatest speed.
+        n_steps: Control steps of the rollout, 500 by default; a fall ends it earlier. Not with
             --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
         output: Folder of the replay, or its file, ending in .html; runs/view/<gait> by default.
@@ -65,12 +65,12 @@ class View(PolicySource):
 
     def __post_init__(self) -> None:
         if self.live and self.n_steps is not None:
-            raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
+            raise InputError("view: --live runs until it is stopped; leave --n-steps out")
 
     def run(self) -> None:
-        # The policy, or expert and student in turns, in the scenario with its command.
-        found = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
-        gait, controller = found.gait, self._controller(found)
+        # Load the policy, or expert and student in alternation, and the scenario.
+        policies = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
+        gait, controller = policies.gait, self._controller(policies)
         ratio = "alone" if self.ratio is None else ratio_title(controller.period)
         scenario = load_scenario(self.scenario)
         if self.live:
@@ -78,7 +78,7 @@ class View(PolicySource):
         elif self.command != CommandOverride() or scenario.command == DrawnCommands():
             scenario = replace(scenario, command=self.command.override(gait, scenario.command))
 
-        # Names say the policy, the ratio and the scenario.
+        # File names contain the policy, the ratio and the scenario.
         folder = self.output or default_folder(self.title, controller.robot.name) / gait.name
         parts = [Path(self.policy).stem, ratio.replace("/", "-"), scenario_name(self.scenario)]
         stem = folder / "_".join(part for part in parts if part != NOMINAL_SCENARIO)
@@ -86,7 +86,7 @@ class View(PolicySource):
             folder, stem = folder.parent, folder.with_suffix("")
         refuse_run(folder)
 
-        # Play in real time, or as fast as it goes.
+        # Roll out in real time, or as fast as possible.
         meshcat, replay = open_meshcat(), Path(f"{stem}.html")
         if self.live:
             rollout = play_live(gait, controller, scenario, meshcat, replay, seed=self.seed)
@@ -96,7 +96,7 @@ class View(PolicySource):
             rollout = play(gait, controller, scenario, meshcat, replay, **options)
             ending = "fell" if rollout.failed else "stayed up"
 
-        # The settings stand beside the replay, so that it can be made again.
+        # Write the settings beside the replay, so that it can be repeated.
         record = {**to_plain(self), "scenario": to_plain(scenario)}
         write_atomically(Path(f"{stem}.yaml"), yaml.safe_dump(record, sort_keys=False))
         title = f"{gait.name}, {self.policy}" + f", ratio {ratio}" * (self.ratio is not None)
@@ -106,8 +106,8 @@ class View(PolicySource):
         console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout, scenario)}")
         console.print(f"replay, gait diagram and settings written to {stem}.*")
 
-    def _controller(self, found: Policies) -> Controller:
-        controller = found.controller(self.policy)
+    def _controller(self, policies: Policies) -> Controller:
+        controller = policies.controller(self.policy)
         if self.ratio is None:
             return controller
         if self.policy == EXPERT:

@@ -23,15 +23,15 @@ from glassgait.studies.common.rollouts import pusher
 STOP_BUTTON = "stop and save"
 
 FALLEN_SECONDS = 1.0
-"""Time that a robot lies before it is put back on its feet (s)."""
+"""Time from a fall to the restart (s)."""
 
 
 def play_live(
     gait: Gait, policy: Controller, scenario: Scenario, meshcat: Meshcat, replay: Path, *, seed: int
 ) -> Rollout:
-    """Rolls a policy out in real time until the button or Ctrl-C ends it, and writes the replay.
+    """Rolls out a policy in real time until the button or Ctrl-C ends it, and writes the replay.
 
-    A robot that falls starts again, with the next seed. Returns the last minute, falls included.
+    A robot that falls restarts with the next seed. Returns the last minute, including falls.
     """
     # The diagram is built once: a restart only sets its state.
     meshcat.AddButton(STOP_BUTTON, "Escape")
@@ -49,7 +49,7 @@ def play_live(
             simulator = make_simulator(diagram, seed=seed + n_falls, accuracy=scenario.accuracy)
             simulator.set_target_realtime_rate(1.0)
             pushed = pusher(simulator, scenario, seed + n_falls)
-            # A push returns nothing, so that only a person ends the rollout, or a fall.
+            # `pushed` applies the pushes and returns None, so that it does not end the rollout.
             return record(simulator, None, stopped=lambda: bool(pushed()) or stopped())
 
         # Each fall ends a rollout; the next one is appended.
@@ -65,7 +65,7 @@ def play_live(
 
 
 def _joined(before: Rollout, after: Rollout) -> Rollout:
-    """Appends a rollout from time 0 on, and keeps the last minute."""
+    """Appends a rollout that begins at time 0, and keeps the last minute."""
     time = np.concatenate([before.time, before.time[-1] + CONTROL_PERIOD + after.time])
     values = {name: np.concatenate([before[name], after[name]]) for name in before}
     last = slice(-KEPT_STEPS - 1, None)
@@ -74,16 +74,16 @@ def _joined(before: Rollout, after: Rollout) -> Rollout:
 
 @contextmanager
 def _first_interrupt() -> Iterator[Callable[[], bool]]:
-    """Lets the first Ctrl-C ask for the end after the step; the second one breaks it off."""
-    asked = Event()
-    usual = signal.getsignal(signal.SIGINT)
+    """Makes the first Ctrl-C request a stop after the step; the second one interrupts at once."""
+    requested = Event()
+    previous = signal.getsignal(signal.SIGINT)
 
-    def ask(*_: object) -> None:
-        asked.set()
-        signal.signal(signal.SIGINT, usual)
+    def request(*_: object) -> None:
+        requested.set()
+        signal.signal(signal.SIGINT, previous)
 
-    signal.signal(signal.SIGINT, ask)
+    signal.signal(signal.SIGINT, request)
     try:
-        yield asked.is_set
+        yield requested.is_set
     finally:
-        signal.signal(signal.SIGINT, usual)
+        signal.signal(signal.SIGINT, previous)

@@ -24,12 +24,12 @@ def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
 @styled
 def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     """Draws stills of the last cycle above the gait diagram, framed in the RM states' colours."""
-    # Stills are evenly spread over the cycle.
+    # Space the stills evenly over the cycle.
     start, stop = last_cycle(rollout, gait)
     middles = (np.arange(n_stills) + 0.5) / n_stills
     steps = start + np.floor(middles * (stop - start)).astype(int)
 
-    # Stills stand in the upper row, cut to the robot's surroundings.
+    # Draw the stills in the upper row, cropped to the robot.
     camera = Camera(robot, 480, 320)
     figure = Figure(figsize=(2 * COLUMN_WIDTH, 2.2))
     grid = figure.add_gridspec(2, n_stills, height_ratios=(1.0, 1.3))
@@ -45,7 +45,7 @@ def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) ->
         for side in axes.spines.values():
             side.set(visible=True, color=color, linewidth=1.5)
 
-    # The diagram stands below, with a line at each still's instant.
+    # Draw the diagram below, with a line at each still's instant.
     axes = figure.add_subplot(grid[1, :])
     draw_gait(axes, rollout, gait)
     axes.set_xlim(rollout.time[start], rollout.time[stop])
