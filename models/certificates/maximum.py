@@ -1,4 +1,4 @@
-"""The greatest value of a polynomial of observed quantities over a box, and a witness of it."""
+"""Bounds the maximum of a polynomial of observed quantities over a box, and finds a witness."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,27 +11,27 @@ from glassgait.models.arrays import Array
 from glassgait.models.certificates.polynomial import Relaxation
 
 MOST_CELLS, SPLIT_AT_ONCE = 500, 64
-"""Cells of a search that gives up, whose bound holds and is less tight, and splits at once."""
+"""Cells at which a search stops with a valid but looser bound, and cells that are split at once."""
 
 STARTS, SWEEPS, INNER_POINTS = 16, 6, 9
-"""A witness is sought from the best starts, quantity by quantity, in so many sweeps.
-
-Of a curved quantity several values are tried, of others the ends, where affine functions peak."""
+"""Start points of the search for a witness, its sweeps over the quantities, and the values that it
+tries of a curved quantity. Of others it tries the ends, where affine functions have their maximum.
+"""
 
 Tree = list
-"""A split: [quantity, cut, tree below, tree above]; an empty list where nothing is split."""
+"""A split: [quantity, cut, tree below, tree above]; an empty list is a cell without splits."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """A box of quantities (n), in the robot's units; those that are `counted` are whole."""
+    """A box of quantities (n), in the robot's units; those with an index in `counted` are whole."""
 
     lower: Array
     upper: Array
     counted: frozenset[int] = frozenset()
 
     def with_copy(self, index: int) -> "Region":
-        """Returns a box with another value of one quantity behind all others."""
+        """Returns a box of one more quantity: another value of the one at an index."""
         counted = self.counted | ({len(self.lower)} if index in self.counted else frozenset())
         lower, upper = (np.append(ends, ends[index]) for ends in (self.lower, self.upper))
         return Region(lower, upper, counted)
@@ -39,9 +39,9 @@ class Region:
 
 @dataclass(frozen=True)
 class Maximum:
-    """Bounds of a function's maximum over a box: it is `reached` at the witness (n) or higher.
+    """Bounds of a function's maximum over a box.
 
-    The upper bound was found over the cells of `splits`.
+    `bound` is an upper bound over the cells of `splits`; the witness (n) has the value `reached`.
     """
 
     bound: float
@@ -51,15 +51,15 @@ class Maximum:
 
 
 class _Cells(NamedTuple):
-    """Boxes of the search, one a row: corners (m, n), bounds and numbers among the leaves (m)."""
+    """Boxes of the search, one per row: corners (m, n), bounds and numbers of tree nodes (m)."""
 
     lower: Array
     upper: Array
     bound: Array
-    label: NDArray[np.intp]
+    node: NDArray[np.intp]
 
     def where(self, mask: NDArray[np.bool_]) -> "_Cells":
-        return _Cells(self.lower[mask], self.upper[mask], self.bound[mask], self.label[mask])
+        return _Cells(self.lower[mask], self.upper[mask], self.bound[mask], self.node[mask])
 
     def joined(self, other: "_Cells") -> "_Cells":
         columns: Any = map(np.concatenate, zip(self, other, strict=True))
@@ -78,9 +78,8 @@ def maximize(
 
     Args:
         function: Evaluates the function (m,) of quantities (m, n).
-        gap: Distance of bound and witness that is near enough.
-        threshold: A number of interest: the search ends once the bound is at most, or the witness
-            above it.
+        gap: Difference of bound and witness at which the search ends.
+        threshold: Ends the search once the bound is at most this number, or the witness above it.
     """
     search = _Search(function, relaxation, region)
     lower, upper = region.lower[None], region.upper[None]
@@ -99,14 +98,14 @@ def maximize(
         # Split the cells with the greatest bounds.
         first = np.zeros(len(cells.bound), dtype=bool)
         first[np.argsort(-cells.bound, kind="stable")[:SPLIT_AT_ONCE]] = True
-        parts, stuck = search.split(cells.where(first))
-        closed, cells = max(closed, stuck), cells.where(~first).joined(parts)
+        halves, stuck = search.split(cells.where(first))
+        closed, cells = max(closed, stuck), cells.where(~first).joined(halves)
     bound = float(max(closed, search.reached))
-    return Maximum(bound, float(search.reached), search.witness, search.leaves[0])
+    return Maximum(bound, float(search.reached), search.witness, search.nodes[0])
 
 
 class _Search:
-    """Searches for the maximum; `leaves` are nodes of the tree of splits, the root first."""
+    """Searches for the maximum; `nodes` lists the nodes of the tree of splits, the root first."""
 
     def __init__(
         self, function: Callable[[Array], Array], relaxation: Relaxation, region: Region
@@ -114,11 +113,11 @@ class _Search:
         self._function, self._relaxation, self._region = function, relaxation, region
         self._generator = np.random.default_rng(0)
         self.witness, self.reached = self._ascended(self._starts(region, STARTS))
-        self.leaves: list[Tree] = [[]]
+        self.nodes: list[Tree] = [[]]
         self.n_cells = self._climbs_at = 1
 
     def split(self, cells: _Cells) -> tuple[_Cells, float]:
-        """Halves cells; returns the parts, and the greatest bound of those that cannot be split."""
+        """Halves cells; returns halves, and the greatest bound of cells that cannot be split."""
         # Without shared quantities no split lowers a bound.
         shared, n = self._relaxation.shared, cells.lower.shape[1]
         if self.n_cells >= self._climbs_at:
@@ -151,30 +150,30 @@ class _Search:
 
         # Cut the cells there.
         row = np.flatnonzero(splits)
-        place = gains.argmax(axis=0)[row]
-        cuts = 0.5 * (ends[0] + ends[1])[place, row]
-        labels = [
-            self._cut(label, shared[k], cut)
-            for label, k, cut in zip(cells.label[row], place, cuts.tolist(), strict=True)
+        best = gains.argmax(axis=0)[row]
+        cuts = 0.5 * (ends[0] + ends[1])[best, row]
+        nodes = [
+            self._cut(node, shared[k], cut)
+            for node, k, cut in zip(cells.node[row], best, cuts.tolist(), strict=True)
         ]
         self.n_cells += len(row)
-        parts = _Cells(
-            lower[place, :, row].reshape(-1, n),
-            upper[place, :, row].reshape(-1, n),
-            bounds[place, :, row].ravel(),
-            np.array(labels, dtype=np.intp).ravel(),
+        halves = _Cells(
+            lower[best, :, row].reshape(-1, n),
+            upper[best, :, row].reshape(-1, n),
+            bounds[best, :, row].ravel(),
+            np.array(nodes, dtype=np.intp).ravel(),
         )
-        return parts, float(stuck)
+        return halves, float(stuck)
 
-    def _cut(self, label: int, index: int, cut: float) -> tuple[int, int]:
-        """Splits a cell in the tree, and returns the labels of its parts."""
+    def _cut(self, node: int, index: int, cut: float) -> tuple[int, int]:
+        """Splits a node of the tree, and returns the numbers of its children."""
         below, above = [], []
-        self.leaves[label][:] = [index, cut, below, above]
-        self.leaves += [below, above]
-        return len(self.leaves) - 2, len(self.leaves) - 1
+        self.nodes[node][:] = [index, cut, below, above]
+        self.nodes += [below, above]
+        return len(self.nodes) - 2, len(self.nodes) - 1
 
     def _climb(self, cell: Region) -> None:
-        """Seeks a better witness from points in a cell; the rarer, the more cells there are."""
+        """Looks for a better witness from points in a cell, less often as cells become many."""
         self._climbs_at = 2 * self.n_cells
         witness, value = self._ascended(self._starts(cell, STARTS // 4))
         if value > self.reached:
@@ -191,7 +190,7 @@ class _Search:
         return points
 
     def _ascended(self, points: Array) -> tuple[Array, float]:
-        """Climbs from points, a quantity at a time, to the highest point that is found."""
+        """Climbs from points, one quantity at a time; returns the highest point and its value."""
         relaxation = self._relaxation
         points = np.clip(points, self._region.lower, self._region.upper)
         values = self._function(points)
@@ -202,12 +201,13 @@ class _Search:
                 tried = self._values_of(index)
                 moved = np.repeat(points[:, None], len(tried), axis=1)
                 moved[:, :, index] = tried
-                found = self._function(moved.reshape(-1, moved.shape[-1])).reshape(len(points), -1)
-                found = np.where(np.isnan(found), -np.inf, found)
-                best = np.arange(len(points)), np.argmax(found, axis=1)
-                better = found[best] > values
+                heights = self._function(moved.reshape(-1, moved.shape[-1]))
+                heights = heights.reshape(len(points), -1)
+                heights = np.where(np.isnan(heights), -np.inf, heights)
+                best = np.arange(len(points)), np.argmax(heights, axis=1)
+                better = heights[best] > values
                 points = np.where(better[:, None], moved[best], points)
-                values = np.where(better, found[best], values)
+                values = np.where(better, heights[best], values)
             if np.all(values <= before + 1e-12):
                 break
             highest = np.argsort(-values, kind="stable")[:STARTS]

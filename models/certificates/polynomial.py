@@ -2,7 +2,7 @@
 
 A formula such as `late*(0.1 - 0.2*cmd.yaw) + lifted.FL*q.FL_hip` is multiplied out to monomials,
 each a number times powers of *factors*: quantities, and functions such as tanh(0.5*t - 2) of other
-polynomials. Coefficients are fractions: nothing is rounded, and terms that cancel are gone.
+polynomials. Coefficients are exact fractions, so terms that cancel vanish.
 """
 
 import math
@@ -22,14 +22,14 @@ from glassgait.models.formulas.interval import FUNCTIONS, Interval
 MOST_MONOMIALS = 20_000
 
 Monomial = tuple[tuple[int, int], ...]
-"""Factors by number, in order, each with its power."""
+"""Numbers of factors in ascending order, each with its power."""
 
 Polynomial = Mapping[Monomial, Fraction]
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A quantity by index, whose function is "variable", or a function of a polynomial."""
+    """A function of a polynomial, or a quantity, by index, with the function "variable"."""
 
     function: str
     variable: int = -1
@@ -45,7 +45,7 @@ class PolynomialRing:
     _numbers: dict[Factor, int] = field(default_factory=dict)
 
     def polynomial(self, formula: Expression) -> Polynomial:
-        """Multiplies a formula of observed quantities out."""
+        """Multiplies out a formula of observed quantities."""
         operands = [self.polynomial(operand) for operand in formula.operands]
         match formula.operator, operands:
             case "constant", _:
@@ -88,11 +88,11 @@ class PolynomialRing:
 
 def combined(*polynomials: Polynomial, factor: Fraction = Fraction(1)) -> Polynomial:
     """Adds polynomials, and multiplies their sum by a number."""
-    whole: dict[Monomial, Fraction] = {}
+    result: dict[Monomial, Fraction] = {}
     for polynomial in polynomials:
         for monomial, coefficient in polynomial.items():
-            whole[monomial] = whole.get(monomial, Fraction(0)) + factor * coefficient
-    return {monomial: coefficient for monomial, coefficient in whole.items() if coefficient}
+            result[monomial] = result.get(monomial, Fraction(0)) + factor * coefficient
+    return {monomial: coefficient for monomial, coefficient in result.items() if coefficient}
 
 
 def product(left: Polynomial, right: Polynomial) -> Polynomial:
@@ -102,22 +102,22 @@ def product(left: Polynomial, right: Polynomial) -> Polynomial:
             f"a formula has more than {MOST_MONOMIALS} terms when it is multiplied out; write a "
             "simpler one"
         )
-    whole: dict[Monomial, Fraction] = {}
-    for one, a in left.items():
-        for other, b in right.items():
-            powers = dict(one)
-            for factor, power in other:
+    result: dict[Monomial, Fraction] = {}
+    for first, a in left.items():
+        for second, b in right.items():
+            powers = dict(first)
+            for factor, power in second:
                 powers[factor] = powers.get(factor, 0) + power
             monomial = tuple(sorted(powers.items()))
-            whole[monomial] = whole.get(monomial, Fraction(0)) + a * b
-    return {monomial: coefficient for monomial, coefficient in whole.items() if coefficient}
+            result[monomial] = result.get(monomial, Fraction(0)) + a * b
+    return {monomial: coefficient for monomial, coefficient in result.items() if coefficient}
 
 
 Element = tuple[int, int]
-"""A factor and its power: what a relaxation takes for a variable of its own."""
+"""A factor and its power, which a relaxation treats as an independent variable."""
 
 MOST_BOUNDED, MOST_TRIED, ROUNDING = 2000, 10, 2.0**-52
-"""Monomials that are bounded, elements of which both ends are tried, and error of an operation."""
+"""Most monomials, most elements whose two ends are tried, and relative error of an operation."""
 
 Terms = Mapping[frozenset[Element], Array]
 """Coefficients (m) of products of elements."""
@@ -126,15 +126,16 @@ Terms = Mapping[frozenset[Element], Array]
 class Relaxation:
     """Bounds a polynomial over boxes of quantities from above.
 
-    If powers of factors, its *elements*, were independent, the polynomial would be affine in each,
-    and greatest at ends of all. Both ends are tried of one element after the other, and monomials
-    that share nothing are maximised apart. What holds several elements once `MOST_TRIED` were tried
-    is bounded monomial by monomial. Boxes that are narrow in `shared` quantities lose little.
+    The polynomial is affine in each power of a factor, or *element*. If these are independent, its
+    maximum is at a corner of the box. Both ends of one element after the other are tried, and
+    groups of monomials without common elements are maximised separately. After `MOST_TRIED`
+    elements, monomials are bounded one by one. Bounds are tight for boxes that are narrow in
+    `shared` quantities.
 
     Attributes:
-        used: Quantities that the polynomial is of.
-        curved: Those of them that it may not be affine in.
-        shared: Those that boxes are split by.
+        used: Quantities in the polynomial.
+        curved: Quantities in which it may not be affine.
+        shared: Quantities by which boxes are split.
     """
 
     def __init__(self, ring: PolynomialRing, polynomial: Polynomial) -> None:
@@ -145,31 +146,31 @@ class Relaxation:
                 "simpler one"
             )
         self._elements = sorted({element for monomial in polynomial for element in monomial})
-        self._terms = {frozenset(own): float(value) for own, value in polynomial.items()}
+        self._terms = {frozenset(monomial): float(polynomial[monomial]) for monomial in polynomial}
         of_elements = (ring.variables[number] for number, _ in self._elements)
         self.used = sorted(frozenset[int]().union(*of_elements))
         self.curved, self.shared = list[int](), list[int]()
         for index in self.used:
-            of = [own for own in self._elements if index in ring.variables[own[0]]]
-            if any(power > 1 or ring.factors[i].function != "variable" for i, power in of):
+            elements = [(i, power) for i, power in self._elements if index in ring.variables[i]]
+            if any(power > 1 or ring.factors[i].function != "variable" for i, power in elements):
                 self.curved.append(index)
-            if len(of) > 1 or any(self._is_loose(number) for number, _ in of):
+            if len(elements) > 1 or any(self._is_loose(i) for i, _ in elements):
                 self.shared.append(index)
 
     def upper(self, lower: Array, upper: Array) -> Array:
         """Bounds the polynomial (m,) from above over boxes from `lower` to `upper` (m, n).
 
-        Bounds are rounded up, and infinite where there is none.
+        Bounds are rounded up, and infinite if the polynomial has no value.
         """
         ranges, m = self._ranges(lower, upper), len(lower)
-        # What has no value becomes NaN.
+        # Operations without a value return NaN.
         with np.errstate(invalid="ignore", over="ignore"):
-            terms = {own: np.full(m, value) for own, value in self._terms.items()}
-            found = best(terms, ranges, np.zeros(m), MOST_TRIED) + self._rounding(ranges, m)
-        return np.where(np.isnan(found), np.inf, found)
+            terms = {term: np.full(m, value) for term, value in self._terms.items()}
+            bounds = best(terms, ranges, np.zeros(m), MOST_TRIED) + self._rounding(ranges, m)
+        return np.where(np.isnan(bounds), np.inf, bounds)
 
     def _rounding(self, ranges: dict[Element, Interval], m: int) -> Array:
-        """Bounds what rounding can do: each of k operations is off by a share of 2^-53."""
+        """Bounds the rounding error of k operations, each with a relative error of 2^-53."""
         operations = 8 + len(self._terms) + 2 * max(map(len, self._terms), default=0)
         sizes = (
             math.prod([ranges[element].magnitude for element in monomial], start=abs(coefficient))
@@ -186,14 +187,14 @@ class Relaxation:
             return FUNCTIONS[factor.function](of_polynomial(factor.argument))
 
         def of_polynomial(terms: Sequence[tuple[Monomial, Fraction]]) -> Interval:
-            whole = Interval.point(0.0, (len(lower),))
+            total = Interval.point(0.0, (len(lower),))
             for monomial, coefficient in terms:
                 ends = np.nextafter(float(coefficient), [-np.inf, np.inf])
-                part = Interval(*(np.full(len(lower), end) for end in ends))
+                term = Interval(*(np.full(len(lower), end) for end in ends))
                 for factor, power in monomial:
-                    part = part * of_factor(factor).power(power)
-                whole = whole + part
-            return whole
+                    term = term * of_factor(factor).power(power)
+                total = total + term
+            return total
 
         return {(factor, power): of_factor(factor).power(power) for factor, power in self._elements}
 
@@ -208,31 +209,31 @@ class Relaxation:
         )
 
 
-def best(terms: Terms, ranges: Mapping[Element, Interval], none: Array, left: int) -> Array:
-    """Bounds a polynomial from above, (m,) like `none`, given the ranges of its elements."""
-    most, rest = terms.get(frozenset(), none), {term for term in terms if term}
+def best(terms: Terms, ranges: Mapping[Element, Interval], zeros: Array, n_tries: int) -> Array:
+    """Bounds a polynomial from above, (m,) like `zeros`, given the ranges of its elements."""
+    bound, rest = terms.get(frozenset(), zeros), {term for term in terms if term}
     while rest:
         # Gather the terms that share elements, directly or through others.
-        part, found = set[frozenset[Element]](), {next(iter(rest))}
-        while found:
-            part, rest = part | found, rest - found
-            met = frozenset().union(*found)
-            found = {term for term in rest if term & met}
+        group, added = set[frozenset[Element]](), {next(iter(rest))}
+        while added:
+            group, rest = group | added, rest - added
+            elements = frozenset().union(*added)
+            added = {term for term in rest if term & elements}
 
-        # Try both ends of the element that most of them hold.
-        if left == 0:
-            for term in part:
+        # Try both ends of the most frequent element.
+        if n_tries == 0:
+            for term in group:
                 value = Interval(terms[term], terms[term])
-                most = most + math.prod((ranges[own] for own in term), start=value).upper
+                bound = bound + math.prod((ranges[element] for element in term), start=value).upper
             continue
-        counts = Counter(element for term in part for element in term)
+        counts = Counter(element for term in group for element in term)
         element = max(sorted(counts), key=counts.__getitem__)
-        tried = []
+        bounds = []
         for end in (ranges[element].lower, ranges[element].upper):
             fixed: dict[frozenset[Element], Array] = {}
-            for term in part:
+            for term in group:
                 value = terms[term] * end if element in term else terms[term]
-                fixed[term - {element}] = fixed.get(term - {element}, none) + value
-            tried.append(best(fixed, ranges, none, left - 1))
-        most = most + np.maximum(*tried)
-    return most
+                fixed[term - {element}] = fixed.get(term - {element}, zeros) + value
+            bounds.append(best(fixed, ranges, zeros, n_tries - 1))
+        bound = bound + np.maximum(*bounds)
+    return bound

@@ -23,18 +23,18 @@ from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observatio
 from glassgait.models.task.symmetry import mirrored_states
 
 GAPS = {"operating": 0.008, "physical": 0.05}
-"""Share of a joint's range that a bound over each box may be away from its witness.
+"""Greatest difference of a bound and its witness in each box, as a share of a joint's range.
 
-Over the physical box a proof of 0.008 takes up to forty times the room of all the others."""
+In the physical box, a proof with 0.008 takes up to forty times the space of all the others."""
 
 FINE = 1e-7
-"""The same in a second search, towards the limit of a claim (rad)."""
+"""Greatest difference in a second search, near the limit of a claim (rad)."""
 
 REFUTED, SLACK = 1e-8, 1e-11
-"""By how much a witness must break a claim, and what is added to bounds (rad, or rad per unit)."""
+"""Least excess of a refuting witness, and addition to all bounds (rad, or rad per unit)."""
 
 SAMPLES = 5000
-"""Random observations that may be witnesses."""
+"""Number of random observations among which witnesses are searched."""
 
 Outcome = Literal["proved", "refuted", "undecided"]
 
@@ -44,10 +44,10 @@ Observed = dict[str, float]
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of a claim: the `worst` bound or value of a witness, what is `claimed` there.
+    """The outcome of a claim: the `worst` bound or value of a witness, and the limit `claimed`.
 
-    Splits of its box by bound show that it holds. Witnesses refute it: an observation, or two where
-    a change does.
+    The splits of its box, by bound, prove it. Witnesses refute it: one observation, or two for an
+    effect or a change.
     """
 
     claim: Claim
@@ -60,7 +60,7 @@ class Verdict:
 
 
 class Place(NamedTuple):
-    """A box by name, and the observations, by index, that may be anywhere in the physical one."""
+    """A box by name, and the observations, by index, that vary over the physical box instead."""
 
     box: str
     stuck: tuple[int, ...] = ()
@@ -80,21 +80,21 @@ class Prover:
         operating = operating or operating_box(gait, policy.robot)
         if operating.names != policy.observation_names:
             raise InputError(
-                f"the operating box of the {gait.name} is of other observations than those of the "
-                "policy; add --measure to 'glassgait verify prove', or give its file by --box"
+                f"the operating box of the {gait.name} has other observations than the policy; add "
+                "--measure to 'glassgait verify prove', or give its file by --box"
             )
 
-        # Bounds and errors are kept, for claims ask for the same ones.
+        # Cache bounds and errors, because several claims need the same ones.
         self.policy, self.gait = policy, gait
         self.boxes = {"operating": operating, "physical": physical_box(gait, operating)}
         self.symbols = symbols_of(policy.observation_names)
-        self._found: dict[tuple[Query, Place], Maximum] = {}
+        self._bounds: dict[tuple[Query, Place], Maximum] = {}
         self._error = cache(self._rounding)
         self._targets = FormulaTargets(policy)
         self._units = RobotUnits.of(policy.robot, policy.observation_names)
 
     def decide(self, claim: Claim) -> Verdict | None:
-        """Decides a claim; None where the gait has no mirror image that it could be about."""
+        """Decides a claim; returns None for a mirror claim if the gait has no mirror image."""
         claim.refuse_unknown(self.gait, imu=self.policy.layout.imu)
         decide = {"mirror": self._mirrored, "change": self._changed}.get(claim.kind, self._bounded)
         return decide(claim)
@@ -105,25 +105,25 @@ class Prover:
 
     def _bound(self, query: Query, place: Place, limit: float) -> Maximum:
         """Bounds a quantity, tightly enough to decide whether it exceeds a limit if possible."""
-        found = self._found.get((query, place))
-        if found is None:
+        maximum = self._bounds.get((query, place))
+        if maximum is None:
             robot = self.policy.robot
             width = robot.upper_limits[query.joint] - robot.lower_limits[query.joint]
-            found = self._search(query, place, GAPS[place.box] * width)
-        if found.reached <= limit < found.bound:
-            found = self._search(query, place, FINE, limit)
-        self._found[query, place] = found
-        return found
+            maximum = self._search(query, place, GAPS[place.box] * width)
+        if maximum.reached <= limit < maximum.bound:
+            maximum = self._search(query, place, FINE, limit)
+        self._bounds[query, place] = maximum
+        return maximum
 
     def _search(
         self, query: Query, place: Place, gap: float, threshold: float | None = None
     ) -> Maximum:
-        # A slope is one of the exact target, from which a computed one is less than `FINE` away.
+        # A slope is that of the exact target; a computed target differs from it by less than FINE.
         errors = {"target": 1.0, "slope": 0.0, "effect": 2.0}[query.of]
         error = errors * self._error(query.state, query.joint, place)
         box = self._box(place, query.state)
-        found = self._targets.bound(query, box, gap=gap, threshold=threshold)
-        return replace(found, bound=found.bound + error + SLACK)
+        maximum = self._targets.bound(query, box, gap=gap, threshold=threshold)
+        return replace(maximum, bound=maximum.bound + error + SLACK)
 
     def _rounding(self, state: int, joint: int, place: Place) -> float:
         try:
@@ -135,23 +135,23 @@ class Prover:
     def _bounded(self, claim: Claim) -> Verdict:
         """Decides a claim that bounds a quantity of every joint and state."""
         place = Place(claim.box, tuple(self.symbols.index(name) for name in claim.stuck))
-        found = [
+        results = [
             (query, self._bound(query, place, limit), limit)
             for state, joint in product(claim.state_indices(self.gait), claim.joint_indices())
             for query, limit in self._queries(claim, place, state, joint)
         ]
-        if not found:
+        if not results:
             return Verdict(claim, "proved", 0.0, self._most(claim), "no target depends on it")
 
         # A witness refutes it; otherwise the bound closest to its limit decides.
-        query, bound, limit = max(found, key=lambda one: one[1].reached - one[2])
-        if bound.reached > limit + REFUTED:
-            return self._verdict(claim, "refuted", bound.reached, limit, query, bound.witness)
-        query, bound, limit = max(found, key=lambda one: one[1].bound - one[2])
-        if bound.bound > limit:
-            return self._verdict(claim, "undecided", bound.bound, limit, query)
-        splits = {self._key(query): self._named(bound.splits) for query, bound, _ in found}
-        verdict = self._verdict(claim, "proved", bound.bound, limit, query)
+        query, maximum, limit = max(results, key=lambda result: result[1].reached - result[2])
+        if maximum.reached > limit + REFUTED:
+            return self._verdict(claim, "refuted", maximum.reached, limit, query, maximum.witness)
+        query, maximum, limit = max(results, key=lambda result: result[1].bound - result[2])
+        if maximum.bound > limit:
+            return self._verdict(claim, "undecided", maximum.bound, limit, query)
+        splits = {self._key(query): self._named(maximum.splits) for query, maximum, _ in results}
+        verdict = self._verdict(claim, "proved", maximum.bound, limit, query)
         return replace(verdict, splits={key: tree for key, tree in splits.items() if tree})
 
     def _queries(
@@ -178,9 +178,9 @@ class Prover:
 
     def _key(self, query: Query) -> str:
         """Names a bound as certificates do."""
-        of = self.symbols[query.observation] if query.observation >= 0 else None
-        of = of or ("most" if query.sign > 0 else "least")
-        return f"{quadruped.JOINTS[query.joint]} {query.state} {of}"
+        name = self.symbols[query.observation] if query.observation >= 0 else None
+        name = name or ("most" if query.sign > 0 else "least")
+        return f"{quadruped.JOINTS[query.joint]} {query.state} {name}"
 
     def _named(self, tree: Tree) -> list:
         """Names the quantities of a tree of splits."""
@@ -202,13 +202,13 @@ class Prover:
         where += [self.symbols[query.observation]] if query.observation >= 0 else []
         witnesses = [] if witness is None else [self._observed(witness[:n])]
         if witness is not None and len(witness) > n:
-            # An effect has the other value of the observation behind all quantities.
+            # The witness of an effect ends with the other value of the observation.
             witnesses.append({**witnesses[0], where[-1]: float(witness[n])})
         value, limit = query.sign * value, query.sign * limit + 0.0
         return Verdict(claim, outcome, value, limit, ", ".join(where), {}, tuple(witnesses))
 
     def _observed(self, quantities: Array) -> Observed:
-        """Names the quantities of an observation (n), counts whole in spite of rounding."""
+        """Names the quantities of an observation (n), and rounds counts to whole numbers."""
         counted = list(self.boxes["operating"].counted)
         quantities = quantities.copy()
         quantities[counted] = np.round(quantities[counted])
@@ -253,7 +253,7 @@ class Prover:
         return Verdict(claim, "undecided", bound, most, bounds[bound])
 
     def _squared_change(self, state: int, joint: int, changes: Array, place: Place) -> float:
-        """Bounds the squared change of an action where quantities change by `changes` (n)."""
+        """Bounds the squared change of an action if quantities change by `changes` (n)."""
         targets, box = self._targets, self._box(place, state)
         used = sorted(targets.used(state, joint) & {*np.flatnonzero(changes).tolist()})
         most = sum(targets.change(state, joint, i, float(changes[i]), box) for i in used)
@@ -263,15 +263,17 @@ class Prover:
     def _widest_change(
         self, joints: Sequence[int], changes: Array, box: ObservationBox
     ) -> tuple[float, Array, Array]:
-        """Returns a great squared change of the action, and two observations of a box (n, n)."""
+        """Samples a box; returns the widest squared change of the action, and where (n, n)."""
         generator = np.random.default_rng(0)
         counted = np.isin(np.arange(len(changes)), list(box.counted))
-        # A hair less, so that two witnesses are not a rounding further apart than is claimed.
+        # Slightly less, so that rounding moves no two witnesses further apart than `changes`.
         changes = np.where(counted, np.floor(changes), (1.0 - 1e-12) * changes)
-        one = box.random(SAMPLES, generator)
-        other = one + generator.choice([-1.0, 1.0], one.shape) * changes
-        other = np.clip(other, box.lower, box.upper)
-        actions = [self.policy(self._units.observed(pair))[..., joints] for pair in (one, other)]
-        squared = np.sum(np.square(actions[1] - actions[0]), axis=-1)
+        first = box.random(SAMPLES, generator)
+        second = first + generator.choice([-1.0, 1.0], first.shape) * changes
+        second = np.clip(second, box.lower, box.upper)
+        before, after = (
+            self.policy(self._units.observed(seen))[..., joints] for seen in (first, second)
+        )
+        squared = np.sum(np.square(after - before), axis=-1)
         widest = int(np.argmax(squared))
-        return float(squared[widest]), one[widest], other[widest]
+        return float(squared[widest]), first[widest], second[widest]

@@ -1,7 +1,7 @@
-"""Bounds of the joint targets that a policy's formulas give.
+"""Bounds the joint targets of a policy's formulas over boxes.
 
-Bounds are of exact formulas. The error of double precision is the running error of Higham, Accuracy
-and Stability of Numerical Algorithms, section 3.3, of each node over the whole box.
+Bounds are those of exact arithmetic. The error of double precision is the running error (Higham,
+Accuracy and Stability of Numerical Algorithms, section 3.3) of each node over the whole box.
 """
 
 from collections.abc import Sequence
@@ -35,18 +35,18 @@ from glassgait.models.task.observation import (
 )
 
 UNIT, LIBRARY = 2.0**-53, 16
-"""Error of one operation, as a share of its result, and that of a function, in such units.
+"""Relative error of one operation, and of a function in units of it.
 
-Functions of NumPy and of C libraries are within 4 units of the last place."""
+Functions of NumPy and of C libraries are within 4 units in the last place."""
 
 SMALLEST, GREATEST = 2.0**-1000, 1e300
-"""More than is lost where a result is too small for all its digits, and the greatest result."""
+"""More than the error by underflow, and the greatest result that is accepted."""
 
 LARGEST_ERROR = 1e-9
-"""Error of a target (rad) beyond which nothing is proved of it."""
+"""Greatest error of a target about which claims are proved (rad)."""
 
 MARGIN = 1.0 + 1e-6
-"""Factor of all errors: the checker computes them in another way."""
+"""Factor on all errors, because the checker computes them in another way."""
 
 FUNCTIONS = ("sin", "cos", "tanh")
 """The functions whose error is bounded: none has a slope above 1."""
@@ -54,10 +54,10 @@ FUNCTIONS = ("sin", "cos", "tanh")
 
 @dataclass(frozen=True)
 class Query:
-    """A quantity that is bounded over a box, times a sign of 1 or -1.
+    """A quantity to bound over a box, times a sign of 1 or -1.
 
     It is a joint's `target` (rad), its `slope` by an observation (rad per unit), or the `effect` of
-    an observation: the target less the target with another value of it (rad).
+    an observation: the target minus the target with another value of it (rad).
     """
 
     of: Literal["target", "slope", "effect"]
@@ -68,7 +68,7 @@ class Query:
 
 
 class FormulaTargets:
-    """Bounds targets, slopes and effects over boxes whose machine state is held."""
+    """Bounds targets, slopes and effects over boxes with a fixed machine state."""
 
     def __init__(self, policy: FormulaPolicy) -> None:
         names = policy.observation_names
@@ -77,17 +77,17 @@ class FormulaTargets:
         rows = [[*map(policy.vocabulary.expanded, row)] for row in policy.formulas_by_state]
         n_states = max(1, len(indices_of("machine state", names)))
         self._formulas = rows if len(rows) > 1 else rows * n_states
-        readings, whole = policy.readings, np.full(self._n, np.inf)
-        self._ends = (-whole, whole) if readings is None else readings.ends(names)
+        readings, infinite = policy.readings, np.full(self._n, np.inf)
+        self._ends = (-infinite, infinite) if readings is None else readings.ends(names)
         self._ring = PolynomialRing()
         self._polynomial = cache(self._multiplied_out)
 
     def used(self, state: int, joint: int) -> frozenset[int]:
-        """Returns the quantities in the text of a target, including those that cancel out."""
+        """Returns the quantities in a target's formula, including those that cancel out."""
         return self._formulas[state][joint].variables
 
     def rounding(self, state: int, joint: int, box: ObservationBox) -> float:
-        """Bounds how far a target in double precision may be from the exact one (rad)."""
+        """Bounds the error of a target in double precision (rad)."""
         return formula_error(self._formulas[state][joint], joint, self._read(box), self._units)
 
     def are_mirrored(self, images: Sequence[int]) -> bool:
@@ -103,7 +103,7 @@ class FormulaTargets:
     def bound(
         self, query: Query, box: ObservationBox, *, gap: float, threshold: float | None = None
     ) -> Maximum:
-        """Bounds a quantity over a box whose machine state is held; see `maximize`.
+        """Bounds a quantity over a box with a fixed machine state; see `maximize`.
 
         The witness of an effect ends with the other value of the observation (n + 1).
         """
@@ -111,19 +111,20 @@ class FormulaTargets:
         if query.of == "effect":
             ends, read = ends.with_copy(query.observation), read.with_copy(query.observation)
         tape = Tape([self._expression(query)], len(read.lower))
-        found = maximize(
+        maximum = maximize(
             lambda quantities: query.sign * tape(quantities)[..., 0],
             Relaxation(self._ring, self._polynomial(query)),
             read,
             gap=gap,
             threshold=threshold,
         )
-        # A quantity that is read at an end of its range may be anywhere beyond it.
-        found = replace(found, witness=np.clip(found.witness, ends.lower, ends.upper))
-        return self._flat_beyond(found, query.observation, ends) if query.of == "slope" else found
+        # A quantity that is read as an end of its range may have any value beyond it.
+        maximum = replace(maximum, witness=np.clip(maximum.witness, ends.lower, ends.upper))
+        is_slope = query.of == "slope"
+        return self._flat_beyond(maximum, query.observation, ends) if is_slope else maximum
 
     def change(self, state: int, joint: int, index: int, most: float, box: ObservationBox) -> float:
-        """Bounds the change of a target (rad) where a quantity changes by `most` at most."""
+        """Bounds the change of a target (rad) if a quantity changes by at most `most`."""
         read, steepest = self._read(box), 0.0
         for sign in (1, -1):
             slope = self._polynomial(Query("slope", state, joint, sign, index))
@@ -132,23 +133,23 @@ class FormulaTargets:
         return most * steepest
 
     def _read(self, box: ObservationBox) -> Region:
-        """Returns what formulas read in a box."""
+        """Clips a box to the ranges in which the formulas read quantities."""
         return Region(np.clip(box.lower, *self._ends), np.clip(box.upper, *self._ends), box.counted)
 
-    def _flat_beyond(self, found: Maximum, index: int, box: Region) -> Maximum:
-        """Corrects a slope where a box goes beyond the range of a reading: there it is 0."""
+    def _flat_beyond(self, slope: Maximum, index: int, box: Region) -> Maximum:
+        """Corrects a slope for a box that exceeds the range of a reading: there it is 0."""
         low, high = (ends[index] for ends in self._ends)
         if box.upper[index] < low or box.lower[index] > high:
-            return replace(found, bound=0.0, reached=0.0)
+            return replace(slope, bound=0.0, reached=0.0)
         is_beyond = box.lower[index] < low or box.upper[index] > high
-        return replace(found, bound=max(0.0, found.bound)) if is_beyond else found
+        return replace(slope, bound=max(0.0, slope.bound)) if is_beyond else slope
 
     def _image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
-        """Returns a joint's target in the mirror of observations, multiplied out."""
-        seen = [variable(index) for index in reflection.index.tolist()]
+        """Returns a joint's target for mirrored observations, mirrored and multiplied out."""
+        reflected = map(variable, reflection.index.tolist())
         images = {
             index: image if sign > 0.0 else Expression("neg", (image,))
-            for index, (image, sign) in enumerate(zip(seen, reflection.sign, strict=True))
+            for index, (image, sign) in enumerate(zip(reflected, reflection.sign, strict=True))
         }
         mirrored = self._formulas[state][joint].replaced(images)
         sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
@@ -174,7 +175,7 @@ Ranged = tuple[Interval, float]
 
 
 def formula_error(formula: Expression, joint: int, read: Region, units: RobotUnits) -> float:
-    """Bounds the error of a joint's target that is a formula of observed quantities (rad)."""
+    """Bounds the error of a joint's target by its formula in double precision (rad)."""
 
     @cache
     def ranged(node: Expression) -> Ranged:
@@ -187,25 +188,25 @@ def formula_error(formula: Expression, joint: int, read: Region, units: RobotUni
                 shift = abs(float(units.offset[node.variable]))
                 return values, 4.0 * UNIT * (_size(values) + shift)
         if node.operator == "cube":
-            # The first product is rounded, too.
+            # A cube is two rounded products.
             (base,) = node.operands
             return ranged(Expression("mul", (Expression("square", (base,)), base)))
-        parts = [ranged(operand) for operand in node.operands]
+        operands = [ranged(operand) for operand in node.operands]
         if node.operator == "neg":
-            return -parts[0][0], parts[0][1]
+            return -operands[0][0], operands[0][1]
 
         # An operation adds the rounding of its result to the operands' errors.
-        error = _propagated(node.operator, *parts)
-        values = OPERATORS[node.operator](*(values for values, _ in parts))
-        share = LIBRARY if node.operator in FUNCTIONS else 2
-        error += share * UNIT * (_size(values) + error) + SMALLEST
+        error = _propagated(node.operator, *operands)
+        values = OPERATORS[node.operator](*(values for values, _ in operands))
+        rounding = (LIBRARY if node.operator in FUNCTIONS else 2) * UNIT
+        error += rounding * (_size(values) + error) + SMALLEST
         if not _size(values) + error < GREATEST:
             raise InputError(f"{node.operator} may overflow; nothing is proved of such a formula")
         return values, error
 
     values, error = ranged(formula)
     stance = abs(float(units.robot.default_stance[joint]))
-    # A policy returns an action, which the robot turns into the target again.
+    # A policy returns an action, which the robot converts back to the target.
     error = MARGIN * (error + 4.0 * UNIT * (_size(values) + error + stance))
     if not error <= LARGEST_ERROR:
         raise InputError(

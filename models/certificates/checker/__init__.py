@@ -1,4 +1,4 @@
-"""Checks certificates by code that neither the prover nor the policies use."""
+"""Checks certificates with code that neither the prover nor the policies use."""
 
 from .certificate import Decision, check
 from .files import RefusedError

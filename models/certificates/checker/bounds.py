@@ -1,11 +1,12 @@
-"""Bounds of formulas in balls of real numbers, and of what double precision adds to them.
+"""Bounds formulas, and their errors in double precision, in ball arithmetic.
 
 Formulas are multiplied out to polynomials of quantities and of functions, with exact fractions. A
-polynomial is affine in each power of these, so over a box it is greatest where each is at one of
-its ends: both ends are tried of one after the other, and terms that share nothing are apart.
+polynomial is affine in each power of these, its *factors*; if they are independent, its maximum
+over a box is at a corner. Both ends of one factor after the other are tried, and groups of terms
+without common factors are bounded separately.
 
-The error of double precision is the running error of Higham, Accuracy and Stability of Numerical
-Algorithms, section 3.3, of each operation over the whole box.
+The error of double precision is the running error (Higham, Accuracy and Stability of Numerical
+Algorithms, section 3.3) of each operation over the whole box.
 """
 
 import math
@@ -24,16 +25,16 @@ ctx.prec = 96
 
 MOST_FUNCTIONS, MOST_TERMS, MOST_FACTORS, MOST_BITS = 100, 20_000, 100, 20_000
 MOST_BOUNDED, MOST_TRIED = 2000, 10
-"""Terms that are bounded, and factors whose two ends are tried; then terms are bounded apart."""
+"""Most terms, and most factors whose two ends are tried; then terms are bounded one by one."""
 
 UNIT, SMALLEST = arb(0, arb(2) ** -53), arb(0, arb(2) ** -1000)
-"""Error of one operation, as a share of its result, and of results too small for all digits."""
+"""Relative error of one operation, and more than the error by underflow."""
 
 LIBRARY = 16
-"""Units of a function's error: NumPy's and C libraries' are within 4 of the last place."""
+"""Error of a function in units; NumPy and C libraries are within 4 units in the last place."""
 
 GREATEST, STANCE = arb(10) ** 300, 10
-"""Greatest result, and more than any angle (rad) that observations and actions are shifted by."""
+"""Greatest accepted result, and more than any angle of a stance, which shifts quantities (rad)."""
 
 Span = tuple[arb, arb]
 """Least and greatest value, each a ball about one number."""
@@ -45,7 +46,7 @@ Terms = dict[frozenset[Factor], arb]
 
 
 class Rounded(NamedTuple):
-    """Exact values of a formula over a box, and how far computed ones may be from them."""
+    """The exact values of a formula over a box, and the error of computed ones."""
 
     value: arb
     error: arb
@@ -69,7 +70,7 @@ def rounded(value: arb, error: arb, units: int = 2) -> Rounded:
 
 
 class DoublePrecision:
-    """Arithmetic of a robot's formulas over a box; `used` are the quantities that they hold."""
+    """Arithmetic of a robot's formulas over a box; `used` collects their quantities."""
 
     def __init__(self, box: Box) -> None:
         self.box, self.used = box, set[str]()
@@ -93,13 +94,13 @@ class DoublePrecision:
         return rounded(value, (a.error - value * b.error) / (b.value + b.error))
 
     def function(self, name: str, a: Rounded) -> Rounded:
-        # None of the functions has a slope or a value above 1.
+        # Slopes and values of these functions are at most 1.
         value = getattr(a.value, name)()
         return rounded(value if value.rad() < 1 else arb(0, 1), a.error, LIBRARY)
 
 
 class Polynomials:
-    """Exact arithmetic of quantities, "other" values of moved ones, and functions as variables."""
+    """Exact arithmetic of quantities, the "other" value of a moved one, and functions."""
 
     def __init__(self, quantities: list[str]) -> None:
         self.names = [*quantities, "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))]
@@ -109,10 +110,10 @@ class Polynomials:
         self.function_slope, self.moved = cache(self._function_slope), ""
 
     def moving(self, name: str) -> "Polynomials":
-        """Returns the same arithmetic where a quantity has its other value."""
-        other = copy(self)
-        other.moved = name
-        return other
+        """Returns the same arithmetic with the other value of a quantity."""
+        result = copy(self)
+        result.moved = name
+        return result
 
     def number(self, value: float) -> fmpq_mpoly:
         return self.ring.constant(fmpq(*value.as_integer_ratio()))
@@ -122,12 +123,12 @@ class Polynomials:
 
     def product(self, a: fmpq_mpoly, b: fmpq_mpoly) -> fmpq_mpoly:
         refuse_unless(len(a) * len(b) <= MOST_TERMS, "a formula has too many terms")
-        whole = a * b
-        few = not whole or whole.total_degree() <= MOST_FACTORS
-        # A number that is raised to powers of powers would fill the memory.
-        few &= len(whole) != 1 or whole.coefficient(0).height_bits() <= MOST_BITS
-        refuse_unless(few, "a formula multiplies too often")
-        return whole
+        result = a * b
+        is_small = not result or result.total_degree() <= MOST_FACTORS
+        # Powers of powers of a number would fill the memory.
+        is_small &= len(result) != 1 or result.coefficient(0).height_bits() <= MOST_BITS
+        refuse_unless(is_small, "a formula multiplies too often")
+        return result
 
     def quotient(self, a: fmpq_mpoly, b: fmpq_mpoly) -> fmpq_mpoly:
         return self.product(a, self.function("inverse", b))
@@ -144,24 +145,24 @@ class Polynomials:
 
     def slope(self, formula: fmpq_mpoly, name: str) -> fmpq_mpoly:
         """Differentiates by a quantity."""
-        whole = formula.derivative(name)
+        result = formula.derivative(name)
         for variable in {*self.functions} - {*formula.unused_gens()}:
-            if along := self.function_slope(variable, name):
-                whole += self.product(formula.derivative(variable), along)
-        return whole
+            if inner_slope := self.function_slope(variable, name):
+                result += self.product(formula.derivative(variable), inner_slope)
+        return result
 
     def _function_slope(self, variable: str, name: str) -> fmpq_mpoly:
         function, inner, _ = self.functions[variable]
-        along, value = self.slope(inner, name), self.variables[variable]
-        if not along:
-            return along
+        inner_slope, value = self.slope(inner, name), self.variables[variable]
+        if not inner_slope:
+            return inner_slope
         derivatives = {
             "tanh": lambda: 1 - value**2,
             "sin": lambda: self.function("cos", inner),
             "cos": lambda: -self.function("sin", inner),
             "inverse": lambda: -(value**2),
         }
-        return self.product(derivatives[function](), along)
+        return self.product(derivatives[function](), inner_slope)
 
     def terms(self, formula: fmpq_mpoly) -> Terms:
         """Returns the coefficient of each product of factors."""
@@ -195,13 +196,12 @@ class Polynomials:
             name, power = factor
             if name in self.functions:
                 function, _, terms = self.functions[name]
-                parts = [reduce(multiplied, map(span, own), (c, c)) for own, c in terms.items()]
-                low, high = image(
-                    function, *(sum((own[i] for own in parts), arb(0)) for i in (0, 1))
-                )
+                spans = [reduce(multiplied, map(span, term), (c, c)) for term, c in terms.items()]
+                low, high = (sum((ends[i] for ends in spans), arb(0)) for i in (0, 1))
+                low, high = image(function, low, high)
             else:
                 low, high = map(arb, cell[name])
-            # An even power has its least value at 0.
+            # An even power is least at 0.
             ends = [low**power, high**power]
             holds_zero = not (low > 0 or high < 0)
             return hull([*ends, arb(0)] if power % 2 == 0 and holds_zero else ends)
@@ -209,34 +209,36 @@ class Polynomials:
         return span
 
 
-def best(terms: Terms, span: Callable[[Factor], Span], left: int) -> arb:
+def best(terms: Terms, span: Callable[[Factor], Span], n_tries: int) -> arb:
     """Bounds a polynomial from above, given the ends of its factors."""
-    most, rest = terms.get(frozenset(), arb(0)), {term for term in terms if term}
+    bound, rest = terms.get(frozenset(), arb(0)), {term for term in terms if term}
     while rest:
         # Gather the terms that share factors, directly or through others.
-        part, found = set[frozenset[Factor]](), {next(iter(rest))}
-        while found:
-            part, rest = part | found, rest - found
-            met = frozenset().union(*found)
-            found = {term for term in rest if term & met}
+        group, added = set[frozenset[Factor]](), {next(iter(rest))}
+        while added:
+            group, rest = group | added, rest - added
+            factors = frozenset().union(*added)
+            added = {term for term in rest if term & factors}
 
-        # Try both ends of the factor that most of them hold.
-        if left == 0:
-            spans = (reduce(multiplied, map(span, own), (terms[own], terms[own])) for own in part)
-            most += sum((high for _, high in spans), arb(0))
+        # Try both ends of the most frequent factor.
+        if n_tries == 0:
+            spans = (
+                reduce(multiplied, map(span, term), (terms[term], terms[term])) for term in group
+            )
+            bound += sum((high for _, high in spans), arb(0))
             continue
-        counts = Counter(factor for term in part for factor in term)
+        counts = Counter(factor for term in group for factor in term)
         factor = max(sorted(counts), key=counts.__getitem__)
         low, high = span(factor)
-        tried = []
+        bounds = []
         for end in [low.union(high)] if low.overlaps(high) else [low, high]:
             fixed: Terms = {}
-            for term in part:
+            for term in group:
                 value = terms[term] * end if factor in term else terms[term]
                 fixed[term - {factor}] = fixed.get(term - {factor}, arb(0)) + value
-            tried.append(best(fixed, span, left - 1))
-        most += reduce(arb.max, tried)
-    return most
+            bounds.append(best(fixed, span, n_tries - 1))
+        bound += reduce(arb.max, bounds)
+    return bound
 
 
 def hull(values: list[arb]) -> Span:
@@ -256,7 +258,7 @@ def image(function: str, low: arb, high: arb) -> Span:
         return 1 / high, 1 / low
     ends = [getattr(end, function)() for end in (low, high)]
     if function in ("sin", "cos"):
-        # Crests and troughs are where this is whole, and turn about.
+        # Maxima are at even values of `turns`, and minima at odd ones.
         half = fmpq(function == "sin", 2)
         turns: Any = [(end / arb.pi() - half).floor().unique_fmpz() for end in (low, high)]
         first, last = map(int, turns)

@@ -1,7 +1,7 @@
 """Checks a certificate: each claim by bounds of formulas, or by observations that break it.
 
-Whoever calls it has asked that claims are written as they must be, and that what a certificate
-assumes of the robot, its boxes and its mirror is so.
+The caller has checked the form of the claims, and the certificate's assumptions about the robot,
+its boxes and its mirror.
 """
 
 import hashlib
@@ -23,10 +23,10 @@ SHIPPED = [Path(__file__).parents[1] / name for name in ("claims.yaml", "claims_
 
 COUNTED = ("t", "cmd.t")
 LARGEST_ERROR, ROUNDING = 1e-9, 2e-9
-"""Error of a target in double precision beyond which nothing is certified, and by how much a
-refutation must exceed its limit: more than the errors of two targets (rad)."""
+"""Greatest accepted error of a target in double precision, and least excess of a witness over its
+limit, which is at least the error of two targets (rad)."""
 
-DECIDED = {"outcome", "splits", "witnesses"}  # how a claim was decided, not what it claims
+DECIDED = {"outcome", "splits", "witnesses"}  # keys of the decision, not of the claim
 
 Claim = dict[str, Any]
 
@@ -49,17 +49,15 @@ class Check:
         for name, (low, high) in self.operating.items():
             least, most = self.physical[name]
             whole = name not in COUNTED or (low == int(low) and high == int(high))
-            refuse_unless(least <= low <= high <= most and whole, f"the box of {name} is none")
+            refuse_unless(least <= low <= high <= most and whole, f"the box of {name} is invalid")
         self.sensed = {name for name in self.operating if not re.fullmatch(r"s\d+", name)}
 
-        # The policy must be its policy, which may leave its mirror out.
+        # The policy must be the certified one; its file may omit the mirror.
         data = read_bytes(policy)
         same = hashlib.sha256(data).hexdigest() == content["policy"]["sha256"]
         refuse_unless(same, f"the policy {policy} is not the one that was certified")
-        self.file, self.numbers = (
-            FormulaFile(data.decode("ascii"), [*self.operating]),
-            content["numbers"],
-        )
+        self.file = FormulaFile(data.decode("ascii"), [*self.operating])
+        self.numbers = content["numbers"]
         same = self.file.mirror in (None, content["mirror"])
         refuse_unless(same, "its mirror is not that of the policy")
         self.file.mirror = content["mirror"]
@@ -68,54 +66,55 @@ class Check:
 
     def decisions(self, claims: list[Claim]) -> Iterator[Decision]:
         """Decides every claim again."""
-        listed = [one for path in SHIPPED for one in yaml.safe_load(path.read_text())["claims"]]
-        ships = {claim["name"]: claim for claim in listed}
-        refuse_unless(claims, "it holds no claims, and so proves nothing")
-        refuse_unless(len({own["name"] for own in claims}) == len(claims), "a claim stands twice")
+        listed = [item for path in SHIPPED for item in yaml.safe_load(path.read_text())["claims"]]
+        shipped = {claim["name"]: claim for claim in listed}
+        refuse_unless(claims, "it has no claims, and so proves nothing")
+        names = {claim["name"] for claim in claims}
+        refuse_unless(len(names) == len(claims), "two claims have the same name")
         for claim in claims:
-            what, said = claim["name"], {key: claim[key] for key in claim if key not in DECIDED}
-            same = ships.get(what, said) == said
-            refuse_unless(same, f"{what}: the claim that ships by this name says otherwise")
-            self.decide(claim, what)
-            yield Decision(claim["outcome"], said, self.most(claim), what not in ships)
+            name, content = claim["name"], {key: claim[key] for key in claim if key not in DECIDED}
+            same = shipped.get(name, content) == content
+            refuse_unless(same, f"{name}: the claim of this name that ships is another one")
+            self.decide(claim, name)
+            yield Decision(claim["outcome"], content, self.most(claim), name not in shipped)
 
-    def decide(self, claim: Claim, what: str) -> None:
-        """Refuses a claim that is not what it is said to be."""
-        # It must be of what is observed.
-        kinds = {name.partition(".")[0] for name in self.sensed} - {"cmd"}
+    def decide(self, claim: Claim, name: str) -> None:
+        """Refuses a claim whose outcome is not the stated one."""
+        # It must be about known observations.
+        kinds = {symbol.partition(".")[0] for symbol in self.sensed} - {"cmd"}
         named = {*claim.get("stuck", []), *claim.get("changes", [])}
-        refuse_unless(named <= self.sensed | kinds, f"{what}: names what is not observed")
+        refuse_unless(named <= self.sensed | kinds, f"{name}: names what is not observed")
 
         # Its witnesses must be in its box, in one of its states.
         points, outcome = claim.get("witnesses", []), claim["outcome"]
-        states = {self.file.states.index(own) for own in claim.get("states", self.file.states)}
+        states = {self.file.states.index(state) for state in claim.get("states", self.file.states)}
         needed = 2 if claim["kind"] in ("effect", "change") else 1
         needed = {"proved": 0, "refuted": needed, "undecided": 0}[outcome]
-        refuse_unless(len(points) == needed, f"{what}: has another number of witnesses")
+        refuse_unless(len(points) == needed, f"{name}: has a wrong number of witnesses")
         if points:
-            states = {own for own in states if self.holds(claim, own)}
-            refuse_unless(states, f"{what}: its witness is not where the claim is made")
+            states = {state for state in states if self.holds(claim, state)}
+            refuse_unless(states, f"{name}: its witness is outside its box or its states")
 
-        # No bound may exceed its limit, or a witness must.
+        # If it is proved, no bound exceeds its limit; if it is refuted, a witness does.
         if outcome != "undecided":
-            found = {key: own for state in states for key, own in self.excesses(claim, state)}
-            refuse_unless({*claim.get("splits", [])} <= {*found}, f"{what}: has other splits")
-            exceeds = [own > 0 if points else not own <= 0 for own in found.values()]
-            refuse_unless(any(exceeds) == bool(points), f"{what}: is not {outcome}")
+            excesses = dict(item for state in states for item in self.excesses(claim, state))
+            refuse_unless({*claim.get("splits", [])} <= {*excesses}, f"{name}: has other splits")
+            exceeds = [value > 0 if points else not value <= 0 for value in excesses.values()]
+            refuse_unless(any(exceeds) == bool(points), f"{name}: is not {outcome}")
 
     def most(self, claim: Claim) -> float:
-        """Returns the number of a claim, which may be one of the robot's."""
+        """Returns the limit of a claim, which may be a number of the robot."""
         if "limit" in claim:
             return self.numbers[claim["limit"]] / self.numbers["stiffness"]
         return claim.get("most", 0.0)
 
     def box(self, claim: Claim, state: int) -> Box:
-        """Returns the box of a claim, with the machine's state held."""
+        """Returns the box of a claim with the machine's state fixed."""
         boxes = {"operating": self.operating, "physical": self.physical}
-        whole = boxes[claim.get("box", "operating")]
-        whole = whole | {name: self.physical[name] for name in claim.get("stuck", [])}
-        held = {f"s{i}": (float(i == state),) * 2 for i in range(len(self.file.states))}
-        return {name: (low, high) for name, (low, high) in (whole | held).items()}
+        box = boxes[claim.get("box", "operating")]
+        box = box | {name: self.physical[name] for name in claim.get("stuck", [])}
+        one_hot = {f"s{i}": (float(i == state),) * 2 for i in range(len(self.file.states))}
+        return {name: (low, high) for name, (low, high) in (box | one_hot).items()}
 
     def holds(self, claim: Claim, state: int) -> bool:
         """Returns whether a claim's witnesses are in its box and in a state."""
@@ -128,11 +127,10 @@ class Check:
         return True
 
     def excesses(self, claim: Claim, state: int) -> Iterator[tuple[str, arb]]:
-        """Yields by how much limits are exceeded: at most in a box, or at witnesses."""
+        """Yields the excess over each limit: an upper bound in a box, or that of witnesses."""
         box, is_slope = self.box(claim, state), claim["kind"] == "never"
-        points = [
-            {name: (at, at) for name, at in own.items()} for own in claim.get("witnesses", [])
-        ]
+        witnesses = claim.get("witnesses", [])
+        points = [{name: (at, at) for name, at in point.items()} for point in witnesses]
         if claim["kind"] == "change":
             yield f"{state}", self.squared_change(claim, box, state, points) - self.most(claim)
             return
@@ -141,14 +139,14 @@ class Check:
             for name, formula, limit, error in self.bounds(claim, box, joint, state):
                 key = f"{joint} {state} {name}"
                 splits = claim.get("splits", {}).get(key, [])
-                found = self.greatest(formula, places[0], places[-1], name, is_slope, splits)
-                yield key, found - limit + (-ROUNDING if points else error)
+                greatest = self.greatest(formula, places[0], places[-1], name, is_slope, splits)
+                yield key, greatest - limit + (-ROUNDING if points else error)
 
     def bounds(self, claim: Claim, box: Box, joint: str, state: int) -> Iterator[tuple]:
-        """Yields what a claim bounds of a joint: a name, a formula, its limit and its error."""
+        """Yields the name, formula, limit and error of each bound of a claim on a joint."""
         error, used = self.rounding(box, joint, state)
         target, most = self.target(joint, state), self.most(claim)
-        names = {re.sub(r"\.own$", f".{joint}", own) for own in claim.get("observations", [])}
+        names = {re.sub(r"\.own$", f".{joint}", name) for name in claim.get("observations", [])}
         known = self.sensed - {*COUNTED} if claim["kind"] == "never" else self.sensed
         refuse_unless(names <= known, f"{claim['name']}: names what has no value, or no slope")
         match claim["kind"]:
@@ -156,34 +154,34 @@ class Check:
                 yield "most", target, most, error
                 yield "least", -target, -claim["least"], error
             case "mirror":
-                # The image must have values, too: of such observations, and of what they look like.
+                # The image must have values, too, for these observations and for mirrored ones.
                 self.rounding(box, joint, state, image=True)
-                other, theirs = image_of(joint, self.file.mirror)[0], self.file.mirror[state]
-                self.rounding(self.box(claim, theirs), other, theirs)
-                apart = target - self.image(self.polynomials, joint, state)
-                yield "most", apart, 0.0, arb(0)
-                yield "least", -apart, 0.0, arb(0)
+                other, image = image_of(joint, self.file.mirror)[0], self.file.mirror[state]
+                self.rounding(self.box(claim, image), other, image)
+                difference = target - self.image(self.polynomials, joint, state)
+                yield "most", difference, 0.0, arb(0)
+                yield "least", -difference, 0.0, arb(0)
             case "effect":
                 for name in names & used:
                     moved = self.file.evaluate(self.polynomials.moving(name), joint, state)
                     yield name, target - moved, most, 2 * error
             case "never":
-                # A slope is one of the exact target, close to which computed ones are.
+                # A slope is that of the exact target, to which computed targets are close.
                 sign = {"rises": 1, "falls": -1}[claim["never"]]
                 for name in names & used:
                     if box[name][0] < box[name][1]:
                         yield name, sign * self.polynomials.slope(target, name), most, arb(0)
-            case other:
-                raise ValueError(f"a claim of kind {other!r} is not known")
+            case kind:
+                raise ValueError(f"a claim of kind {kind!r} is not known")
 
     def squared_change(self, claim: Claim, box: Box, state: int, points: list[Box]) -> arb:
-        """Bounds the squared change of the action, from above or at two witnesses."""
-        # Look up by how much each observation may change.
+        """Bounds the squared change of the action: from above in a box, from below at witnesses."""
+        # Look up the greatest change of each observation.
         changes = claim["changes"]
-        by = {own: changes.get(own, changes.get(own.partition(".")[0], 0.0)) for own in box}
-        for name in by if points else ():
-            one, other = (Fraction(point[name]) for point in claim["witnesses"])
-            near = abs(one - other) <= Fraction(by[name])
+        changes = {name: changes.get(name, changes.get(name.partition(".")[0], 0)) for name in box}
+        for name in changes if points else ():
+            first, second = (Fraction(point[name]) for point in claim["witnesses"])
+            near = abs(first - second) <= Fraction(changes[name])
             refuse_unless(near, f"{claim['name']}: its witnesses are further apart than it says")
 
         squared = arb(0)
@@ -191,56 +189,56 @@ class Check:
             error, used = self.rounding(box, joint, state)
             target = self.target(joint, state)
             if points:
-                one, other = (self.greatest(target, at, at, "", False) for at in points)
-                moved = (abs(one - other) - ROUNDING).max(arb(0))
+                first, second = (self.greatest(target, at, at, "", False) for at in points)
+                change = (abs(first - second) - ROUNDING).max(arb(0))
             else:
-                moved = 2 * error
-                for name in sorted(name for name in used if by[name]):
+                change = 2 * error
+                for name in sorted(name for name in used if changes[name]):
                     slope = self.polynomials.slope(target, name)
-                    ends = (self.greatest(own, box, box, name, True) for own in (slope, -slope))
-                    moved += arb(by[name]) * reduce(arb.max, ends)
-            squared += (moved / self.numbers["action_scale"]) ** 2
+                    steepest = [self.greatest(s, box, box, name, True) for s in (slope, -slope)]
+                    change += arb(changes[name]) * reduce(arb.max, steepest)
+            squared += (change / self.numbers["action_scale"]) ** 2
         return squared
 
     def greatest(
         self, formula: Any, sensed: Box, other: Box, name: str, is_slope: bool, splits: Any = ()
     ) -> arb:
-        """Bounds a formula, in which a quantity may be moved to another box, from above."""
+        """Bounds a formula from above; the "other" value of quantity `name` is in box `other`."""
         box, counted = self.file.read(sensed), COUNTED
         if name in box:
             box["other"] = self.file.read(other)[name]
             counted = (*COUNTED, "other") if name in COUNTED else COUNTED
-        found = self.polynomials.greatest(formula, box, splits, counted)
+        bound = self.polynomials.greatest(formula, box, splits, counted)
         if not is_slope or box[name] == sensed[name]:
-            return found
-        # A quantity that is beyond the range of its reading moves nothing.
-        return found.max(arb(0)) if box[name][0] < box[name][1] else arb(0)
+            return bound
+        # A quantity beyond the range of its reading has no effect.
+        return bound.max(arb(0)) if box[name][0] < box[name][1] else arb(0)
 
     def image(self, algebra: Any, joint: str, state: int) -> Any:
-        """Works out what the mirror image of a target says of the target."""
+        """Evaluates a target by the formula of its mirror image."""
         mirror = self.file.mirror
-        refuse_unless(mirror, "a claim is of the mirror, and the gait has no mirror image")
+        refuse_unless(mirror, "a claim is about the mirror, but the gait has no mirror image")
         other, sign = image_of(joint, mirror)
-        found = self.file.evaluate(algebra, other, mirror[state], mirrored=True)
-        return found if sign > 0 else -found
+        target = self.file.evaluate(algebra, other, mirror[state], mirrored=True)
+        return target if sign > 0 else -target
 
     def rounding(
         self, box: Box, joint: str, state: int, image: bool = False
     ) -> tuple[arb, set[str]]:
-        """Bounds what double precision does to a target (rad), and names what it is made of."""
+        """Bounds the error of a target in double precision (rad), and returns its quantities."""
         algebra = DoublePrecision(self.file.read(box))
-        found = (self.image if image else self.file.evaluate)(algebra, joint, state)
-        # A policy returns the target as an action.
-        error = found.error + 4 * UNIT * (found.value + found.error + STANCE)
+        target = (self.image if image else self.file.evaluate)(algebra, joint, state)
+        # A policy returns an action, which the robot converts back to the target.
+        error = target.error + 4 * UNIT * (target.value + target.error + STANCE)
         accepted = error.abs_upper() <= LARGEST_ERROR
         refuse_unless(accepted, f"a target of {joint} may be off by too much in double precision")
         return arb(error.abs_upper()), algebra.used
 
 
 def check(certificate: Path, policy: Path) -> list[Decision]:
-    """Checks a certificate of a policy, and returns what holds.
+    """Checks a certificate of a policy, and returns its decided claims.
 
-    What does not hold, or cannot be read, raises a `RefusedError`.
+    Raises a `RefusedError` if a claim does not hold or a file cannot be read.
     """
     unreadable = OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError
     try:

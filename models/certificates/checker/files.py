@@ -19,8 +19,8 @@ def refuse_unless(holds: Any, sentence: str) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Reads a file; a device or a pipe, which may never end, is refused."""
-    refuse_unless(stat.S_ISREG(path.stat().st_mode), f"{path} is no regular file")
+    """Reads a file; refuses devices and pipes, which may never end."""
+    refuse_unless(stat.S_ISREG(path.stat().st_mode), f"{path} is not a regular file")
     with path.open("rb") as stream:
         data = stream.read(MOST_BYTES + 1)
     refuse_unless(len(data) <= MOST_BYTES, f"{path} is larger than {MOST_BYTES} bytes")
@@ -28,7 +28,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_json(path: Path) -> Any:
-    """Reads JSON, in which each key is given once."""
+    """Reads JSON without duplicate keys."""
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         refuse_unless(len(dict(pairs)) == len(pairs), f"{path}: a key is given twice")

@@ -1,6 +1,6 @@
-"""Formula files, read anew: what the header says, definitions and formulas.
+"""Reads formula files: the header, definitions and formulas.
 
-A formula is parsed as a Python expression, of which a few kinds of nodes are known, and never run.
+A formula is parsed as a Python expression with few kinds of nodes, and never run.
 """
 
 import ast
@@ -42,87 +42,87 @@ def image_of(name: str, image: list[int]) -> tuple[str, int]:
     return new, -1 if name.endswith("_hip") or name in TURNED else 1
 
 
-def worked_out(node: ast.expr, algebra: Any, named: Callable[[str], Any]) -> Any:
-    """Works a formula out in an algebra, given the values of names."""
+def evaluate(node: ast.expr, algebra: Any, value_of: Callable[[str], Any]) -> Any:
+    """Evaluates a formula in an algebra, given the values of names."""
     match node:
         case ast.Constant(value=int(number) | float(number)) if type(number) is not bool:
             return algebra.number(float(number))
         case ast.Name() | ast.Attribute():
-            return named(ast.unparse(node))
+            return value_of(ast.unparse(node))
         case ast.UnaryOp(op=op, operand=inner) if type(op) in SIGNS:
-            return SIGNS[type(op)](worked_out(inner, algebra, named))
+            return SIGNS[type(op)](evaluate(inner, algebra, value_of))
         case ast.Call(func=ast.Name(id=function), args=[inner]) if function in FUNCTIONS:
-            return algebra.function(function, worked_out(inner, algebra, named))
+            return algebra.function(function, evaluate(inner, algebra, value_of))
         case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int(power))):
-            return reduce(algebra.product, [worked_out(base, algebra, named)] * power)
+            return reduce(algebra.product, [evaluate(base, algebra, value_of)] * power)
         case ast.BinOp(left=left, op=op, right=right):
             operations = {ast.Add: operator.add, ast.Sub: operator.sub}
             operations |= {ast.Mult: algebra.product, ast.Div: algebra.quotient}
-            parts = (worked_out(part, algebra, named) for part in (left, right))
-            return operations[type(op)](*parts)
+            operands = (evaluate(operand, algebra, value_of) for operand in (left, right))
+            return operations[type(op)](*operands)
     raise ValueError(f"{ast.unparse(node)[:60]!r} does not belong in a formula")
 
 
 class FormulaFile:
-    """The parts of a formula file that a proof needs; images of formulas may be left out.
+    """The parts of a formula file that a proof needs; mirror images of formulas may be missing.
 
-    What the header says besides is left to the robots' reader.
+    The reader that robots use checks the rest of the header.
     """
 
     def __init__(self, text: str, quantities: list[str]) -> None:
         refuse_unless(not re.search(r"[^\n -~]", text), "the policy is not printable ASCII")
-        header, *parts = TITLE.split(text)
-        said = yaml.safe_load(header)
-        refuse_unless(said["format"] == 2, "the policy is of another format")
-        self.names, self.mirror = quantities, said.get("mirror")
-        self.states = said["machine"]["states"]
-        self.readings = ranges_of(said.get("readings") or {}, quantities)
+        header, *sections = TITLE.split(text)
+        keys = yaml.safe_load(header)
+        refuse_unless(keys["format"] == 2, "the policy has another format")
+        self.names, self.mirror = quantities, keys.get("mirror")
+        self.states = keys["machine"]["states"]
+        self.readings = ranges_of(keys.get("readings") or {}, quantities)
 
-        # Definitions serve any state. An indented line goes on with the one above.
+        # Definitions apply in all states. An indented line continues the one above.
         self.formulas: dict[tuple[str, int], ast.expr] = {}
-        for title, body in zip(parts[::2], parts[1::2], strict=True):
+        for title, body in zip(sections[::2], sections[1::2], strict=True):
             lines = re.sub(r"\n+ ", " ", COMMENT.sub("", body)).split("\n")
             for line in filter(None, lines):
-                found = STATEMENT.fullmatch(line)
-                if found is None or FORMULA.fullmatch(found[2]) is None:
+                match = STATEMENT.fullmatch(line)
+                if match is None or FORMULA.fullmatch(match[2]) is None:
                     raise RefusedError(f"{line[:60]!r} holds what does not belong in a formula")
-                formula = ast.parse(found[2].strip(), mode="eval").body
+                formula = ast.parse(match[2].strip(), mode="eval").body
                 for state in [int(title[6:])] if title[:6] == "state " else range(len(self.states)):
-                    once = (found[1], state) not in self.formulas
-                    refuse_unless(once, f"{found[1][:40]!r} has two formulas")
-                    self.formulas[found[1], state] = formula
+                    once = (match[1], state) not in self.formulas
+                    refuse_unless(once, f"{match[1][:40]!r} has two formulas")
+                    self.formulas[match[1], state] = formula
 
     def evaluate(self, algebra: Any, joint: str, state: int, mirrored: bool = False) -> Any:
-        """Works out a target of quantities, or of their images in the mirror."""
-        known: dict[tuple[str, int, bool], Any] = {}
+        """Evaluates a target, given the quantities or their mirror images."""
+        cache: dict[tuple[str, int, bool], Any] = {}
 
-        def named(name: str, state: int, mirrored: bool) -> Any:
+        def cached(name: str, state: int, mirrored: bool) -> Any:
             key = name, state, mirrored
-            if key not in known:
+            if key not in cache:
                 refuse_unless(name not in JOINTS, f"{name} does not belong in a formula")
-                known[key] = value(*key)
-            return known[key]
+                cache[key] = value(*key)
+            return cache[key]
 
         def value(name: str, state: int, mirrored: bool) -> Any:
             sign = 1
             if name in self.names:
-                other, sign = image_of(name, self.mirror or []) if mirrored else (name, 1)
-                found = algebra.quantity(other)
-                return found if sign > 0 else -found
+                image, sign = image_of(name, self.mirror or []) if mirrored else (name, 1)
+                result = algebra.quantity(image)
+                return result if sign > 0 else -result
             if (name, state) not in self.formulas and self.mirror is not None:
-                # Of two images a file need hold one.
-                other, sign = image_of(name, self.mirror)
+                # A file may hold only one of two mirror images.
+                image, sign = image_of(name, self.mirror)
                 sign = sign if name in JOINTS else 1
-                name, state, mirrored = other, self.mirror[state], not mirrored
+                name, state, mirrored = image, self.mirror[state], not mirrored
             if (formula := self.formulas.get((name, state))) is None:
                 raise RefusedError(f"{name[:40]!r} does not belong in a formula")
-            found = worked_out(formula, algebra, lambda inner: named(inner, state, mirrored))
-            return found if sign > 0 else -found
+            result = evaluate(formula, algebra, lambda inner: cached(inner, state, mirrored))
+            return result if sign > 0 else -result
 
         return value(joint, state, mirrored)
 
     def read(self, box: Box) -> Box:
-        """Returns what formulas read of a box: the nearer end of a range where it goes beyond."""
+        """Clips a box to the ranges in which the formulas read quantities."""
         clipped = {
             name: (min(max(box[name][0], low), high), min(max(box[name][1], low), high))
             for name, (low, high) in self.readings.items()
@@ -130,14 +130,14 @@ class FormulaFile:
         return box | clipped
 
 
-def ranges_of(said: dict[str, list[float]], names: list[str]) -> Box:
-    """Returns the ranges in which quantities are read, which are given by kind."""
+def ranges_of(readings: dict[str, list[float]], names: list[str]) -> Box:
+    """Returns the ranges in which quantities are read; `readings` gives them by kind."""
     ends: Box = {}
     for name in names:
         head, _, member = name.partition(".")
         kind = "h" if head == "h" else f"{head}.{member.rpartition('_')[2]}"
-        if kind in said:
-            low, high = map(float, said[kind])
-            # Angles of right hips have the other sign than those of left ones.
+        if kind in readings:
+            low, high = map(float, readings[kind])
+            # Right hips have the opposite sign of left hips.
             ends[name] = (-high, -low) if re.search(r"\.[FR]R_hip$", name) else (low, high)
     return ends
