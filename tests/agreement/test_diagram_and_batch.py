@@ -31,7 +31,7 @@ from glassgait.models.task.terrain import Terrain
 
 A1 = load_robot()
 TOLERANCE = 1e-9
-"""Robots in batch differ from single ones by rounding, which contacts make grow."""
+"""Tolerance for rounding differences between batch and diagram, which contacts amplify."""
 
 COMMAND = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
 PUSHED_AT, PUSH = 40, np.array([0.5, -0.4, 0.0])
@@ -91,7 +91,7 @@ transitions:
 
 
 class Replayed:
-    """Draws for a batch of one robot what its diagram has drawn."""
+    """Gives a batch of one robot the random numbers that its diagram has drawn."""
 
     def __init__(self, scenario, diagram, context):
         self._scenario, self._diagram, self._context = scenario, diagram, context
@@ -133,7 +133,7 @@ class Replayed:
 
 
 def batch_beside(gait, policy, scenario, drawn, state):
-    """Makes a batch of one robot that draws what the diagram draws."""
+    """Makes a batch of one robot that uses the diagram's random numbers."""
     task = TaskConfig.of_scenario(gait, scenario, policy)
     simulator = BatchSimulator(
         SimpleNamespace(**(vars(task) | {"randomization": drawn})),
@@ -147,7 +147,7 @@ def batch_beside(gait, policy, scenario, drawn, state):
 
 
 def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed=True):
-    """Steps both side by side, with a push; returns how often the machine's state changed."""
+    """Steps both in parallel, with a push; returns how often the RM state changed."""
     ground = scenario.station.ground
     (state,) = NOMINAL.initial_states(policy.robot, 1, np.random.default_rng(seed), ground)
     diagram = MakeLocomotion(gait, scenario, policy=policy)
@@ -172,7 +172,7 @@ def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed
         running.AdvanceTo(step * CONTROL_PERIOD)
         drawn.push = PUSH * (pushed and step == PUSHED_AT)
         outcome = simulator.step(action)
-        # The reward and the failures come before the push.
+        # Compare reward and failures before the push.
         found = {
             "reward": outcome.reward,
             "plain_reward": outcome.plain_reward,
@@ -198,7 +198,7 @@ def assert_same(found, diagram, context, step):
 
 
 def slow_but(names, kept):
-    """Marks the names slow that others hold the like of."""
+    """Marks all names slow except those kept, which cover similar cases."""
     return [pytest.param(name, marks=() if name in kept else pytest.mark.slow) for name in names]
 
 
@@ -226,7 +226,7 @@ FAST = ("true body state", "later", "payload", "slope", "uneven", "stuck sensors
 
 @pytest.mark.parametrize("scenario", slow_but(SCENARIOS, FAST))
 def test_they_agree_in_every_scenario(scenario, trot):
-    # In the diagram a push comes before the reward remembers the speeds that it averages.
+    # In the diagram, a push comes before the reward stores the speeds that it averages.
     pushed = scenario != "reward"
     fired = assert_agreement(trot, load_expert("trot"), SCENARIOS[scenario], pushed=pushed)
     assert fired > 2 or scenario == "wrong sensors"
@@ -266,12 +266,12 @@ def test_they_agree_where_limits_hold_a_policy_back(trot, imu_expert, generator,
 def test_they_agree_where_an_action_is_not_sound(trot, bad, limited):
     def sways(observation):
         observation[...] = bad
-        # A policy that once has no answer for a joint.
+        # One action has an unsound entry.
         if (calls := next(count)) == 20:
             return np.where(np.arange(12) == 2, bad, 0.5)
         return np.full(12, 0.5 * np.sin(0.1 * calls))
 
-    count = iter(np.repeat(np.arange(100), 2))  # both ask in turn
+    count = iter(np.repeat(np.arange(100), 2))  # batch and diagram call the policy in turn
     policy = FunctionPolicy(sways, trot)
     if not limited:
         policy = policy.with_joint_law(JointLaw())
@@ -291,7 +291,7 @@ def test_they_agree_where_a_command_changes(trot):
     simulator = batch_beside(trot, expert, QUIET, drawn, state)
     for step in range(60):
         if step % 20 == 0:
-            # The machine serves the rhythm from the next instant on, in both.
+            # In both, the machine uses the new dwell from the next instant on.
             velocity, dwell = np.array([0.1 * step / 20, 0.1]), 6.0 + step / 20
             diagram.GetInputPort("command").FixValue(context, velocity)
             diagram.GetInputPort("commanded_dwell").FixValue(context, [dwell])

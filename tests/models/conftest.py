@@ -1,4 +1,4 @@
-"""What tests of policies share: policies of every kind, models that they are made from, samples."""
+"""Fixtures for tests of policies: policies of every kind, random models and samples."""
 
 from collections.abc import Callable
 from functools import cache
@@ -27,7 +27,7 @@ N = len(NAMES)
 
 @pytest.fixture(scope="session")
 def samples() -> Callable[..., tuple[Array, Array]]:
-    """Draws observations of a gait with two states, and actions that are no simple law of them."""
+    """Draws observations of a gait with two states, and actions that depend nonlinearly on them."""
 
     def draw(count: int = 400, seed: int = 0) -> tuple[Array, Array]:
         generator = np.random.default_rng(seed)
@@ -43,9 +43,9 @@ def samples() -> Callable[..., tuple[Array, Array]]:
 
 @pytest.fixture(scope="session")
 def random_formulas() -> Callable[..., st.SearchStrategy[Expression]]:
-    """Draws formulas of all operators, of so many variables; most are not in canonical form."""
+    """Draws formulas with all operators and `n_variables` variables; most are not canonical."""
 
-    # Hypothesis takes longer to set a strategy up than to draw from it.
+    # Hypothesis takes longer to set up a strategy than to draw from it.
     @cache
     def draw(n_variables: int, max_leaves: int = 12) -> st.SearchStrategy[Expression]:
         numbers = st.floats(-1e30, 1e30) | st.integers(-9, 9).map(float)
@@ -63,11 +63,11 @@ def random_formulas() -> Callable[..., st.SearchStrategy[Expression]]:
 
 @pytest.fixture(scope="session")
 def random_network() -> Callable[..., Network]:
-    """Draws the weights of a network whose layers have the given sizes."""
+    """Draws the weights of a network with layers of the given sizes."""
 
     def draw(generator: np.random.Generator, *sizes: int) -> Network:
         shapes = zip(sizes[1:], sizes[:-1], strict=True)
-        # Single precision is what files hold.
+        # Files store single precision.
         weights = [generator.normal(size=own).astype(np.float32).astype(float) for own in shapes]
         return Network(tuple(weights), tuple(np.zeros(len(own)) for own in weights))
 
@@ -112,7 +112,7 @@ def symbolic_per_state() -> SymbolicPerStatePolicy:
 
 @pytest.fixture
 def small_expert(random_network: Callable[..., Network]) -> Callable[..., NeuralPolicy]:
-    """Makes experts of few units, whose actions stay small."""
+    """Makes experts with few units and small actions."""
 
     def make(
         gait: Gait,
@@ -124,7 +124,7 @@ def small_expert(random_network: Callable[..., Network]) -> Callable[..., Neural
     ) -> NeuralPolicy:
         generator, names = np.random.default_rng(1), ObservationLayout(gait.n_states, imu=imu).names
         n = len(names)
-        # Actions are observed: greater ones would grow from step to step.
+        # Actions are observed, so larger ones would grow from step to step.
         actor, estimator = (
             Network(tuple(0.1 * weight for weight in own.weights), own.biases)
             for own in (
@@ -140,7 +140,7 @@ def small_expert(random_network: Callable[..., Network]) -> Callable[..., Neural
 
 @pytest.fixture
 def random_trees() -> Callable[..., BoostedTreesPolicy]:
-    """Draws six trees a joint, some of whose branches end early."""
+    """Draws six trees per joint, with some branches that end early."""
 
     def make(generator: np.random.Generator, *, rounded: bool) -> BoostedTreesPolicy:
         thresholds = generator.normal(size=(12, 6, 7))
@@ -162,7 +162,7 @@ def random_trees() -> Callable[..., BoostedTreesPolicy]:
 
 @pytest.fixture
 def random_additive() -> Callable[..., AdditivePolicy]:
-    """Draws tables of one observation, and of some pairs."""
+    """Draws functions of one observation, and of some pairs."""
 
     def make(generator: np.random.Generator, *, n_pairs: int) -> AdditivePolicy:
         cuts, pair_cuts = (np.sort(generator.normal(size=(N, k)), axis=1) for k in (9, 3))

@@ -1,4 +1,4 @@
-"""Who acts when."""
+"""Alternation: which policy acts at each control step."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Bounds of targets: no observation of a box breaks one, and those of small policies are exact."""
+"""Bounds of targets: no observation in a box exceeds one, and those of small formulas are exact."""
 
 from itertools import product
 
@@ -28,7 +28,7 @@ def whole_box(gait: Gait) -> ObservationBox:
 
 
 def formulas(text: str) -> FormulaPolicy:
-    """A policy whose first joint has a formula, and the others none to speak of."""
+    """Returns a policy with a formula for the first joint and 0 for the others."""
     others = "\n".join(f"{joint} = 0" for joint in quadruped.JOINTS[1:])
     head = "format: 2\ngait: trot\nstates: 2\nsenses: imu\n\nevery state"
     return FormulaPolicy.from_file(read_formulas(f"{head}\nFL_hip = {text}\n{others}\n"))
@@ -68,7 +68,7 @@ def test_a_witness_is_in_the_box_and_reaches_the_stated_value():
     gait, policy = load_gait("trot"), load_student("trot", "formulas")
     assert isinstance(policy, FormulaPolicy)
     box, units = operating_box(gait, A1).in_state(1), RobotUnits.of(A1, policy.observation_names)
-    # Of these joints the search ends before it gives up.
+    # For these joints, the search finds the bound before it gives up.
     for joint in (3, 8):
         query = Query("target", 1, joint, -1)
         found = FormulaTargets(policy).bound(query, box, gap=0.005 * WIDTHS[joint])
@@ -82,11 +82,11 @@ def test_a_witness_is_in_the_box_and_reaches_the_stated_value():
     ("text", "expected"),
     [
         ("0.5 + 2*cmd.v - cmd.yaw", 3.5),
-        # A gate times what is affine peaks at a corner; the box of h.FL is from -0.1 to 0.4 m.
+        # A gate times an affine function peaks at a corner; h.FL is from -0.1 to 0.4 m in the box.
         ("tanh(100*h.FL - 2)*(1 + cmd.v)", 2.0),
-        # The clock is whole: a square peaks at its ends, and is 0 at 4 control steps.
+        # The time is an integer: the square peaks at the ends, and is 0 after 4 control steps.
         ("-tanh(0.5*t - 2)*tanh(0.5*t - 2)", 0.0),
-        # Cancels, though each half has a wide range.
+        # The squares cancel, although each has a wide range.
         ("(q.FL_hip + cmd.v)**2 - q.FL_hip**2 - 2*q.FL_hip*cmd.v", 1.0),
         ("sin(q.FL_thigh)", 1.0),
         ("cmd.v*cmd.yaw*v.x", 3.0),
@@ -101,7 +101,7 @@ def test_the_greatest_value_of_a_small_formula_is_known(text, expected):
 
 
 def test_quantities_that_stand_twice_are_split():
-    # tanh(100 h - 2) - 3 h has its greatest value inside, where 100 (1 - tanh²) = 3.
+    # tanh(100 h - 2) - 3 h is greatest inside the box, where 100 (1 - tanh²) = 3.
     gate = np.sqrt(1.0 - 0.03)
     height = (np.arctanh(gate) + 2.0) / 100.0
     bound, reached = greatest("tanh(100*h.FL - 2) - 3*h.FL")

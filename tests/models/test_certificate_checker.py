@@ -1,4 +1,4 @@
-"""The checker: shipped certificates hold, and changed ones, or changed policies, do not."""
+"""The checker accepts shipped certificates, and rejects changed certificates and policies."""
 
 import json
 from copy import deepcopy
@@ -36,7 +36,7 @@ def written(content: dict, folder: Path) -> Path:
     return path
 
 
-# Certificates of a few claims are checked where forgeries are made from them.
+# Certificates of a few claims are checked in test_certificate_forgery.py.
 @pytest.mark.slow
 @pytest.mark.parametrize("path", shipped_certificates(), ids=lambda path: path.stem)
 def test_shipped_certificates_hold(path):
@@ -45,7 +45,7 @@ def test_shipped_certificates_hold(path):
     assert first.endswith("the one that ships")
     for outcome, word in OUTCOME_WORDS.items():
         assert f"{sum(claim['outcome'] == outcome for claim in claims)} {word}" in first
-    # Every number stands beside its claim.
+    # The report has one line per claim, with its number.
     assert len(lines) == len(claims)
     for line, claim in zip(lines, claims, strict=True):
         assert claim["name"] in line and "not a claim that ships" not in line

@@ -1,4 +1,4 @@
-"""Prover and checker find the best corner of a polynomial, and bound it where they cannot."""
+"""Prover and checker find the best corner of a polynomial, or else a bound."""
 
 from fractions import Fraction
 from itertools import product

@@ -1,4 +1,4 @@
-"""Forged certificates and policies: what the checker accepts, no observation refutes."""
+"""Forged certificates and policies: no observation refutes a claim that the checker accepts."""
 
 import json
 import os
@@ -64,12 +64,12 @@ CLAIMS = (
 SAMPLES = 1000
 
 TOLERANCE = 2e-9
-"""What a claim of the exact target leaves to double precision (rad)."""
+"""Difference between the exact target of a claim and double precision (rad)."""
 
 
 @cache
 def forged_from() -> str:
-    """A certificate of some claims about the trot's page, of every kind."""
+    """Returns a certificate with claims of every kind about the short formulas of the trot."""
     path = STUDENT_DIRECTORY / "trot" / "formulas.formulas"
     prover = Prover(load_policy(path), GAIT)
     verdicts = [prover.decide(claim) for claim in CLAIMS]
@@ -83,7 +83,7 @@ def checked(content: dict[str, Any], policy: Path, folder: Path) -> str:
 
 
 def samples(box: ObservationBox, state: int, generator: np.random.Generator) -> np.ndarray:
-    """Draws observations of a box, half of their quantities at the ends of their ranges."""
+    """Draws observations in a box, with half of their quantities at the ends of their ranges."""
     inside = box.in_state(state)
     drawn = inside.random(SAMPLES, generator)
     ends = np.where(generator.random(drawn.shape) < 0.5, inside.lower, inside.upper)
@@ -91,7 +91,7 @@ def samples(box: ObservationBox, state: int, generator: np.random.Generator) -> 
 
 
 class Truth:
-    """What a policy does, by sampling, over the boxes that a certificate may speak of."""
+    """Checks claims by sampling a policy over the boxes of a certificate."""
 
     def __init__(self, content: dict[str, Any], policy: Path) -> None:
         self.policy = load_policy(policy)
@@ -108,7 +108,7 @@ class Truth:
         return samples(self.boxes[box].updated(free, self.boxes["physical"]), state, self.generator)
 
     def rise(self, seen: np.ndarray, name: str, joint: int, box: str, stuck: list[str], state: int):
-        """Returns how a target rises with a quantity, and by how much that rises (n,; n,)."""
+        """Returns the rise of a target (n) with a quantity, and the rise of that quantity (n)."""
         index, other = SYMBOLS.index(name), seen.copy()
         other[:, index] = self.drawn(box, stuck, state)[:, index]
         rise = (self.targets(other) - self.targets(seen))[:, joint]
@@ -168,7 +168,7 @@ KEYS = (*Claim.__dataclass_fields__, "x")
 
 
 def places(whole: Any) -> list[tuple[Any, Any]]:
-    """Lists where a value stands: a container and its key, of all that the content holds."""
+    """Lists the places of all values in nested containers, as a container and a key."""
     found, pending = [], [whole]
     while pending:
         own = pending.pop()
@@ -183,7 +183,7 @@ def places(whole: Any) -> list[tuple[Any, Any]]:
 def forge(content: dict[str, Any], generator: np.random.Generator) -> None:
     """Changes a certificate in one to three places."""
     for _ in range(generator.integers(1, 4)):
-        # A claim, a box or the head, each as often; not the most numerous most often.
+        # Choose a claim, a box or the head with equal probability, whatever their number.
         part = str(generator.choice(["claims", "operating", "physical", "head"]))
         branch = content if part == "head" else content[part]
         if isinstance(branch, list) and branch:
@@ -260,7 +260,7 @@ def forge_text(text: str, generator: np.random.Generator) -> str:
 
 
 def assert_no_forgery_counts(folder: Path, seed: int, count: int) -> int:
-    """Returns how many of some forged certificates and policies are accepted."""
+    """Checks random forgeries of certificates and policies; returns how many are accepted."""
     generator, accepted = np.random.default_rng(seed), 0
     sound, policy = json.loads(forged_from()), folder / "formulas.formulas"
     for number in range(count):
@@ -297,7 +297,7 @@ def test_what_forgeries_are_made_from_holds(tmp_path):
     [(0, 16), *(pytest.param(seed, 200, marks=pytest.mark.slow) for seed in (1, 2))],
 )
 def test_no_forgery_proves_what_observations_refute(tmp_path, seed, count):
-    # Some harm nothing: another name of a claim, another digit of a formula nothing is said of.
+    # Some are harmless, such as another name of a claim, or a digit of a formula without claims.
     assert assert_no_forgery_counts(tmp_path, seed, count) < count / 2
 
 
@@ -308,7 +308,7 @@ def test_refuses_formulas_that_double_precision_makes_other_ones(tmp_path, term,
     policy.write_text(attacked(term, joint))
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)
-    # Nothing is said but that the target has some bound.
+    # Claim only that the target has some bound.
     limits = {"kind": "limits", "joints": [joint], "least": -1e3, "most": 1e3}
     content["claims"] = [{"name": "loose", **limits, "outcome": "proved"}]
     refused = r"double precision|may be|may overflow|divides|belong|knows no function|infinite"
@@ -320,18 +320,18 @@ def test_refuses_formulas_that_double_precision_makes_other_ones(tmp_path, term,
 
 
 def proved(content: dict[str, Any], kind: str) -> dict[str, Any]:
-    """The first claim of a kind that was proved."""
+    """Returns the first proved claim of a kind."""
     own = (claim for claim in content["claims"] if claim["kind"] == kind)
     return next(claim for claim in own if claim["outcome"] == "proved")
 
 
 def refuted(content: dict[str, Any]) -> dict[str, Any]:
-    """The first claim that was refuted."""
+    """Returns the first refuted claim."""
     return next(claim for claim in content["claims"] if claim["outcome"] == "refuted")
 
 
 def split(content: dict[str, Any]) -> list[Any]:
-    """The first tree of splits of a claim."""
+    """Returns the first tree of splits of a claim."""
     trees = (tree for claim in content["claims"] for tree in claim.get("splits", {}).values())
     return next(trees)
 
@@ -431,7 +431,7 @@ def test_refuses_what_takes_too_much_work(tmp_path, term):
 
 
 def test_a_mirror_is_proved_where_its_image_has_values_alone(tmp_path):
-    """The operating box need not be its own mirror image."""
+    """The operating box may differ from its mirror image."""
     text = attacked("0/(v.y + 0.71)")
     policy = tmp_path / "formulas.formulas"
     policy.write_text(text)

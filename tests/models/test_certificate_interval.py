@@ -1,4 +1,4 @@
-"""Interval arithmetic: no value of a function of numbers inside is ever outside."""
+"""Interval arithmetic: results contain all values of a function of numbers in the intervals."""
 
 import math
 from fractions import Fraction
@@ -47,7 +47,7 @@ def test_functions_hold_their_values_at_all_numbers_inside(name, a, b, share):
     if name == "inverse" and x == 0.0:
         return
     value = 1 / arb(x) if name == "inverse" else getattr(arb(x), name)()
-    # Balls are compared for certain: neither end may surely be passed.
+    # Comparisons of balls are true only if certain: the value must not surely exceed an end.
     assert not value < arb(found.lower[0])
     assert not value > arb(found.upper[0])
 

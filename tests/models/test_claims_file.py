@@ -1,4 +1,4 @@
-"""Claims: those that ship, and files that are refused in one sentence."""
+"""Claims: the shipped ones, and files that are refused in one sentence."""
 
 import pytest
 

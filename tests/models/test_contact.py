@@ -1,4 +1,4 @@
-"""Foot contacts from poses, and sensors that are believed or not."""
+"""Foot contacts from poses, and stuck contact sensors."""
 
 import numpy as np
 import pytest
@@ -54,11 +54,11 @@ def test_touching_is_what_drakes_contact_solver_finds(generator):
 
 
 HIGH = np.array([0.05, LOW / 2, 0.05, -0.01])
-"""Heights of feet (m): one in the air, one down, on each side of the trunk."""
+"""Heights of feet (m): one in the air and one on the ground, in front and behind."""
 
 
 def believe(trust, reading, height=HIGH):
-    """Returns the memory of the sensors and which feet touch now, by readings and heights."""
+    """Returns the memory of the sensors and which feet touch now, from readings and heights."""
     contacts = believed_contacts(trust, reading, lambda: height)
     return contacts.trust, contacts.touching
 
@@ -77,7 +77,7 @@ def test_the_height_of_a_foot_says_more_than_a_sensor_that_is_stuck(stuck):
     for step in range(UNCHANGED_STEPS + 3):
         trust, touching = believe(trust, reading)
         np.testing.assert_array_equal(touching, reading if step < UNCHANGED_STEPS else HIGH < LOW)
-    # One that changes again is sound, and the others are not.
+    # A sensor that changes again is no longer stuck; the others are.
     _, touching = believe(trust, reading ^ np.array([True, False, False, False]))
     np.testing.assert_array_equal(touching, [not stuck, *(HIGH < LOW)[1:]])
 

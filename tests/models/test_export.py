@@ -1,4 +1,4 @@
-"""The C of controllers does what Python does, and says what it was made of."""
+"""Exported C computes what Python computes, and names its gait and policies."""
 
 import re
 from collections.abc import Callable
@@ -65,7 +65,7 @@ transitions:
 
 @pytest.fixture
 def narrow_readings():
-    """Ranges of the paper's observation that are narrower than what tests let robots observe."""
+    """Ranges of the paper's observation that are narrower than the observations in tests."""
     units = RobotUnits.of(load_robot(), NAMES)
     ends = (units.quantities(np.full(len(NAMES), end)) for end in (-0.4, 0.3))
     return Readings.around(NAMES, *ends)
@@ -73,7 +73,7 @@ def narrow_readings():
 
 @pytest.fixture
 def agree(tmp_path) -> Callable[..., Agreement]:
-    """Lets Python and C take some hundred steps of random sensors."""
+    """Compares Python and C over some hundred steps with random sensors."""
 
     def run(gait, policy, expert=None, real="double", n_steps=200) -> Agreement:
         controller = alone(policy, expert)
@@ -164,7 +164,7 @@ def test_targets_stay_within_the_joints_ranges_if_the_policy_has_them_so(
     sensors, command, *_ = random_sequences(A1, trot, 1, 3)[0][0]
     memory = compiled.initial()
     memory["action"] = np.tile([-50.0, 50.0], 6)
-    # A bad input holds the targets of the action before.
+    # After a bad input, the targets of the previous action stay.
     broken = Sensors(np.full(12, np.nan), sensors.joint_velocity, sensors.touching)
     held = compiled.step(memory, broken, command).targets
     np.testing.assert_array_equal(held, A1.joint_targets(memory["action"], limited=limited))
@@ -299,7 +299,7 @@ def test_formulas_stand_there_as_in_their_file(written_page):
     for joint in quadruped.JOINTS:
         (formula,) = re.findall(rf"^{joint} = (.*(?:\n    .*)*)", text, flags=re.MULTILINE)
         assert f"target[{joint.upper()}] = {' '.join(formula.split())};" in source
-        # The other state's formulas are mirror images, and are left out.
+        # The formulas of the other state are mirror images, and are not written.
         assert source.count(f"target[{joint.upper()}] =") == 1
     assert "now->contact[FL] && now->contact[RR] && !now->contact[FR]" in source
     assert not re.search("weight|elu|bias|layer|expm1|network|estimator_", source, re.I)
@@ -322,7 +322,7 @@ def test_names_that_are_not_valid_in_c_are_refused(name, trot, make_policy, smal
 
 
 class Still(Policy):
-    """Asks for the default stance."""
+    """A policy that always returns the default stance."""
 
     kind = "still"
 

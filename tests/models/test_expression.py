@@ -1,4 +1,4 @@
-"""Formulas as trees: canonical form, terms, derivatives, bounds of their size, and evaluation."""
+"""Formulas as trees: canonical form, terms, derivatives, limits of size, and evaluation."""
 
 import math
 
@@ -61,7 +61,7 @@ def random_rows(seed, count=20):
 
 
 def in_order(formula, row):
-    """Evaluates a formula one operation after the other."""
+    """Evaluates a formula recursively, one operation at a time."""
     if formula.operator == "constant":
         return np.float64(formula.value)
     if formula.operator == "variable":
@@ -75,13 +75,13 @@ def test_every_digit_is_that_of_one_operation_after_the_other(random_formulas, d
     formulas = data.draw(st.lists(random_formulas(N, 25), min_size=1, max_size=6))
     rows, tape = random_rows(seed, 5), Tape(formulas, N)
     for row, together in zip(rows, tape(rows), strict=True):
-        # The signs of zeros count, too: a quotient by one of them is infinite, this way or that.
+        # The signs of zeros count, too: they decide the signs of infinite quotients.
         np.testing.assert_array_equal(tape(row), together)
         np.testing.assert_array_equal(together, [in_order(formula, row) for formula in formulas])
 
 
 def test_a_long_sum_is_taken_from_left_to_right():
-    # In pairs, or from the right, the small ones would not be lost.
+    # If added in pairs or from the right, the small numbers would not be lost.
     total = constant(1e16)
     for _ in range(40):
         total = Expression("add", (total, variable(0)))
@@ -117,7 +117,7 @@ def test_terms_add_up_to_the_formula(random_formulas, data):
         scale = np.abs(parts).sum(axis=1)
         error = np.abs(parts.sum(axis=1) - whole)
     finite = np.isfinite(scale) & np.isfinite(whole)
-    # Products that are multiplied out may cancel.
+    # Terms of products that are multiplied out may cancel.
     assert (error[finite] <= 1e-9 * scale[finite]).all()
 
 
@@ -134,7 +134,7 @@ def test_canonical_form_changes_no_value(random_formulas, data, seed):
     formula, rows = data.draw(random_formulas(N)), random_rows(seed)
     same = canonical(formula)
     assert canonical(same) == same
-    # Only the sign of a zero may change, and then that of a quotient by it.
+    # Only the sign of a zero may change, and the sign of a quotient by it.
     divisors = [node.operands[1] for node in nodes(formula) if node.operator == "div"]
     rows = rows[(values(divisors, rows) != 0.0).all(axis=1)]
     np.testing.assert_array_equal(values([same], rows), values([formula], rows))

@@ -1,4 +1,4 @@
-"""Files that are whole or not there, records, texts, YAML and arrays."""
+"""Atomic files, records, texts, YAML and arrays."""
 
 import errno
 import math
@@ -167,7 +167,7 @@ def test_every_cut_and_every_flipped_byte_of_arrays_is_noticed(tmp_path):
                 noticed += 1
                 assert str(error).startswith(f"{path}: is damaged")
             else:
-                # Only the name of the checksum was hurt.
+                # Only the name of the checksum was damaged.
                 assert repr(header)[:-1] in repr(seen)
                 assert all(np.array_equal(found[name], arrays[name]) for name in arrays)
     assert noticed >= 2 * len(whole) - len("sha256")

@@ -1,4 +1,4 @@
-"""Formula files: the text that a person reads is the policy, and other texts are refused."""
+"""Formula files: text defines the same policy, and invalid text is refused."""
 
 import re
 from dataclasses import replace
@@ -45,7 +45,7 @@ EDITED = TEXT.replace("clearance: 0.03", "clearance: 0.05")
 
 
 def shared(**formulas):
-    """Writes formulas that serve every state; joints that are not named stand still."""
+    """Writes formulas for every state; joints that are not named have a constant target."""
     return "".join(f"{joint} = {formulas.get(joint, '0.1')}\n" for joint in quadruped.JOINTS)
 
 
@@ -100,7 +100,7 @@ def test_policies_come_back_from_their_text(random_formulas, samples, data):
 @pytest.mark.parametrize(
     "path",
     [
-        # The text of the others is long to read.
+        # The other files take long to read.
         pytest.param(path, marks=() if "sparse" in path.stem else pytest.mark.slow)
         for path in sorted(STUDENT_DIRECTORY.rglob(f"*{SUFFIX}"))
     ],
@@ -141,7 +141,7 @@ def test_the_gain_of_odometry_can_be_edited(tmp_path):
     edited = load_policy(path)
     assert edited.estimator == Odometry(gain=0.4)
     assert edited.digest() != PAGE.digest()
-    # Without the expert it observes by its odometry; with it there would be two estimators.
+    # If only the student acts, it uses its odometry; alternation would need two estimators.
     expert = load_expert("trot")
     assert alone(edited, expert).estimator == Odometry(gain=0.4)
     with pytest.raises(InputError, match="has odometry, which is not"):
@@ -205,7 +205,7 @@ def test_a_wrong_mirror_is_refused_where_a_file_without_a_machine_meets_its_gait
     policy = FormulaPolicy.from_file(replace(bare, mirror=(0, 1)))
     with pytest.raises(InputError, match=r"^mirror: .* write 'mirror: \[1, 0\]'"):
         policy.check(gait=TROT, observation_names=policy.observation_names)
-    # Images that are left out then belong to other formulas.
+    # The images that the file leaves out would then replace other formulas.
     text = without_machine(TEXT).replace("mirror: [1, 0]", "mirror: [0, 1]")
     with pytest.raises(InputError, match=r"^line 5, .* write 'mirror: \[1, 0\]'"):
         read_formulas(text)

@@ -1,4 +1,4 @@
-"""Robots' reader of formula files and the checker's see the same formulas, or both refuse."""
+"""The package and the certificate checker read the same formulas from a file, or both refuse it."""
 
 import re
 
@@ -56,7 +56,7 @@ SHARED = re.sub(r"mirror.*\n", "", SMALL).replace("state 0", "every state")
 PAGE = (STUDENT_DIRECTORY / "trot" / "formulas.formulas").read_text()
 WHOLE = PAGE[: PAGE.index("\n\n") + 1] + SMALL[SMALL.index("\ndefinitions") :]
 WHOLE = WHOLE.replace("lifted.FR = tanh(100*h.FR - 2)\n", "")
-"""A whole controller, one definition of which is the image of another."""
+"""A whole controller, with a definition whose mirror image is left out."""
 
 ALPHABET = [
     *"0123456789.+-*/()=# \n_eqt,:;[]'\\^",
@@ -106,7 +106,7 @@ def mutated(text: str, generator: np.random.Generator) -> str:
 
 
 class Numbers:
-    """Arithmetic of floating-point numbers, by which the checker works formulas out."""
+    """Floating-point arithmetic with which the checker evaluates formulas."""
 
     def __init__(self, quantities: dict[str, float]) -> None:
         self.quantities, self.known = quantities, {}
@@ -128,7 +128,7 @@ class Numbers:
 
 
 def seen_by_robots(text: str):
-    """Returns the values of each state's and joint's formula at some quantities, and these."""
+    """Returns the values of each state's and joint's formula, and the quantities used."""
     file = read_formulas(text)
     symbols = file.vocabulary.symbols
     n = len(file.vocabulary.names)
@@ -143,11 +143,11 @@ def seen_by_robots(text: str):
 
 
 def assert_seen_alike(text: str) -> bool:
-    """Returns whether a text is read, by both."""
+    """Compares the formulas of both readers; returns whether the text is valid."""
     try:
         expected, points = seen_by_robots(text)
     except InputError as error:
-        # No robot acts by what its reader refuses, which says where.
+        # A refusal names the place; the checker need not refuse, since no robot uses this file.
         place = re.match(r"line (\d+), column (\d+): .", str(error))
         assert place and 1 <= int(place[1]) <= text.count("\n") + 2, error
         assert "\n" not in str(error) and len(str(error)) < 500
@@ -168,7 +168,7 @@ def assert_all_seen_alike(seed: int, count: int) -> None:
         assert_seen_alike(mutated((SMALL, SHARED, WHOLE)[index % 3], generator))
         for index in range(count)
     )
-    # Neither only damage nor only what changes nothing.
+    # Some mutations are refused, and some are not.
     assert 0.05 * count < read < 0.95 * count
 
 

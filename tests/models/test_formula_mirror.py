@@ -46,7 +46,7 @@ def test_the_image_of_the_image_is_the_formula(random_formulas, data, mirror, jo
 
 
 def _divisors(formula):
-    """Lists all that a formula divides by."""
+    """Lists the divisors in a formula."""
     own = [formula.operands[1]] if formula.operator == "div" else []
     return own + [divisor for operand in formula.operands for divisor in _divisors(operand)]
 
@@ -66,7 +66,7 @@ def test_an_image_is_worth_what_the_formula_is_in_the_mirror(
     quantities = np.random.default_rng(seed).normal(size=(9, N))
     own = Tape([formula], N)(reflect_observation(NAMES, states)(quantities))
     found = Tape([other], N)(quantities)
-    # Canonical form may turn the sign of a zero, and so of what is divided by it.
+    # Canonical form may change the sign of a zero, and so of a quotient by it.
     sound = (Tape(_divisors(formula), N)(quantities) != 0.0).all(axis=1)
     expected = own * REFLECT_JOINTS.sign[joint]
     np.testing.assert_array_equal(found[sound], expected[sound])

@@ -1,4 +1,4 @@
-"""Gait files: those that ship, and those that a person gets wrong."""
+"""Gait files: the shipped ones, and invalid ones."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The notation of formulas: text to tree and back, and the place of what is wrong with a text."""
+"""The notation of formulas: text to tree and back, and the places of errors."""
 
 import pytest
 from hypothesis import given
@@ -122,7 +122,7 @@ def test_lines_end_only_before_signs(random_formulas, data):
     formula = canonical(formula)
     first, *rest = lines = written_lines("FL_hip = ", formula, SYMBOLS)
     for line in lines:
-        # A line that is too long has no place to end.
+        # A line may be too long only if it has no sign to end before.
         assert len(line) <= LINE_LENGTH or not any(sign in line[6:] for sign in SIGNS)
     assert first.startswith("FL_hip = ")
     assert all(line.startswith(("    + ", "    - ")) for line in rest)

@@ -1,4 +1,4 @@
-"""What an IMU measures."""
+"""The measurements of an IMU."""
 
 import numpy as np
 

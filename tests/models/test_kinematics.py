@@ -1,4 +1,4 @@
-"""The closed forms against Drake's own kinematics."""
+"""Closed-form kinematics, compared with Drake's."""
 
 import numpy as np
 import pytest

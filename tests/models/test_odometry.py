@@ -24,7 +24,7 @@ joints = st.lists(small, min_size=12, max_size=12).map(lambda own: A1.default_st
 
 
 def run(odometry, steps, begin):
-    """Advances through steps of named inputs, from a stance."""
+    """Advances odometry from a stance, with the named inputs of each step."""
     state = odometry.begin(A1, begin)
     for own in steps:
         state = odometry.advance(A1, state, **own)
@@ -56,14 +56,14 @@ def test_a_turning_trunk_sees_a_steady_velocity_turn(rate, speed):
         steps.append(measured(imu=measure_imu(plant, before, DOWN), touching=~ALL))
     state = run(Odometry(), steps, A1.default_stance)
     true, _ = kinematics.base_velocity(plant)
-    # A step turns by a chord instead of an arc.
+    # Each step follows a chord instead of an arc.
     most = 1e-12 + count * abs(speed) * (rate * CONTROL_PERIOD) ** 2
     np.testing.assert_allclose(state.velocity, true, atol=most)
 
 
 @given(joints, st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
 def test_standing_feet_give_the_velocity_of_a_trunk_that_moves_over_them(pose, twist):
-    """With a gain of 1 the velocity is what joints that keep the lowest points in place say."""
+    """With a gain of 1, velocity follows from joints that keep the feet's lowest points at rest."""
     velocity, turning = np.array(twist[:3]), np.array(twist[3:])
     down = np.array([0.0, 0.0, -A1.foot_radius])
     lowest = kinematics.foot_positions(A1, pose) + down
@@ -82,7 +82,7 @@ def test_standing_feet_give_the_velocity_of_a_trunk_that_moves_over_them(pose, t
 
 @given(st.lists(small, min_size=24, max_size=24), st.lists(small, min_size=9, max_size=9))
 def test_mirrored_inputs_give_mirrored_estimates(errors, imu_errors):
-    """Joints mirror as actions do; vectors of rotation and of displacement by their own signs."""
+    """Joints are mirrored like actions; rotations and displacements have different signs."""
     position = A1.default_stance + errors[:12]
     velocity, imu = 10.0 * np.array(errors[12:]), AT_REST + imu_errors
     touching = np.array([True, False, True, True])
@@ -105,7 +105,7 @@ def test_mirrored_inputs_give_mirrored_estimates(errors, imu_errors):
 
 @pytest.mark.parametrize("lean", [(0.2, 0.0), (0.0, -0.3), (-0.15, 0.25)])
 def test_heights_are_above_the_plane_that_the_feet_stand_on(lean):
-    """Legs shortened and lengthened as on a slope, then one foot is lifted off it."""
+    """The legs stand on a slope, and then one foot is lifted."""
     slope_x, slope_y = lean
     normal = np.array([-slope_x, -slope_y, 1.0])
     normal /= np.linalg.norm(normal)
@@ -125,7 +125,7 @@ def test_heights_are_above_the_plane_that_the_feet_stand_on(lean):
 
 
 def stance_on(slope_x, slope_y):
-    """Finds joints whose feet stand on a plane under the trunk, by Newton's method."""
+    """Finds joint angles with all feet on a plane under the trunk, by Newton's method."""
     pose = A1.default_stance.copy()
     target = kinematics.foot_positions(A1, pose)
     target[:, 2] = target[:, 2].mean() + slope_x * target[:, 0] + slope_y * target[:, 1]
@@ -145,7 +145,7 @@ def test_a_foot_that_swings_does_not_stand_though_its_sensor_reads_a_contact():
     swinging = measured(joint_velocity=rates)
     state = run(Odometry(gain=1.0), [swinging] * 3, A1.default_stance)
     np.testing.assert_allclose(state.velocity, 0.0, atol=1e-12)
-    # Where all seem to swing, it is the trunk that is fast.
+    # If all feet seem to swing, the trunk is fast.
     running = measured(joint_velocity=np.tile(rates[:3], 4))
     state = run(Odometry(gain=1.0), [running] * 3, A1.default_stance)
     assert state.velocity[0] > 2.0
@@ -170,5 +170,5 @@ def test_heights_are_expected_as_the_trunk_was_moving(velocity, turning, rise):
     if np.any(turning[:2]):
         np.testing.assert_array_equal(np.sign(heights), rise)
     else:
-        # The default stance leans by a degree, so that along the ground is a little up.
+        # The default stance leans by a degree, so motion along the ground is slightly upward.
         np.testing.assert_allclose(heights, rise, atol=5e-4)

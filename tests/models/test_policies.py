@@ -1,4 +1,4 @@
-"""Policies of every kind: their laws, their files, their explanations, and what is refused."""
+"""Policies of every kind: their files, actions, explanations and refusals."""
 
 import re
 from pathlib import Path
@@ -76,7 +76,7 @@ def additive_models(samples):
 
 @pytest.fixture
 def small_trees():
-    """Makes a policy of two trees a joint, with some arrays changed."""
+    """Makes a policy of two trees per joint, with some arrays changed."""
 
     def make(**changes):
         arrays = {
@@ -93,7 +93,7 @@ def small_trees():
 
 @pytest.fixture
 def small_additive():
-    """Makes an additive policy of four bins and one pair, with some arrays changed."""
+    """Makes an additive policy with four bins and one pair, with some arrays changed."""
 
     def make(**changes):
         arrays = {
@@ -271,7 +271,7 @@ def test_a_network_is_a_perceptron_with_elu(neural, samples):
 def test_boosted_trees_equal_scikit_learn(boosted_models, samples):
     rows = samples(1000, seed=8)[0]
     policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
-    # Values at thresholds go where scikit-learn, which rounds, sends them.
+    # Values at thresholds take the same branch as in scikit-learn, which rounds them.
     at = policy.thresholds[np.isfinite(policy.thresholds)][:N]
     rows[0, : len(at)], rows[1, : len(at)] = at, np.nextafter(at, np.inf)
     expected = np.stack([model.predict(rows) for model in boosted_models], axis=1)
@@ -329,7 +329,7 @@ def test_terms_are_written_as_in_the_file():
     policy = SymbolicPolicy("trot", NAMES, [[formula] * 12], definitions=vocabulary.definitions)
     terms = policy.explain(np.zeros(N), 0).terms
     assert terms == ("late*(0.25*cmd.v)", "-late*(cmd.yaw*2)", "0.125*q.FL_hip")
-    # Six operations a joint, and three of the definition; three numbers, and two of it.
+    # A joint has six operations and three numbers, the shared definition three and two.
     assert reading_cost(policy) == (round((6 * 12 + 3) / 12), 3 * 12 + 2)
 
 

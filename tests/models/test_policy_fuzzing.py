@@ -1,4 +1,4 @@
-"""Damaged and forged policy files of arrays are refused in one sentence, or work."""
+"""Damaged and forged policy files with arrays are refused in one sentence, or work."""
 
 import json
 from typing import Any
@@ -20,7 +20,7 @@ BAD, GOOD, EITHER = "must be refused", "must be taken", "either"
 LONGEST_REFUSAL = 500
 
 NESTED = "@nested@"
-"""Stands for lists that are nested deeper than Python writes them."""
+"""Placeholder for lists that are nested deeper than Python can write them."""
 
 NO_TEXT = (
     None,
@@ -55,14 +55,14 @@ def contents_of(policy: Policy) -> Contents:
 
 
 def to_bytes(arrays: dict[str, np.ndarray], header: Any) -> bytes:
-    # Without the checksum that shows most damage at once.
+    # Leave out the checksum, which would reveal most damage at once.
     text = json.dumps(header).replace(f'"{NESTED}"', "[" * 5000 + "]" * 5000)
     whole = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     return save(whole, metadata={"header": text})
 
 
-# Mutations: each changes arrays or header in place, and returns what it did and what must become
-# of the file.
+# Mutations: each changes arrays or header in place, and returns a description and the expected
+# verdict.
 
 
 def forge_header(generator: np.random.Generator, contents: Contents) -> tuple[str, str]:
@@ -160,11 +160,11 @@ MUTATIONS += 2 * (drop_array, reshape_array, recast_array, forge_entry)
 
 
 def damaged(generator: np.random.Generator, data: bytes) -> tuple[str, str, bytes]:
-    """Cuts a file, or changes some of its bytes."""
+    """Truncates a file, or changes some of its bytes."""
     if generator.random() < 0.5:
         return "cut short", BAD, data[: generator.integers(len(data))]
     changed = bytearray(data)
-    # Most bytes are of the arrays; half of the damage goes to what stands before them.
+    # Most bytes belong to arrays, so half of the damage is limited to the part before them.
     end = len(data) if generator.random() < 0.5 else min(len(data), 3000)
     for at in generator.integers(end, size=generator.integers(1, 9)):
         changed[at] = generator.integers(256)
@@ -172,7 +172,7 @@ def damaged(generator: np.random.Generator, data: bytes) -> tuple[str, str, byte
 
 
 def forged(generator: np.random.Generator, policy: Policy) -> tuple[str, str, bytes]:
-    """Returns what was done to a sound file, what must become of it, and the file."""
+    """Mutates a valid file; returns a description, the expected verdict and the file."""
     contents = contents_of(policy)
     if generator.random() < 0.2:
         return damaged(generator, to_bytes(*contents))
@@ -181,7 +181,7 @@ def forged(generator: np.random.Generator, policy: Policy) -> tuple[str, str, by
 
 @pytest.fixture(params=["neural", "linear", "per_state", "boosted_trees", "additive"])
 def policy(request) -> Policy:
-    """A sound policy of each kind that is saved as arrays."""
+    """A valid policy of each kind that is saved as arrays."""
     generator = np.random.default_rng(1)
     match request.param:
         case "boosted_trees":
@@ -212,7 +212,7 @@ def act(samples):
 
 def test_sound_files_are_taken(policy, act, samples, tmp_path):
     path, contents = tmp_path / "policy.safetensors", contents_of(policy)
-    # A key that is not known does no harm.
+    # Unknown keys are ignored.
     contents[1]["made by"] = {"a": [1]}
     path.write_bytes(to_bytes(*contents))
     np.testing.assert_array_equal(act(path), policy(samples(5, seed=3)[0]))

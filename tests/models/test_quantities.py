@@ -1,4 +1,4 @@
-"""Quantities in the robot's units, and those that are defined by them."""
+"""Quantities in the robot's units, and definitions."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ VOCABULARY = Vocabulary(NAMES, KNOWN)
 
 @pytest.fixture
 def robots(random_states, generator):
-    """Twenty robots: their states, actions and commands, and what they observe."""
+    """The states, actions, commands and observations of twenty robots."""
     state = random_states(20)
     action, command = generator.normal(size=(20, 12)), generator.normal(size=(20, 2))
     own = proprioception(
@@ -48,7 +48,7 @@ def robots(random_states, generator):
 
 @pytest.fixture
 def message(robots):
-    """Evaluates a variable by its symbol, from what the robots observe."""
+    """Evaluates variables by symbol, from the observations of `robots`."""
     observed = RobotUnits.of(A1, NAMES).quantities(robots[-1])
     values = np.concatenate(
         [observed, Tape([definition.formula for definition in KNOWN], N)(observed)], axis=1

@@ -1,4 +1,4 @@
-"""Ranges in which formulas read what is sensed: what they say, do, and let be proved."""
+"""Ranges that sensed quantities are clipped to: their effects on files, policies and proofs."""
 
 from typing import Any
 
@@ -57,7 +57,7 @@ RANGES = """readings:
 
 
 def text_of(formula: str = "0.1", ranges: str = RANGES, *, joint: str = "FL_hip") -> str:
-    """Writes a policy whose one joint has a formula, and the others none to speak of."""
+    """Writes a policy with a formula for one joint and 0 for the others."""
     lines = (f"{own} = {formula if own == joint else 0}\n" for own in quadruped.JOINTS)
     head = "format: 2\ngait: trot\nstates: 2\nsenses: imu\n"
     return f"{head}{ranges}\nevery state\n{''.join(lines)}"
@@ -68,7 +68,7 @@ def policy_of(formula: str, *, joint: str = "FL_hip") -> FormulaPolicy:
 
 
 def observed(**quantities: float) -> np.ndarray:
-    """Returns the observation of a robot in its default stance, but for some quantities."""
+    """Returns the observation of a robot in its default stance, with some quantities changed."""
     own = UNITS.offset.copy()
     own[SYMBOLS.index("g.z")], own[SYMBOLS.index("s0")] = -1.0, 1.0
     for symbol, value in quantities.items():
@@ -86,7 +86,7 @@ def target(policy: FormulaPolicy, joint: str = "FL_hip", **quantities: float) ->
     [
         ("q__FL_hip", 2.0, 0.8),
         ("q__FL_hip", 0.5, 0.5),
-        # A right hip's range is the mirror image of a left one's.
+        # The range of a right hip is the mirror image of a left hip's.
         ("q__FR_hip", -2.0, -0.8),
         ("q__FR_hip", 2.0, 0.4),
         ("q__RL_thigh", -1.0, 0.0),
@@ -94,7 +94,7 @@ def target(policy: FormulaPolicy, joint: str = "FL_hip", **quantities: float) ->
         ("w__y", 9.0, 5.0),
         ("h__RL", -1.0, -0.1),
         ("cmd__yaw", -3.0, -1.0),
-        # What the robot knows by itself is read as it is.
+        # Quantities that are not sensed are not clipped.
         ("a__FL_hip", 5.0, 5.0),
         ("t", 40.0, 40.0),
     ],
@@ -139,7 +139,7 @@ def test_ranges_around_a_box_hold_it_and_have_no_side(lower, widths):
     low = np.array(lower)
     high = low + np.array(widths)
     least, greatest = Readings.around(NAMES, low, high).ends(NAMES)
-    # What is off the last digit by less than a millionth of it is on it.
+    # Rounding outward ignores differences of less than a millionth of the last digit.
     assert (least <= low + 1e-7).all() and (greatest >= high - 1e-7).all()
     assert (greatest <= 1e3)[np.isfinite(least)].all() and np.isfinite(least).sum() == 33
     mirror = reflect_observation(NAMES, (1, 0))
@@ -155,7 +155,7 @@ def test_a_page_is_its_own_mirror_image_wherever_sensors_are(seed):
     np.testing.assert_allclose(PAGE(observations), image, rtol=0, atol=1e-9)
 
 
-# Whatever a box holds that lies beyond a range is read as its end.
+# Boxes may extend beyond a range; such values are clipped.
 FORMULAS = ("q.FL_hip*v.x - 2*tanh(v.x)", "v.x**2*q.FL_hip", "0.3 - q.FL_hip - v.x*v.y")
 
 
@@ -200,7 +200,7 @@ def _targets(policy: FormulaPolicy, quantities: np.ndarray) -> np.ndarray:
 
 
 def _named(splits: list) -> list:
-    """Names the quantities of a tree of splits, as a certificate does."""
+    """Replaces the indices in a tree of splits by names, as in a certificate."""
     if not splits:
         return []
     index, cut, below, above = splits
@@ -208,7 +208,7 @@ def _named(splits: list) -> list:
 
 
 def _checked(policy: FormulaPolicy) -> tuple[Check, dict[str, Any]]:
-    """Returns a check of a policy, and its first target, effect and slope by v.x."""
+    """Returns a check of a policy, with the target, effect and slope by v.x of its first joint."""
     own, text = Check.__new__(Check), policy.with_machine(TROT).to_text()
     own.file, own.polynomials = FormulaFile(text, SYMBOLS), Polynomials(SYMBOLS)
     target = own.file.evaluate(own.polynomials, "FL_hip", 0)

@@ -1,4 +1,4 @@
-"""The reward, term by term, against numbers worked out by hand."""
+"""The reward, term by term, compared with numbers calculated by hand."""
 
 import numpy as np
 import pytest

@@ -74,7 +74,7 @@ def test_neither_entering_nor_leaving_a_fault_is_paid_and_the_gait_goes_on(forgi
     assert there == [False] * 20 + [True] * 6 + [False] * 7
     assert [float(step.multiplier) for step in steps[19:28]] == [1.0] + [0.0] * 7 + [1.0]
     assert not any(machine.in_sink(step.machine.state) for step in steps)
-    # Time at fault is no rhythm that was kept.
+    # Time in a fault state does not count as served dwell.
     assert [float(step.served_dwell) for step in steps] == [0.0] * 32 + [6.0]
     assert steps[-1].multiplier == 1000
 

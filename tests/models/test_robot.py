@@ -1,4 +1,4 @@
-"""Robots: their files, checked against their descriptions, and their joint law."""
+"""Robots: their files, compared with their descriptions, and their joint law."""
 
 import copy
 import pickle

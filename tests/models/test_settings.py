@@ -1,4 +1,4 @@
-"""Settings: what they accept, and how they refuse the rest."""
+"""Settings: accepted and refused values."""
 
 from dataclasses import field, replace
 from datetime import date
@@ -99,6 +99,6 @@ def test_checks_values_that_are_replaced_or_given_by_position():
 
 
 def test_makes_a_float_of_a_whole_number():
-    # scikit-learn takes a share of 1 for one observation, and of 1.0 for all.
+    # scikit-learn reads a share of 1 as one observation, and of 1.0 as all.
     assert type(Outer(scale=1).scale) is float
     assert type(Outer.from_plain({"scale": 1}, "").scale) is float

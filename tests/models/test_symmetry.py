@@ -63,7 +63,7 @@ def test_a_fault_is_its_own_mirror_image():
     )
     fatal = replace(gait, states=("q0", "q1", "lost"), transitions=(*gait.transitions, *edges))
     assert mirrored_states(replace(fatal, faults=("lost",))) == (1, 0, 2)
-    # As a fault, one of two mirror images has none.
+    # If only one of two mirror images is a fault, it has no mirror image.
     assert mirrored_states(replace(gait, faults=("q1",))) is None
 
 

@@ -1,4 +1,4 @@
-"""Limits of targets: what they guarantee, whatever a policy asks for and whatever sensors read."""
+"""Limits of targets: their guarantees, for any action and any sensor readings."""
 
 import hypothesis.extra.numpy as arrays
 import numpy as np
@@ -30,7 +30,7 @@ def limits_of(robot):
 
 
 def within(robot, limits, share):
-    """Actions (12) between the ends."""
+    """Returns actions (12) between the ends."""
     least, greatest = limits.ends(robot)
     return least + share * (greatest - least)
 
@@ -52,7 +52,7 @@ def test_targets_stay_in_their_ranges_and_near_to_those_before(action, share, po
 
 @given(actions=st.lists(ANYTHING, min_size=1, max_size=5), shares=st.lists(SHARES, min_size=5))
 def test_motors_are_asked_for_no_more_torque_than_they_have(actions, shares):
-    """While a joint's reading moves by the reach a step at most."""
+    """The readings of joints change by at most the reach per step."""
     for robot in ROBOTS.values():
         limits = limits_of(robot)
         reach = robot.effort / limits.stiffness

@@ -1,4 +1,4 @@
-"""Failures, each provoked alone."""
+"""Failures, each provoked without the others."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_a_physical_fall_is_a_trunk_or_thigh_on_the_ground_or_a_great_lean(stand
 
 
 def on_its_knees(state, clearance):
-    """Bends the legs until the feet are above the knees, which are so far above the ground (m)."""
+    """Bends the legs until the feet are above the knees, and the knees `clearance` (m) up."""
     state[quadruped.JOINT_POSITION] = np.tile([0.0, 0.1, -0.1 - np.pi / 2 - 0.2], 4)
     state[6] = 0.0
     legs = kinematics.leg_angles(state[quadruped.JOINT_POSITION])

@@ -1,4 +1,4 @@
-"""The ground: its heights, how far spheres are from it, and where robots stand on it."""
+"""The ground: its heights, its distance from spheres, and robots that stand on it."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ ROUGH = UPRIGHT | TILTED
 
 
 def places(terrain, count, generator):
-    """Draws points (count, 3) of what is laid around the middle period, neighbours and all."""
+    """Draws points (count, 3) in the middle period of the ground and in its neighbours."""
     grid = grid_of(terrain)
     reach = REACH - 2 * OVERLAP
     low, high = grid.origin - reach, grid.origin + grid.period + reach
@@ -35,7 +35,7 @@ def places(terrain, count, generator):
 
 
 def highest_by_ray(terrain, points):
-    """Finds where rays from above meet the boxes first (n)."""
+    """Returns the heights (n) at which rays from above first meet the boxes."""
     found = np.full(len(points), -np.inf)
     for box in terrain.boxes():
         start = (points - box.centre + np.array([0.0, 0.0, 10.0])) @ box.rotation
@@ -57,7 +57,7 @@ def test_the_height_is_that_of_the_highest_box(name, generator):
     if name in UPRIGHT:
         assert errors.max() < 1e-12
     else:
-        # Sides of tilted boxes lean over the neighbours' borders.
+        # Tilted boxes lean over the borders of their neighbours.
         assert np.mean(errors > 1e-12) < 0.02
         assert errors.max() < 0.02
 
@@ -110,7 +110,7 @@ def test_robots_start_just_on_the_ground_and_nothing_of_them_inside(name, genera
 def test_heights_of_robots_are_above_their_own_ground():
     ground = Ground([Terrain(), ROUGH["steps"]], np.array([0, 1, 1]))
     states = np.tile(kinematics.standing_state(A1), (3, 1))
-    # The third stands in the middle of the landing above: a landing and three steps on.
+    # The third robot stands in the middle of the upper landing, a landing and three steps ahead.
     states[2, quadruped.POSITION] += [2.1, 0.0, 4 * 0.08]
     feet = ground.foot_heights(A1, states)
     np.testing.assert_allclose(feet, np.tile(feet[0], (3, 1)), atol=1e-12)
@@ -124,7 +124,7 @@ def test_a_trunk_over_an_edge_is_as_high_as_its_legs_hold_it():
     ground = Ground([ROUGH["steps"]])
     state = kinematics.standing_state(A1)
     low = ground.clearances(A1, state, 0.5).trunk
-    # The trunk's centre is over the first step, as are the front feet; the hind feet are not.
+    # The trunk's centre and the front feet are over the first step; the hind feet are not.
     state[quadruped.POSITION] += [0.65, 0.0, 0.08]
     feet = kinematics.world_feet(A1, state)
     np.testing.assert_allclose(ground.height(feet), [0.08, 0.08, 0.0, 0.0])
