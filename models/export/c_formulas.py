@@ -41,7 +41,7 @@ _UNLIMITED = "-HUGE_VAL, HUGE_VAL"
 
 
 class Group(NamedTuple):
-    """Definitions that share the part of their names before the dot, such as `lifted`.FL."""
+    """Definitions that share the part of their names before the dot, `lifted` in lifted.FL."""
 
     name: str
     type: str

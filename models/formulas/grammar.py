@@ -199,7 +199,7 @@ class _Parser:
         if kind == "name" and not is_call:
             if text not in self.index:
                 known = _known(text, self.index)
-                raise TextError(f"nothing is called {shown(text)}; {known}", 1, place + 1)
+                raise TextError(f"unknown name {shown(text)}; {known}", 1, place + 1)
             self.at += 1
             return variable(self.index[text])
         # A bracket, or a function and its bracket, remains.

@@ -153,7 +153,7 @@ class Readings:
         known = {_kind_of(entry) for entry in entries_of(names)}
         if other := [kind for kind, _ in self.ranges if kind not in known]:
             imu = ", or add 'senses: imu' to the header" if other[0] in _KINDS else ""
-            raise InputError(f"nothing that is sensed is called {other[0]!r}; leave it out{imu}")
+            raise InputError(f"unknown sensed quantity {other[0]!r}; leave it out{imu}")
 
 
 def _kind_of(entry: ObservationEntry) -> str:

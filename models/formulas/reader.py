@@ -168,9 +168,9 @@ class _Formulas:
 
     def _begin(self, title: str, line: int) -> None:
         if title in self.sections:
-            raise TextError(f"{title!r} stands twice; join the two", line, 1)
+            raise TextError(f"{title!r} occurs twice; join the two sections", line, 1)
         if title == DEFINITIONS and self.sections:
-            raise TextError("definitions stand before all formulas; move them up", line, 1)
+            raise TextError("definitions must be before all formulas; move them up", line, 1)
         # Formulas are either all for single states, or all for every state.
         state = _STATE.fullmatch(title)
         if state and int(state[1]) not in self.states:
@@ -178,7 +178,7 @@ class _Formulas:
         shared = {len(place) == 1 for place in self.formulas}
         if shared and shared != {title == EVERY_STATE}:
             raise TextError(
-                f"formulas serve {EVERY_STATE!r} or one state each, not both; choose", line, 1
+                f"formulas are for {EVERY_STATE!r} or for one state each, not both", line, 1
             )
         self._end_definitions()
         self.sections.append(title)
@@ -257,7 +257,7 @@ def _statements(lines: Sequence[str], first: int) -> Iterator[tuple[int, str]]:
         bare = _bare(line).strip()
         if line.startswith(" ") and bare:
             if not statement:
-                raise TextError("nothing stands before this line; do not indent it", index, 1)
+                raise TextError("there is no line to continue; do not indent this one", index, 1)
             statement += f"\n{line}"
         elif bare:
             if statement:

@@ -146,7 +146,7 @@ def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> 
     # A student needs the estimator that it was distilled with.
     name = f"this {student.kind} student of the {student.gait}"
     if student.gait != expert.gait:
-        raise InputError(f"{name} does not act beside an expert of the {expert.gait}; name another")
+        raise InputError(f"{name} cannot act with an expert of the {expert.gait}; give another one")
     if student.observes_by not in (None, expert.digest()):
         raise InputError(
             f"{name} uses the estimator of the expert {student.observes_by}, not of "

@@ -156,8 +156,8 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     if recorded is not None and recorded[1] != expert.digest():
         raise InputError(
             f"{path}: uses the estimator of the expert {recorded[1]} (key 'inputs.expert' of "
-            f"{recorded[0]}), but this expert is {expert.digest()}; name the run that trained its "
-            "expert with --source, or distil a student from this one"
+            f"{recorded[0]}), but this expert is {expert.digest()}; name the run that distilled it "
+            "with --source, or distil a student from this expert"
         )
     return student.with_estimator_of(expert)
 

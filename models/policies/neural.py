@@ -106,7 +106,7 @@ class NeuralPolicy(Policy):
             layers |= network.layers(name)
         self._checked_layers(layers, observation_names, estimator="estimator" in self._networks)
 
-        # Make the networks mirror-symmetric.
+        # Make the networks mirror-symmetric if RM states have mirror images.
         self.mirrored_states = self._checked_states(mirrored_states)
         self.actor = actor
         self._estimator: Network | Odometry = estimator

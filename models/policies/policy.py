@@ -310,7 +310,7 @@ class Policy(ABC):
         return self._estimator
 
     def with_estimator_of(self, expert: "Policy") -> Self:
-        """Returns the policy with the estimator of its expert; students' files have none."""
+        """Returns the policy with the estimator of its expert; files can store only odometry."""
         if expert.gait != self.gait:
             raise InputError(
                 f"the expert's gait is {expert.gait} and the policy's {self.gait}; give the expert "
@@ -343,7 +343,7 @@ class Policy(ABC):
         return None
 
     def refuse_other_machine(self, gait: "Gait") -> None:
-        """Raises InputError unless a gait equals the file's, or the shipped one without it."""
+        """Raises InputError if a gait differs from the file's gait, else from the shipped one."""
         # Imported here, since few programs that load a policy need gaits.
         from glassgait.models.task.gait import gait_names, shipped_gait  # noqa: PLC0415
 
@@ -359,7 +359,7 @@ class Policy(ABC):
     def check(
         self, *, gait: "Gait | str", observation_names: tuple[str, ...], robot: Robot | None = None
     ) -> None:
-        """Raises InputError unless the policy is for this gait, or its name, layout and robot."""
+        """Raises InputError unless the policy is for this gait (or name), observation and robot."""
         # Compare the names of robot and gait.
         name = gait if isinstance(gait, str) else gait.name
         made_for = "this policy was made for"

@@ -93,7 +93,7 @@ class FormulaPolicy(Policy):
         return policy
 
     def with_machine(self, gait: Gait) -> Self:
-        """Returns the policy with its gait stored, so that its file contains the gait."""
+        """Returns the policy with its gait, which its file contains and `check` compares."""
         names = ObservationLayout(gait.n_states, imu=self.layout.imu).names
         self.check(gait=gait, observation_names=names)
         policy = copy.copy(self)
@@ -246,7 +246,7 @@ class FormulaPolicy(Policy):
         return np.take_along_axis(rows, sets, axis=0)[0]
 
     def _slopes(self, formulas: Sequence[Expression], observation: Array) -> Array:
-        # Derive the formulas by each of their variables.
+        # Differentiate the formulas by each of their variables.
         n = observation.shape[-1]
         expanded = [self.vocabulary.expanded(formula) for formula in formulas]
         slopes = [

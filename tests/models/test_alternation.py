@@ -91,7 +91,7 @@ def test_other_students_than_the_experts_are_refused(trot, small_expert):
     message = f"the estimator of the expert {expert.digest()}, not of {other.digest()}"
     with pytest.raises(InputError, match=message):
         alone(trees, other)
-    with pytest.raises(InputError, match="trot does not act beside an expert of the pace"):
+    with pytest.raises(InputError, match="trot cannot act with an expert of the pace"):
         alone(trees, load_expert("pace"))
     with pytest.raises(InputError, match="FunctionPolicy"):
         Controller(expert, lambda observation: observation[..., :12], 2)

@@ -240,7 +240,7 @@ HEADERS = [
     ("states: 2", "states: 3", None, "mirror"),
     ("& ~RL}", "}", 5, "favours a side"),
     ("[-0.43, 0.81]", "[0.81, -0.43]", 28, "q.hip is read from 0.81"),
-    ("q.hip:", "q.knee:", 28, "nothing that is sensed is called 'q.knee'"),
+    ("q.hip:", "q.knee:", 28, "unknown sensed quantity 'q.knee'"),
     ("cmd.yaw: [-1, 1]", "cmd.yaw: [-1, 2]", 27, "in a mirror from -2 to 1"),
 ]
 
@@ -269,14 +269,14 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"{HEAD}{EVERY}FL_hip = 0.2\n", 17, "FL_hip has a formula above"),
         (f"{HEAD}{EVERY}FL_foot = 0.2\n", 17, "'FL_foot' is no joint; the joints are FL_hip"),
         (f"{HEAD}{ONE_EACH}state 2\n", 30, "there are states 0 to 1"),
-        (f"{HEAD}{ONE_EACH}state 0\n", 30, "'state 0' stands twice"),
+        (f"{HEAD}{ONE_EACH}state 0\n", 30, "'state 0' occurs twice"),
         (f"{HEAD}state 0\n{shared()}", 16, "without a formula of FL_hip in state 1"),
         (f"{HEAD}{EVERY.replace('RL_calf', '#')}", 16, "without a formula of RL_calf"),
         (f"{HEAD}{EVERY}state 0  # so\n    FL_hip = t\n", 18, "only one line"),
         (f"{HEAD}definitions\nt = 2\n{EVERY}", 5, "'t' cannot be defined"),
         (f"{HEAD}definitions\na = t\na = t\n{EVERY}", 6, "'a' cannot be defined"),
-        (f"{HEAD}definitions\nlate = t\nb = late\n{EVERY}", 6, "nothing is called 'late'"),
-        (f"{HEAD}every state\n{shared(RL_hip='0.1  + foo')}", 11, "nothing is called 'foo'"),
+        (f"{HEAD}definitions\nlate = t\nb = late\n{EVERY}", 6, "unknown name 'late'"),
+        (f"{HEAD}every state\n{shared(RL_hip='0.1  + foo')}", 11, "unknown name 'foo'"),
     ],
 )
 def test_what_is_no_formula_file_is_refused_with_its_line(text, line, said):

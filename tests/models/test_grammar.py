@@ -132,7 +132,7 @@ def test_lines_end_only_before_signs(random_formulas, data):
 @pytest.mark.parametrize(
     ("text", "line", "column", "message"),
     [
-        ("0.5*foo + t", 1, 5, "nothing is called 'foo'; there are cmd.…, q.…"),
+        ("0.5*foo + t", 1, 5, "unknown name 'foo'; there are cmd.…, q.…"),
         ("t + q.FL_foot", 1, 5, "'q.FL_foot'; there are q.FL_hip, q.FL_thigh"),
         ("t # foo\n\n + 2*foo", 3, 6, "'foo'"),
         ("t**4", 1, 2, "does not belong"),
