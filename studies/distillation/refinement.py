@@ -22,8 +22,8 @@ from glassgait.studies.distillation.config import RefinementConfig
 from glassgait.studies.distillation.formula_network import FormulaNetwork
 from glassgait.studies.distillation.formulas import short_numbers
 from glassgait.studies.distillation.selection import rank_candidates, simplest_of_the_best
-from glassgait.studies.training.environment import Environment, observed_by_actor
-from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
+from glassgait.studies.training.environment import Environment, actor_observations
+from glassgait.studies.training.learner import Learner, gaussian_actor, set_network
 from glassgait.studies.training.run import LearningRun
 
 BALANCE_STEPS = 50
@@ -80,7 +80,7 @@ class RefinementRun(LearningRun):
         # updates may make them worse. So the candidates are compared by rollouts.
         finished = self.n_updates >= self.config.updates
         best = self._best_candidate() if finished else self.policy()
-        self._write_learned(best, self._name, self._refinement)
+        self._write_policy(best, self._name, self._refinement)
 
     def _best_candidate(self) -> Policy:
         # The saved candidates, and the initial formulas.
@@ -124,18 +124,18 @@ class RefinementRun(LearningRun):
         # Compute the units of the numbers from visited states, and give the network to PPO.
         self._network.balance(self._visited(environment, generator))
         observations = environment.observe()
-        actor = act_by(gaussian_actor(self.config.ppo, observations), self._network)
+        actor = set_network(gaussian_actor(self.config.ppo, observations), self._network)
         return environment, Learner(self.config, observations, actor)
 
     def _visited(self, environment: Environment, generator: np.random.Generator) -> torch.Tensor:
         """Rolls out the policy, and returns some of its observations (m, n_observations)."""
 
         def act(observations: TensorDict) -> torch.Tensor:
-            return self._network(observed_by_actor(observations))
+            return self._network(actor_observations(observations))
 
         with torch.inference_mode():
             steps = environment.play(act, BALANCE_STEPS)
-            observations = torch.cat([observed_by_actor(observed) for observed, _ in steps])
+            observations = torch.cat([actor_observations(observed) for observed, _ in steps])
         return observations[generator.permutation(len(observations))[:N_BALANCED]].clone()
 
 

@@ -1,1 +1,1 @@
-"""Training neural experts by PPO on the batch simulator (paper, Section III-A)."""
+"""Training of neural experts by PPO in the batch simulator (paper, Section III-A)."""

@@ -24,12 +24,12 @@ class Train(SettingsFile):
     """Train a neural expert by PPO.
 
     Attributes:
-        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
-        n_seeds: Number of seeds of each gait: seed, seed + 1, …
-        workers: Where jobs run; a single one trains in this process.
-        output: Folder of the run; runs/train/<gait> by default. Of several gaits each has its
-            folder <gait> in it, of several seeds seed_<seed> in that.
-        resume: Continue the run that the folder holds.
+        gait: Names of gaits, or paths of gait files; `all` for every built-in gait.
+        n_seeds: Number of seeds per gait: seed, seed + 1, …
+        workers: Workers that run the jobs; a single job runs in this process.
+        output: Folder of the run, by default runs/train/<gait>. With several gaits or seeds, each
+            run has a folder <gait>/seed_<seed> in it.
+        resume: Continue the run in the folder.
     """
 
     title: ClassVar[str] = "train"
@@ -66,17 +66,17 @@ class Train(SettingsFile):
 
 
 def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
-    """Trains one expert, from its checkpoint on if there is one."""
+    """Trains one expert, starting from a checkpoint if one exists."""
     from glassgait.studies.training.run import TrainingRun
 
-    # What the run is made of.
+    # Collect the run's settings and inputs.
     config = replace(config, gait=job.gait, seed=job.seed)
     gait = load_gait(config.gait)
     inputs = {"gait": gait.digest()}
     if config.warm_start is not None:
         inputs["warm_start"] = digest(Path(config.warm_start))
 
-    # More updates continue a run; everything else must be the same.
+    # A resumed run may have more updates; all other settings must be the same.
     with open_run(
         job.folder,
         study="train",
@@ -85,5 +85,5 @@ def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
         resume=resume,
         free=("updates",),
     ):
-        begun = (job.folder / CHECKPOINT_NAME).exists()
-        TrainingRun(config, gait, job.folder, resume=begun).run()
+        has_checkpoint = (job.folder / CHECKPOINT_NAME).exists()
+        TrainingRun(config, gait, job.folder, resume=has_checkpoint).run()

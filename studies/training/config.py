@@ -1,4 +1,4 @@
-"""The settings of a training run: its command line and its record."""
+"""Settings of a training run, on the command line and in its record."""
 
 from dataclasses import field
 from typing import Annotated, ClassVar, Literal
@@ -39,19 +39,20 @@ Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 @checked
 class CurriculumConfig(Settings):
-    """Settings of the growth of the reward machine's demands during training.
+    """Settings of the curriculum.
 
-    The difficulty scales the dwell and the clearance that a transition asks for, and divides its
-    grace. It rises after every update in which the robots kept enough of the commanded rhythm. Once
-    it is 1, pushes and ground grow by their hardship, as long as few robots fail.
+    The difficulty scales the required dwell and clearance of transitions of the reward machine, and
+    divides their grace. It grows after every update in which the robots kept enough of the
+    commanded rhythm. When it is 1, the hardship, a factor on pushes and ground, grows after updates
+    with few failures.
 
     Attributes:
-        initial_difficulty: Difficulty at the start; 1 is the paper's way, no curriculum.
-        rise: How much the difficulty grows after an update.
-        required_rhythm: Share of the commanded rhythm that lets the difficulty grow.
-        initial_hardship: Share of the pushes' speed and of the ground at the start; 1 is all of it.
-        hardship_rise: How much that grows after an update.
-        most_failures: Greatest share of control steps with a failure that lets it grow.
+        initial_difficulty: Difficulty at the start; 1 for no curriculum, as in the paper.
+        rise: Growth of the difficulty after an update.
+        required_rhythm: Least share of the commanded rhythm for the difficulty to grow.
+        initial_hardship: Factor on the speed of pushes, and on slopes and heights, at the start.
+        hardship_rise: Growth of the hardship after an update.
+        most_failures: Greatest share of control steps with a failure for the hardship to grow.
     """
 
     title: ClassVar[str] = "training: curriculum"
@@ -70,15 +71,15 @@ class PpoConfig(Settings):
 
     Attributes:
         steps_per_update: Control steps of each robot between two updates.
-        critic_updates: First updates, in which only the critic learns, which begins anew.
-        entropy: Weight of the entropy at first; robots keep trying.
-        final_entropy: Weight of the entropy in the end; robots become precise.
-        entropy_decay: Updates between which the weight falls from the one to the other.
-        learning_rate: Initial learning rate, then adapted to the desired divergence.
-        desired_kl: Divergence that the learning rate is adapted to at first.
-        final_kl: The same in the end; the last policies differ less.
-        kl_decay: Updates between which the divergence falls from the one to the other.
-        reward_scale: Factor on the task's reward; a transition pays up to 30 before it.
+        critic_updates: Number of first updates that train only the critic, from random weights.
+        entropy: Initial weight of the entropy, for exploration.
+        final_entropy: Final weight of the entropy, for precision.
+        entropy_decay: Updates at which the weight starts and ends to fall.
+        learning_rate: Initial learning rate, later adapted to the desired KL divergence.
+        desired_kl: Initial KL divergence to which the learning rate is adapted.
+        final_kl: Final KL divergence, smaller for smaller changes of the last policies.
+        kl_decay: Updates at which the divergence starts and ends to fall.
+        reward_scale: Factor on the task's reward; a transition gives up to 30 without it.
     """
 
     title: ClassVar[str] = "training: ppo"
@@ -105,7 +106,7 @@ class PpoConfig(Settings):
 
 @checked
 class EstimatorConfig(Settings):
-    """Settings of the learned state estimator, which learns from the steps of each update."""
+    """Settings of the learned state estimator, which is trained with the steps of each update."""
 
     title: ClassVar[str] = "training: estimator"
 
@@ -124,7 +125,7 @@ EXACT = RewardWeights(
     tracking_width=0.1,
     tracking_time=0.2,
 )
-"""More of what makes robots go and turn as commanded, level, on feet that neither slip nor fly."""
+"""Weights for precise tracking, a level trunk, and feet that neither slip nor swing too high."""
 
 
 @checked
@@ -132,22 +133,21 @@ class TrainingConfig(Settings):
     """Settings of a training run.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file; the command takes several.
-        robot: Name of a robot that ships, or path of a `robot.yaml`.
-        warm_start: Expert of this robot, of a machine with as many states, as which the actor
-            begins; by default it begins anew.
-        n_robots: Robots that train at once.
-        actor: `dense` is the paper's; in a `local` one, each leg's actions depend only on that leg
-            and the body.
-        friction_updates: Updates between two draws of the frictions, and two grounds.
+        gait: Name of a gait, or path of a gait file; the command accepts several.
+        robot: Name of a shipped robot, or path of a `robot.yaml`.
+        warm_start: Expert whose weights the actor starts from, of this robot and with as many RM
+            states; by default the actor starts from random weights.
+        n_robots: Number of robots that train in parallel.
+        actor: `dense` as in the paper, or `local`: each leg's actions depend only on that leg and
+            the body.
+        friction_updates: Updates between two draws of frictions and changes of the ground.
         checkpoint_updates: Updates between two checkpoints.
-        mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
-            machine does.
-        limit_targets: Whether joints follow the nearest targets within their ranges, in training
-            and, as the expert's file says, from then on.
-        senses: Where the body state comes from: `learned` is the paper's, a network that learns
-            beside the actor, without an IMU; `odometry` estimates it by the IMU, the joints and the
-            standing feet; with `imu` the actor observes gravity and angular velocity as well.
+        mirrored: Make the actor and the estimator symmetric, if the gait's reward machine is.
+        limit_targets: Limit targets to the joints' ranges, in training and later by the expert's
+            file.
+        senses: Source of the body state: `learned` is the paper's, a network without an IMU that is
+            trained with the actor; `odometry` estimates it from the IMU, the joints and the stance
+            feet; with `imu` the actor also observes gravity and angular velocity.
     """
 
     title: ClassVar[str] = "training"
@@ -174,12 +174,12 @@ class TrainingConfig(Settings):
 
     @property
     def joint_law(self) -> JointLaw:
-        """The control of the joints in training, where exploration may ask for anything."""
+        """The control of the joints in training, without final limits."""
         return JointLaw(self.worlds.station.gains(load_robot(self.robot)), self.limit_targets)
 
     @property
     def expert_law(self) -> JointLaw:
-        """The control of the joints by the expert: with limits that come last, if it has an IMU."""
+        """The control of the joints by the expert, with final limits if it has an IMU."""
         limited = self.limit_targets and self.senses == "imu"
         return self.joint_law.with_limits(load_robot(self.robot)) if limited else self.joint_law
 
@@ -188,15 +188,15 @@ class TrainingConfig(Settings):
         if n_groups > self.n_robots:
             raise InputError(
                 f"training: n_robots is {self.n_robots}, fewer than n_groups = {n_groups}, and a "
-                "group would have none; raise n_robots or lower n_groups"
+                "group would be empty; raise n_robots or lower n_groups"
             )
         layers = self.ppo.actor_layers
         if self.actor == "local" and any(width % quadruped.N_LEGS for width in layers):
             raise InputError(
-                f"training: ppo.actor_layers is {layers}; a local actor has as many units for each "
-                f"leg, so give multiples of {quadruped.N_LEGS}"
+                f"training: ppo.actor_layers is {layers}; a local actor divides the units among "
+                f"the legs, so give multiples of {quadruped.N_LEGS}"
             )
-        # PPO divides by the spread of an update's advantages, which one step does not have.
+        # PPO normalizes an update's advantages, which needs two steps.
         if self.steps_per_update < max(2, self.ppo.num_minibatches):
             raise InputError(
                 f"training: an update of {self.steps_per_update} steps does not fill "

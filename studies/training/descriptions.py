@@ -1,4 +1,4 @@
-"""`glassgait gait` and `glassgait robot`: check descriptions of gaits and robots."""
+"""`glassgait gait` and `glassgait robot`: check the descriptions of gaits and robots."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +31,14 @@ class ShowGait:
     """Check a gait file and draw its reward machine.
 
     Attributes:
-        output: Markdown file for the drawing, in Mermaid's language.
+        output: Markdown file for a Mermaid drawing.
     """
 
     gait: Annotated[str, tyro.conf.Positional] = "trot"
     output: Path | None = None
 
     def run(self) -> None:
-        """Checks and draws."""
+        """Checks the gait and draws its reward machine."""
         gait = find_gait(self.gait)
         console.print(
             f"{gait.name}: valid, {gait.n_states} states; up to {gait.max_speed:g} m/s and "
@@ -53,13 +53,13 @@ class ShowGait:
 
 
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))
-"""Physics in which a robot must stand."""
+"""Stations in which a robot must stand."""
 
 DROP = 0.03
 """Height from which a robot is dropped (m)."""
 
 STEPS = round(4.0 / CONTROL_PERIOD)
-"""Control steps until it must be at rest."""
+"""Control steps after which it must be at rest."""
 
 MOST_SAG = 0.2
 """Greatest share of the stance's height by which a standing robot may sag."""
@@ -70,8 +70,10 @@ MOST_SWAY = 5e-3
 MOST_LEAN = 10.0
 """Greatest lean of the trunk (°)."""
 
-SAME = 1e-6
+TOLERANCE = 1e-6
 """Greatest relative difference of masses and inertias between the simulators."""
+
+QUANTITIES = {"mass": slice(1), "centre": slice(1, 4), "inertia": slice(4, 13)}
 
 
 @checked
@@ -83,7 +85,7 @@ class CheckRobot(Settings):
     robot: Annotated[str, tyro.conf.Positional] = DEFAULT_ROBOT
 
     def run(self) -> None:
-        """Checks the files, and drops the robot in its default stance."""
+        """Checks the files and drops the robot in its default stance."""
         import pandas as pd
 
         from glassgait.studies.common.tables import print_table
@@ -97,14 +99,14 @@ class CheckRobot(Settings):
         rows = [stand(robot, station) for station in STATIONS]
         print_table(f"{robot.full_name}: dropped in its stance", pd.DataFrame(rows))
         for row in rows:
-            if problem := problem_of(row):
-                where = f"{robot.path}: the robot does not stand in {row['physics']}"
-                raise InputError(f"{where}: {problem}")
+            if problem := standing_problem(row):
+                prefix = f"{robot.path}: the robot does not stand in {row['physics']}"
+                raise InputError(f"{prefix}: {problem}")
 
 
 def inertias(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Returns masses (kg), centres (m) and inertias about them (kg·m²) of the links (13 numbers
-    each), as Drake and as MuJoCo compile them."""
+    """Returns mass (kg), centre (m) and inertia about the centre (kg·m²) of each link (13 numbers),
+    in Drake and in MuJoCo."""
     from pydrake.systems.framework import DiagramBuilder
 
     from glassgait.diagrams.mujoco_physics import make_model
@@ -125,35 +127,35 @@ def inertias(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
 
 
 def numbers_of(inertia: "SpatialInertia") -> Array:
-    """Returns mass, centre and the inertia about it of what Drake holds (13)."""
+    """Returns mass, centre and inertia about the centre (13) of Drake's spatial inertia."""
     centre = inertia.get_com()
     moments = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
     return np.concatenate([[inertia.get_mass()], centre, moments.ravel()])
 
 
 def check_inertias(robot: Robot, drake: dict[str, Array], mujoco: dict[str, Array]) -> None:
-    """Refuses a robot that differs between the simulators, or from its file, by naming the link."""
-    for link, found in drake.items():
-        for what, part in (("mass", slice(1)), ("centre", slice(1, 4)), ("inertia", slice(4, 13))):
-            difference = np.abs(found[part] - mujoco[link][part]).max()
-            if not difference <= SAME * np.abs(found[part]).max():
+    """Raises an InputError if a robot differs between the simulators, or from its file."""
+    for link, values in drake.items():
+        for name, entries in QUANTITIES.items():
+            difference = np.abs(values[entries] - mujoco[link][entries]).max()
+            if not difference <= TOLERANCE * np.abs(values[entries]).max():
                 raise InputError(
-                    f"{robot.urdf_path}: the {what} of link {link} differs by {difference:.3g} "
-                    "between Drake and MuJoCo; mend its inertial"
+                    f"{robot.urdf_path}: the {name} of link {link} differs by {difference:.3g} "
+                    "between Drake and MuJoCo; correct its inertial element"
                 )
-    total = sum(numbers[0] for numbers in drake.values())
-    if not abs(total - robot.mass) <= SAME * robot.mass:
+    total = sum(values[0] for values in drake.values())
+    if not abs(total - robot.mass) <= TOLERANCE * robot.mass:
         raise InputError(
-            f"{robot.urdf_path}: its links have {robot.mass:g} kg, and {total:g} kg in Drake; mend "
-            "their inertials"
+            f"{robot.urdf_path}: its links have {robot.mass:g} kg, but {total:g} kg in Drake; "
+            "correct their inertial elements"
         )
 
 
 def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
-    """Drops a robot in its default stance and measures how it stands in the end."""
+    """Drops a robot in its default stance and measures its final pose."""
     from glassgait.diagrams.physics import make_physics
 
-    # Let it fall from a little above, and come to rest.
+    # Drop the robot and let it come to rest.
     state = kinematics.standing_state(robot)[None]
     stance = state[0, quadruped.POSITION][2]
     state[:, quadruped.POSITION.stop - 1] += DROP
@@ -164,7 +166,7 @@ def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
         state, touching = physics.step(state, robot.default_stance[None])
         heights.append(state[0, quadruped.POSITION][2])
 
-    # The torque that the stance takes, and the rest in the end.
+    # Measure the torques of the stance and the final pose.
     torque = robot.joint_torque(
         target=robot.default_stance,
         position=state[0, quadruped.JOINT_POSITION],
@@ -182,18 +184,18 @@ def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
     }
 
 
-def problem_of(row: dict[str, str | float]) -> str:
-    """Returns what keeps a robot from standing and how to mend it; empty if it stands."""
+def standing_problem(row: dict[str, str | float]) -> str:
+    """Returns why a robot does not stand, with a remedy; empty if it stands."""
     keys = ("height (m)", "sag / height", "sway (m)", "lean (°)", "feet")
     height, sag, sway, lean, feet = (float(row[key]) for key in keys)
     if not np.isfinite(height):
-        return "the physics cannot be computed; check masses and inertias in the URDF"
+        return "the simulation diverges; check masses and inertias in the URDF"
     if lean > MOST_LEAN:
-        return f"it leans by {lean:.0f}°; move the stance's feet below its weight"
+        return f"it leans by {lean:.0f}°; move the stance's feet below its centre of mass"
     if sag > MOST_SAG:
-        return f"it sags by {sag:.0%} of its height; give more stiffness"
+        return f"it sags by {sag:.0%} of its height; raise the stiffness"
     if sway > MOST_SWAY:
-        return f"it moves by {sway:.3f} m a second; give more damping"
+        return f"it moves by {sway:.3f} m in a second; raise the damping"
     if feet < quadruped.N_LEGS:
-        return f"{feet:.0f} of {quadruped.N_LEGS} feet touch; make the legs' stances alike"
+        return f"{feet:.0f} of {quadruped.N_LEGS} feet touch; give all legs the same stance height"
     return ""

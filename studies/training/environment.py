@@ -1,4 +1,4 @@
-"""The batch simulator as PPO sees it: observation groups, scaled rewards and resets."""
+"""The batch simulator as an environment for PPO: observation groups, scaled rewards, resets."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -25,10 +25,10 @@ OBSERVATION_GROUPS = {
     "actor": ["proprioception", "estimate"],
     "critic": ["proprioception", "body_state", "privileged"],
 }
-"""Observations of the actor and the critic, which is not deployed and sees the truth."""
+"""Observation groups of the actor and of the critic, which observes true values."""
 
 
-def observed_by_actor(observations: TensorDict) -> torch.Tensor:
+def actor_observations(observations: TensorDict) -> torch.Tensor:
     """Returns the actor's observations (n, n_observations) from observation groups (n, ...)."""
     return torch.cat([observations[group] for group in OBSERVATION_GROUPS["actor"]], dim=1)
 
@@ -36,7 +36,7 @@ def observed_by_actor(observations: TensorDict) -> torch.Tensor:
 class TrainingStep(NamedTuple):
     """One control step of all robots (n, ...), after the resets.
 
-    Rewards are scaled; episodes in `time_outs`, which are `dones` too, ended by their length.
+    Rewards are scaled. Episodes in `time_outs` reached their greatest length; they are in `dones`.
     """
 
     observations: TensorDict
@@ -47,7 +47,7 @@ class TrainingStep(NamedTuple):
 
 
 class Environment:
-    """The robots of one batch simulator; an episode that ends starts anew in the same step."""
+    """The robots of a batch simulator; a finished episode restarts in the same step."""
 
     def __init__(
         self,
@@ -58,11 +58,11 @@ class Environment:
         *,
         observes_imu: bool = False,
     ) -> None:
-        """Makes the robots; a network estimates trunk and feet (n, 7) by proprioception (n, k)."""
+        """Makes the robots; a network estimates body states (n, 7) from proprioception (n, k)."""
         self._reward_scale = config.ppo.reward_scale
         self._estimator, self.generator = estimator, generator
 
-        # A station for each group; its ground is laid at the hardship of the curriculum.
+        # Draw a station for each group, with the ground scaled by the curriculum's hardship.
         worlds, robot = config.worlds, load_robot(config.robot)
         self._stations = stations = worlds.stations(robot, generator)
         self._ground_hardship = config.curriculum.initial_hardship
@@ -79,13 +79,13 @@ class Environment:
             make_physics(robot, *at_hardship(stations, self._ground_hardship)),
             n_robots=config.n_robots,
             generator=generator,
-            # A network that learns estimates here, and the reward machine reads true heights.
+            # A learned estimator is evaluated in `observe`; the reward machine reads true heights.
             estimator=estimator if isinstance(estimator, Odometry) else None,
             difficulty=config.curriculum.initial_difficulty,
         )
         self.simulator.push_share = config.curriculum.initial_hardship
 
-        # The critic observes each robot's load and motors.
+        # The critic observes each robot's payload and motor strength.
         members = self.simulator.physics.members(config.n_robots)
         self._body = np.repeat(
             [[station.payload, station.motor_strength] for station in stations],
@@ -93,17 +93,17 @@ class Environment:
             axis=0,
         )
 
-        # Spread the ends of the first episodes, so that updates see all ages at once.
+        # Spread the ends of the first episodes, so that every update has robots of all ages.
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
         self.simulator.restore(self.simulator.state._replace(steps=ages))
 
-    def draw_worlds(self) -> None:
-        """Draws new frictions for all groups, and lays ground of the current hardship."""
+    def change_ground(self) -> None:
+        """Draws new frictions for all groups, and scales the ground by the current hardship."""
         self.simulator.resample_friction()
-        self._lay_ground(self.simulator.push_share)
+        self._scale_ground(self.simulator.push_share)
 
-    def _lay_ground(self, hardship: float) -> None:
-        """Scales the ground; the physics stay as they are where that changes nothing."""
+    def _scale_ground(self, hardship: float) -> None:
+        """Scales the ground, and replaces the physics only if the ground changes."""
         now, then = (at_hardship(self._stations, h) for h in (self._ground_hardship, hardship))
         self._ground_hardship = hardship
         if then != now:
@@ -115,7 +115,7 @@ class Environment:
         if isinstance(self._estimator, Odometry):
             estimate = _tensor(self.simulator.state.memory.estimate)
         else:
-            # The estimator learns from stored steps, not through the actor.
+            # The estimator is trained from stored steps, not through the actor.
             with torch.no_grad():
                 estimate = self._estimator(proprioception)
         return TensorDict(
@@ -129,29 +129,28 @@ class Environment:
         )
 
     def step(self, actions: torch.Tensor) -> TrainingStep:
-        """Holds actions (n, 12) for one control step and resets the robots that ended."""
-        # Step, and let an episode end in a sink of the reward machine, too.
+        """Holds actions (n, 12) for one control step and resets robots with finished episodes."""
+        # A sink of the reward machine ends an episode too, since it gives no more reward.
         simulator = self.simulator
         step = simulator.step(actions.numpy().astype(float))
-        # Nothing more can be earned there.
         in_sink = simulator.machine.in_sink(simulator.state.memory.machine.state)
-        worthless = step.terminated | in_sink
-        ended = worthless | step.truncated
+        failed = step.terminated | in_sink
+        ended = failed | step.truncated
         simulator.reset(np.flatnonzero(ended))
 
-        # Robots that ended at their length could have earned more, which PPO accounts for.
+        # For episodes that reached their greatest length, PPO estimates the further return.
         return TrainingStep(
             observations=self.observe(),
             rewards=_tensor(step.reward * self._reward_scale),
             dones=torch.from_numpy(ended),
-            time_outs=torch.from_numpy(step.truncated & ~worthless),
+            time_outs=torch.from_numpy(step.truncated & ~failed),
             task=step,
         )
 
     def play(
         self, act: Callable[[TensorDict], torch.Tensor], n_steps: int
     ) -> Iterator[tuple[TensorDict, TrainingStep]]:
-        """Yields control steps, each after the observations that its actions answer."""
+        """Yields pairs of the observations before a control step, and the step."""
         observations = self.observe()
         for _ in range(n_steps):
             step = self.step(act(observations))
@@ -161,15 +160,16 @@ class Environment:
     def _privileged(self) -> Array:
         s = self.simulator.state
         _, angular = kinematics.base_velocity(s.plant)
-        # The true direction of gravity, which differs from the ground's on slopes.
-        leaning = []
+        # The true direction of gravity in the trunk frame. On slopes, where the plant's gravity is
+        # tilted, it differs from the direction relative to the ground below.
+        gravity = []
         if isinstance(self._estimator, Odometry):
             velocity = s.plant[:, quadruped.LINEAR_VELOCITY]
             reading = measure_imu(s.plant, velocity, self.simulator.gravity)
-            leaning.append(ImuReading.of(reading).gravity)
+            gravity.append(ImuReading.of(reading).gravity)
         return np.concatenate(
             [
-                *leaning,
+                *gravity,
                 kinematics.gravity_direction(s.plant[:, quadruped.QUATERNION]),
                 ANGULAR_VELOCITY_SCALE * angular,
                 s.touching,
@@ -192,8 +192,8 @@ class Environment:
         }
 
     def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
-        """Continues from what `to_arrays` returned."""
-        self._lay_ground(values["ground_hardship"])
+        """Continues from the results of `to_arrays`."""
+        self._scale_ground(values["ground_hardship"])
         self.simulator.restore(self.simulator.state.with_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
         self.simulator.difficulty = values["difficulty"]

@@ -1,4 +1,4 @@
-"""Draws learning curves."""
+"""Figures of learning curves."""
 
 from collections.abc import Mapping
 
@@ -22,11 +22,11 @@ _LABELS = {
 
 @styled
 def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
-    """Draws learning curves, as training writes them, by the name of their line."""
+    """Draws learning curves from training, by the labels of their lines."""
     size = (1.5 * COLUMN_WIDTH, 1.05 * len(_LABELS) + 0.6)
     figure, axes = subplots(len(_LABELS), 1, figsize=size, sharex=True)
     for panel, (column, label) in zip(axes, _LABELS.items(), strict=True):
-        # Failures are counted per control step of 0.02 s.
+        # Convert failures per control step of 0.02 s to failures per second.
         scale = 50.0 if column == "failure_rate" else 1.0
         for (name, curve), color in zip(curves.items(), _COLORS, strict=False):
             values = scale * curve[column].rolling(_SMOOTHED_UPDATES, min_periods=1).mean()
@@ -34,7 +34,7 @@ def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
         panel.set_ylabel(label)
         panel.set_ylim(bottom=0)
 
-    # One axis of steps and one legend for all panels.
+    # All panels share the axis of steps and the legend.
     axes[-1].set_xlabel("control steps (millions)")
     figure.align_ylabels()
     figure.legend(

@@ -1,4 +1,4 @@
-"""The networks that learn, and their optimizers: PPO's actor and critic, and the estimator."""
+"""Trained networks and their optimizers: PPO's actor and critic, and the state estimator."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -20,12 +20,12 @@ from glassgait.models.task.observation import N_ESTIMATED, Reflection, entries_o
 from glassgait.studies.training.config import EstimatorConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import OBSERVATION_GROUPS
 
-# Foot heights are some centimetres, base velocities about one: the network learns both in tenths.
+# Scales the outputs to similar sizes: base velocities are about 1, foot heights some centimetres.
 _OUTPUT_SCALE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.1)
 
 
 class Mirrored(nn.Module):
-    """The mean of f(x) and M f(M x), with M the mirror: equivariant for every network f."""
+    """The mean of f(x) and M f(M x) with the mirror M; it is equivariant for any network f."""
 
     input_index: torch.Tensor
     input_sign: torch.Tensor
@@ -44,19 +44,19 @@ class Mirrored(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Maps inputs (n, n_in) to outputs (n, n_out)."""
-        image = x[:, self.input_index] * self.input_sign
-        plain, mirrored = self.network(torch.cat([x, image])).chunk(2)
+        reflected = x[:, self.input_index] * self.input_sign
+        plain, mirrored = self.network(torch.cat([x, reflected])).chunk(2)
         return 0.5 * (plain + mirrored[:, self.output_index] * self.output_sign)
 
 
 class LegByLeg(nn.Module):
-    """A network for each leg, which observes that leg and the body.
+    """Four networks, one per leg, that observe only that leg and the body.
 
-    The four networks are blocks of the layers of a dense one, whose other weights are 0.
+    They are blocks in the layers of a dense network, whose other weights are 0.
     """
 
     def __init__(self, dense: nn.Module, names: Sequence[str]) -> None:
-        """Takes a network from observations with these names, and sets its other weights to 0."""
+        """Sets the weights of a dense network outside the blocks to 0; `names` are its inputs."""
         super().__init__()
         self.layers = nn.ModuleList(linear_layers(dense))
         masks = leg_masks(names, network_of(dense))
@@ -71,7 +71,7 @@ class LegByLeg(nn.Module):
 
     def _of_leg(self, leg: int, x: torch.Tensor) -> torch.Tensor:
         for i, layer in enumerate(self.layers):
-            weight, bias = (part.chunk(quadruped.N_LEGS)[leg] for part in layer.parameters())
+            weight, bias = (values.chunk(quadruped.N_LEGS)[leg] for values in layer.parameters())
             if i == 0:
                 x, weight = x[:, self._observed[leg]], weight[:, self._observed[leg]]
             else:
@@ -81,7 +81,7 @@ class LegByLeg(nn.Module):
 
 
 def leg_masks(names: Sequence[str], network: Network) -> list[NDArray[np.bool_]]:
-    """Finds, layer by layer, the weights (n_out, n_in) within a leg or from the body to it."""
+    """Returns a mask (n_out, n_in) per layer of the weights within a leg or from the body to it."""
     legs = [[entry.leg for entry in entries_of(names)]]
     for size in map(len, network.biases):
         legs.append([quadruped.LEGS[i * quadruped.N_LEGS // size] for i in range(size)])
@@ -109,7 +109,7 @@ class StateEstimator(nn.Module):
         return self.mlp(proprioception) * self.scale
 
     def fit(self, observations: TensorDict, optimizer: torch.optim.Optimizer) -> float:
-        """Learns from observation groups (n, ...), and returns the mean squared error."""
+        """Trains with observation groups (n, ...); returns the mean squared error."""
         inputs, targets = observations["proprioception"], observations["body_state"]
         losses = []
         for _ in range(self._config.epochs):
@@ -122,7 +122,7 @@ class StateEstimator(nn.Module):
         return sum(losses) / len(losses)
 
     def to_network(self) -> Network:
-        """Returns the estimator for deployment, its output scale folded into the last layer."""
+        """Returns the estimator for deployment, with the output scale in the last layer."""
         network = network_of(self.mlp)
         scale = self.scale.numpy().astype(float)
         weights = (*network.weights[:-1], network.weights[-1] * scale[:, None])
@@ -144,7 +144,7 @@ def network_of(mlp: nn.Module) -> Network:
 
 
 def set_layers(mlp: nn.Module, network: Network) -> None:
-    """Sets the linear layers of a torch network to those of a NumPy network of the same sizes."""
+    """Copies a NumPy network into the linear layers of a torch network of the same sizes."""
     parts = zip(linear_layers(mlp), network.weights, network.biases, strict=True)
     for layer, weight, bias in parts:
         layer.weight.data.copy_(torch.from_numpy(weight))
@@ -152,7 +152,7 @@ def set_layers(mlp: nn.Module, network: Network) -> None:
 
 
 def gaussian_actor(ppo: PpoConfig, observations: TensorDict) -> MLPModel:
-    """Makes an actor for observation groups: the mean of each action, and a spread."""
+    """Makes an actor with Gaussian actions for observation groups."""
     return MLPModel(
         observations,
         OBSERVATION_GROUPS,
@@ -163,14 +163,14 @@ def gaussian_actor(ppo: PpoConfig, observations: TensorDict) -> MLPModel:
     )
 
 
-def act_by(actor: MLPModel, network: nn.Module) -> MLPModel:
-    """Replaces an actor's network by another one from observations (n, k) to actions (n, 12)."""
+def set_network(actor: MLPModel, network: nn.Module) -> MLPModel:
+    """Replaces an actor's network, which maps observations (n, k) to actions (n, 12)."""
     setattr(actor, "mlp", network)  # noqa: B010
     return actor
 
 
 class Learner:
-    """Holds every learned number and every optimizer."""
+    """Trains actor, critic and estimator, and holds their optimizers."""
 
     def __init__(
         self,
@@ -179,8 +179,8 @@ class Learner:
         actor: MLPModel,
         estimator: StateEstimator | None = None,
     ) -> None:
-        """Makes the critic and the optimizers; observations (n, ...) are for their sizes."""
-        # PPO's networks, storage and optimizer.
+        """Makes the critic and the optimizers; observations (n, ...) give the sizes."""
+        # Make PPO's networks, storage and optimizer.
         ppo = config.ppo
         self._config = ppo
         critic = MLPModel(
@@ -201,12 +201,12 @@ class Learner:
             entropy_coef=ppo.entropy,
             learning_rate=ppo.learning_rate,
             desired_kl=ppo.desired_kl,
-            # Returns are about ten times the clip, which would make the critic a slow follower.
+            # Returns are about ten times the clip, which would slow the critic down.
             use_clipped_value_loss=False,
         )
         self.ppo.train_mode()
 
-        # Everything that a checkpoint holds, by name.
+        # A checkpoint contains these modules and optimizers by name.
         self._modules: dict[str, nn.Module] = {"actor": actor, "critic": critic}
         self._optimizers: dict[str, torch.optim.Optimizer] = {"ppo_optimizer": self.ppo.optimizer}
         self._estimator = estimator
@@ -217,20 +217,20 @@ class Learner:
             )
 
     def hold_actor(self, held: bool) -> None:
-        """Lets only the critic learn, or both."""
+        """Freezes the actor, so that only the critic learns, or releases it."""
         self.ppo.actor.requires_grad_(not held)
-        # An actor that is held does not diverge, which would raise the rate without end.
+        # A frozen actor has no divergence, so the adaptive rate would grow without bound.
         self.ppo.schedule = "fixed" if held else "adaptive"
 
     def update(self, last_observations: TensorDict, number: int) -> dict[str, float]:
-        """Learns from the stored steps, `number` updates into the run, and returns the losses."""
-        # The entropy's weight and the divergence follow their schedules.
+        """Trains with the stored steps after `number` updates of the run; returns the losses."""
+        # Schedule the entropy's weight and the divergence.
         ppo = self._config
         weights, divergences = (ppo.entropy, ppo.final_entropy), (ppo.desired_kl, ppo.final_kl)
         self.ppo.entropy_coef = float(np.interp(number, ppo.entropy_decay, weights))
         self.ppo.desired_kl = float(np.interp(number, ppo.kl_decay, divergences))
 
-        # The estimator learns from the same steps, which PPO's update clears.
+        # Train the estimator with the same steps, which PPO's update clears.
         with torch.inference_mode():
             self.ppo.compute_returns(last_observations)
         stored = self.ppo.storage.observations.flatten(0, 1).clone()
@@ -240,14 +240,14 @@ class Learner:
                 stored, self._optimizers["estimator_optimizer"]
             )
 
-        # More columns of the curve.
+        # Add further columns of the learning curve.
         losses["action_std"] = self.ppo.actor.output_std.mean().item()
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Returns the state for a checkpoint: named arrays, and values that JSON can hold."""
-        # Copies, since the tensors go on changing.
+        # Copy the tensors, since training changes them.
         arrays = {"torch_rng": torch.get_rng_state().numpy()}
         for name, module in self._modules.items():
             for key, value in module.state_dict().items():
@@ -259,8 +259,8 @@ class Learner:
         return arrays, {"learning_rate": self.ppo.learning_rate}
 
     def restore(self, arrays: dict[str, NDArray[Any]], values: dict[str, Any]) -> None:
-        """Continues from what `to_arrays` returned."""
-        # The weights, and the optimizers' state of each of them.
+        """Continues from the results of `to_arrays`."""
+        # Load the weights, and the optimizers' state of each parameter.
         tensors = {key: torch.from_numpy(value.copy()) for key, value in arrays.items()}
         for name, module in self._modules.items():
             module.load_state_dict({key: tensors[f"{name}/{key}"] for key in module.state_dict()})
@@ -274,7 +274,7 @@ class Learner:
                     state["state"].setdefault(int(index), {})[key] = value
             optimizer.load_state_dict(state)
 
-        # The rate that PPO adapts, and the generator.
+        # Set the adapted learning rate and the generator.
         self.ppo.learning_rate = values["learning_rate"]
         for group in self.ppo.optimizer.param_groups:
             group["lr"] = values["learning_rate"]

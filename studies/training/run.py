@@ -1,4 +1,4 @@
-"""Runs that learn by PPO: collect, learn, log, checkpoint, and in the end write the policy."""
+"""Training runs with PPO: collect, learn, log, checkpoint, and write the policy."""
 
 import platform
 import time
@@ -36,26 +36,26 @@ from glassgait.studies.training.learner import (
     LegByLeg,
     Mirrored,
     StateEstimator,
-    act_by,
     gaussian_actor,
     leg_masks,
     network_of,
     set_layers,
+    set_network,
 )
 from glassgait.studies.training.record import recipe
 
 LINES_EVERY = 10
-"""Updates between two printed lines where there is no terminal."""
+"""Updates between two printed lines without a terminal."""
 
 RECENT_UPDATES = 20
-"""Updates that the final values of a record are averaged over."""
+"""Number of last updates whose mean is the final value in a record."""
 
 PACKAGES = ("drake", "torch", "rsl-rl-lib", "numpy")
-"""The software that a record names."""
+"""Software whose versions are in a record."""
 
 
 class LearningRun(ABC):
-    """A run in its folder, from the first update or from its checkpoint."""
+    """A training run in its folder, from the first update or from a checkpoint."""
 
     environment: Environment
     learner: Learner
@@ -63,10 +63,10 @@ class LearningRun(ABC):
     def __init__(
         self, config: TrainingConfig, gait: Gait, folder: Path, *, resume: bool = False
     ) -> None:
-        """Begins a run, or continues from the folder's checkpoint with more updates at most."""
+        """Begins a run, or continues from the folder's checkpoint."""
         self.config, self.gait, self.folder = config, gait, folder
         self.n_updates = 0
-        # Wall time (s) over all parts of an interrupted run, and a row for each update.
+        # Wall time (s), also of earlier parts of an interrupted run, and one row per update.
         self.seconds = 0.0
         self.curve: list[dict[str, float]] = []
         torch.manual_seed(config.seed)
@@ -76,21 +76,21 @@ class LearningRun(ABC):
 
     @abstractmethod
     def _begin(self) -> tuple[Environment, Learner]:
-        """Makes the robots, and the networks that learn."""
+        """Makes the robots and the networks to train."""
 
     @abstractmethod
     def write_result(self) -> None:
-        """Writes what was learned so far, with its record."""
+        """Writes the current policy and its record."""
 
     def run(self) -> None:
-        """Learns to the end, and reports progress."""
+        """Trains to the end and reports progress."""
         updates, every = self.config.updates, self.config.checkpoint_updates
         if self.n_updates > updates:
             raise InputError(
-                f"{self.folder}: has {self.n_updates} updates already; ask for more with --updates"
+                f"{self.folder}: has {self.n_updates} updates already; raise --updates"
             )
         if self.n_updates == updates:
-            # A run may have been killed after its last checkpoint and before its result.
+            # A run may have been killed after its last checkpoint, before it wrote its result.
             self.write_result()
         with (
             SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.n_updates) as writer,
@@ -114,10 +114,10 @@ class LearningRun(ABC):
                     console.print(f"update {self.n_updates}/{updates}  {line}")
 
     def update(self) -> dict[str, float]:
-        """Collects one batch of steps, learns from it, and returns the row of the curve."""
+        """Collects steps and trains with them; returns the row of the learning curve."""
         started = time.monotonic()
         if self.n_updates and self.n_updates % self.config.friction_updates == 0:
-            self.environment.draw_worlds()
+            self.environment.change_ground()
 
         # Collect.
         self.learner.hold_actor(self.n_updates < self.config.ppo.critic_updates)
@@ -152,12 +152,12 @@ class LearningRun(ABC):
             **losses,
             "seconds": self.seconds,
         }
-        self._raise_demands(row["rhythm"], row["failure_rate"])
+        self._advance_curriculum(row["rhythm"], row["failure_rate"])
         self.curve.append(row)
         return row
 
-    def _raise_demands(self, rhythm: float, failure_rate: float) -> None:
-        # Difficulty first; hardship, of pushes and ground, once the reward machine asks for all.
+    def _advance_curriculum(self, rhythm: float, failure_rate: float) -> None:
+        # Hardship grows only at the full difficulty of the reward machine.
         curriculum, simulator = self.config.curriculum, self.environment.simulator
         if rhythm <= curriculum.required_rhythm:
             return
@@ -166,35 +166,35 @@ class LearningRun(ABC):
         simulator.difficulty = min(1.0, simulator.difficulty + curriculum.rise)
 
     def save(self) -> None:
-        """Writes weights, optimizers, every robot and all generators, and the result so far."""
+        """Writes a checkpoint of networks, optimizers, robots and generators, and the result."""
         arrays: dict[str, Any] = {}
         values: dict[str, Any] = {}
-        for name, part in (("environment", self.environment), ("learner", self.learner)):
-            part_arrays, values[name] = part.to_arrays()
-            arrays |= {f"{name}:{key}": value for key, value in part_arrays.items()}
+        for name, item in (("environment", self.environment), ("learner", self.learner)):
+            item_arrays, values[name] = item.to_arrays()
+            arrays |= {f"{name}:{key}": value for key, value in item_arrays.items()}
         values |= {"update": self.n_updates, "seconds": self.seconds, "curve": self.curve}
         save_arrays(self.folder / CHECKPOINT_NAME, arrays, values)
         self.write_result()
 
     def restore(self) -> None:
-        """Continues from the folder's checkpoint; its file may be damaged in any way."""
+        """Continues from the folder's checkpoint; raises an InputError if it is damaged."""
         path = self.folder / CHECKPOINT_NAME
         arrays, header = load_arrays(path)
         try:
-            for name, part in (("environment", self.environment), ("learner", self.learner)):
-                start = f"{name}:"
-                part.restore(
-                    {k.removeprefix(start): v for k, v in arrays.items() if k.startswith(start)},
+            for name, item in (("environment", self.environment), ("learner", self.learner)):
+                prefix = f"{name}:"
+                item.restore(
+                    {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)},
                     header[name],
                 )
             self.n_updates, self.seconds = header["update"], header["seconds"]
             self.curve = header["curve"]
         except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-            raise InputError(f"{path}: is damaged; train anew into another folder") from error
+            raise InputError(f"{path}: is damaged; train again in another folder") from error
 
-    def _write_learned(self, policy: Policy, name: str, study: Settings | None = None) -> None:
-        """Writes a policy, its record with a study's further settings, and its curve."""
-        # The record: how the policy was trained, and how it did at the end.
+    def _write_policy(self, policy: Policy, name: str, study: Settings | None = None) -> None:
+        """Writes a policy, its record with a study's further settings, and its learning curve."""
+        # Assemble the record of the training and its final values.
         curve = pd.DataFrame(self.curve)
         recent = curve.tail(RECENT_UPDATES).mean()
         steps = self.n_updates * self.config.steps_per_update
@@ -216,7 +216,7 @@ class LearningRun(ABC):
             "config": recipe(self.config),
         }
 
-        # The files.
+        # Write the files.
         policy.save(self.folder / f"{name}{policy.suffix}")
         write_atomically(self.folder / f"{name}.yaml", yaml.safe_dump(record, sort_keys=False))
         table = curve.to_csv(index=False, float_format="%.6g")
@@ -224,11 +224,11 @@ class LearningRun(ABC):
 
 
 class TrainingRun(LearningRun):
-    """A run that trains an expert, and with `senses` "learned" its state estimator."""
+    """A run that trains an expert, and its state estimator if `senses` is "learned"."""
 
     def _begin(self) -> tuple[Environment, Learner]:
         config = self.config
-        # Refuses a robot that it does not fit before anything is learned.
+        # Raises an InputError early if it does not fit the robot.
         self._law = config.expert_law
         imu = config.senses == "imu"
         layout = ObservationLayout(self.gait.n_states, imu=imu)
@@ -236,7 +236,7 @@ class TrainingRun(LearningRun):
         start = _load_start(config, layout, mirror)
         reflection = None if mirror is None else reflect_observation(layout.names, mirror)
 
-        # The estimator learns beside the actor, or is odometry.
+        # The estimator is trained with the actor, or is odometry.
         learned = None
         if config.senses == "learned":
             learned = StateEstimator(layout.n_proprioceptive, config.estimator, reflection)
@@ -244,19 +244,19 @@ class TrainingRun(LearningRun):
         generator = np.random.default_rng(config.seed)
         environment = Environment(config, self.gait, self.estimator, generator, observes_imu=imu)
 
-        # The actor begins anew or as another expert.
+        # The actor starts from random weights or from another expert's.
         observations = environment.observe()
         actor = gaussian_actor(config.ppo, observations)
         if start is not None:
             set_layers(actor.mlp, start.actor)
         if config.actor == "local":
-            act_by(actor, LegByLeg(actor.mlp, layout.names))
+            set_network(actor, LegByLeg(actor.mlp, layout.names))
         if reflection is not None:
-            act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
+            set_network(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
         return environment, Learner(config, observations, actor, learned)
 
     def write_result(self) -> None:
-        """Writes the expert as it is now, its record and its curve."""
+        """Writes the current expert, its record and its learning curve."""
         policy = NeuralPolicy(
             self.gait.name,
             self.environment.simulator.layout.names,
@@ -265,39 +265,39 @@ class TrainingRun(LearningRun):
             self._mirrored_states,
             robot=load_robot(self.config.robot),
         )
-        self._write_learned(policy.with_joint_law(self._law), self.gait.name)
+        self._write_policy(policy.with_joint_law(self._law), self.gait.name)
 
 
 def _load_start(
     config: TrainingConfig, layout: ObservationLayout, mirrored: tuple[int, ...] | None
 ) -> NeuralPolicy | None:
-    """Loads the expert that the actor begins as, if there is one."""
+    """Loads the expert of the warm start, if there is one."""
     if config.warm_start is None:
         return None
     path, robot = Path(config.warm_start), load_robot(config.robot)
     start = load_policy(path, robot)
     if not isinstance(start, NeuralPolicy):
-        raise InputError(f"{path}: is {start.kind!r}; a run starts from the network of an expert")
+        raise InputError(f"{path}: is of kind {start.kind!r}; give the network of an expert")
 
-    # It must observe, and be as large, as the actor of this run.
+    # Its observation, size and symmetry must be those of this run's actor.
     if start.observation_names != layout.names:
         raise InputError(
-            f"{path}: observes {len(start.observation_names)} entries, others than the "
+            f"{path}: its {len(start.observation_names)} observations differ from the "
             f"{len(layout.names)} of this run; start from an expert with the same senses, of a "
             "gait with as many states"
         )
     widths = tuple(len(bias) for bias in start.actor.biases[:-1])
     if widths != config.ppo.actor_layers:
         raise InputError(
-            f"{path}: has layers of {widths}; set "
-            f"ppo.actor_layers: {[*widths]} in the file of --settings"
+            f"{path}: has layers of {widths}; set ppo.actor_layers: {[*widths]} in the "
+            "settings file"
         )
     masks = leg_masks(layout.names, start.actor)
-    of_others = (weight[~mask] for weight, mask in zip(start.actor.weights, masks, strict=True))
-    found = "dense" if any(weights.any() for weights in of_others) else "local"
-    if found != config.actor:
-        raise InputError(f"{path}: has a {found} actor; train with --actor {found}")
+    others = (weight[~mask] for weight, mask in zip(start.actor.weights, masks, strict=True))
+    actor = "dense" if any(weights.any() for weights in others) else "local"
+    if actor != config.actor:
+        raise InputError(f"{path}: has a {actor} actor; train with --actor {actor}")
     if start.mirrored_states != mirrored:
-        remedy = "leave --no-mirrored out" if mirrored is None else "train with --no-mirrored"
-        raise InputError(f"{path}: would act otherwise than it learned to; {remedy}")
+        remedy = "remove --no-mirrored" if mirrored is None else "train with --no-mirrored"
+        raise InputError(f"{path}: has another symmetry than this run; {remedy}")
     return start

@@ -27,7 +27,7 @@ def test_robots_that_ship_stand_in_both_physics(name, capsys):
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
-        (r"stiffness: .*", "stiffness: 4", "give more stiffness"),
+        (r"stiffness: .*", "stiffness: 4", "raise the stiffness"),
         (r"R([LR]): \[[^\]]*\]", r"R\1: [0.1, 1.9, -1.0]", "leans"),
     ],
 )
