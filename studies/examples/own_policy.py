@@ -3,7 +3,7 @@
     python -m glassgait.studies.examples.own_policy
 
 The trot reads the state of the reward machine and the time in it, lifts one diagonal pair of feet
-at a time and swings it forward. Three robots go for 5 s, each with another sensor noise.
+at a time and swings it forward. Three robots walk for 5 s, each with different sensor noise.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ LIFT = 0.9  # rad, how far a knee bends in the air
 STRIDE = 0.2  # rad, how far a thigh swings
 
 SWINGING = np.array([[False, True, True, False], [True, False, False, True]])
-"""Which of FL, FR, RL, RR swing in each state of the trot."""
+"""Whether FL, FR, RL and RR swing, for each state of the trot."""
 
 
 def trot(observation: Array) -> Array:

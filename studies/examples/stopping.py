@@ -12,7 +12,7 @@ from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 
 @checked
 class Stopping(Experiment):
-    """Let robots walk for 3 s and stand for 2 s; those stand that stay below 0.1 m/s."""
+    """Let robots walk for 3 s, then command 0 m/s for 2 s; robots below 0.1 m/s stand."""
 
     title = "stopping"
     speed: float = 0.5  # Commanded forward speed while they walk (m/s).
@@ -29,11 +29,10 @@ class Stopping(Experiment):
         return pd.DataFrame({"robots": 1, "falls": fell, "stand": seconds.notna(), "mean": seconds})
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Counts robots, falls and those that stand, and averages the seconds of the latter."""
+        """Counts robots, falls and robots that stand, and averages their times to stand."""
         groups = table.groupby(["gait", "policy", "scenario"], sort=False, as_index=False)
         means = groups.agg({"robots": "sum", "falls": "sum", "stand": "sum", "mean": "mean"})
-        shown = means
-        return Report({"stopping": means}, shown={"Mean time to stand (s)": shown})
+        return Report({"stopping": means}, shown={"Mean time to stand (s)": means})
 
 
 if __name__ == "__main__":

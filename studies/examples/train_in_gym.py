@@ -2,8 +2,8 @@
 
     python -m glassgait.studies.examples.train_in_gym --seconds 45
 
-The policy imitates the shipped expert by DAgger: the student acts, the expert labels what the
-student observes, and least squares fit all labels. Learning from the reward takes millions of
+The policy imitates the shipped expert by DAgger: the student acts, the expert labels the student's
+observations, and a least-squares fit uses all labels. Learning from the reward takes millions of
 control steps, hours on two cores; see `glassgait train`.
 """
 
@@ -20,7 +20,7 @@ gymnasium.register_envs(glassgait.diagrams.gym)
 
 
 def train(seconds: float = 45.0, num_envs: int = 32) -> tuple[float, float, float]:
-    """Trains for a time (s), and prints mean rewards of a step: before, after, the expert's."""
+    """Trains for a time (s), and returns mean rewards of a step: before, after, the expert's."""
     envs = gymnasium.make_vec("glassgait/Locomotion-v0", num_envs=num_envs, gait="trot")
     expert = load_expert("trot")
 

@@ -1,11 +1,11 @@
-"""Moves a Unitree Go2 by an exported controller, over DDS. No hardware was ever tried.
+"""Moves a Unitree Go2 by an exported controller, over DDS; it was never tested on hardware.
 
     python -m glassgait.studies.examples.unitree_bridge --contract deploy.yaml --interface eth0
 
 The contract is written by `glassgait export`; the C file beside it is compiled and loaded by
-ctypes. The robot stands up by interpolation, then follows the controller at 50 Hz. Its joints are
-damped for good when the trunk leans by more than 60 degrees, when no state came for 100 ms, when
-readings or targets are bad, and at Ctrl-C. Messages are those of Unitree's SDK for Python
+ctypes. The robot stands up by interpolation, then follows the controller at 50 Hz. The bridge damps
+the joints and ends if the trunk leans by more than 60 degrees, no state arrives for 100 ms, a
+reading or target is invalid, or at Ctrl-C. Messages are those of Unitree's SDK for Python
 (github.com/unitreerobotics/unitree_sdk2_python). Needs `pip install cyclonedds`.
 """
 
@@ -36,10 +36,10 @@ from glassgait.models.task.command import Command
 
 LEAN = 60.0  # lean of the trunk beyond which joints are damped (degrees)
 SILENCE = 0.1  # time without a state after which joints are damped (s)
-DAMPING = 5.0  # damping of joints that are given up (N·m·s/rad)
+DAMPING = 5.0  # damping of the joints after a fault (N·m·s/rad)
 
 TOUCH, RELEASE = 60, 40
-"""Counts of a foot's sensor from which it touches, and to which it then touches; of one Go2."""
+"""Counts of a foot sensor at which contact begins, and down to which it lasts; of one Go2."""
 
 CONFIGURATION = """<CycloneDDS><Domain Id="any"><General><Interfaces>
 <NetworkInterface name="{}"/></Interfaces></General></Domain></CycloneDDS>"""
@@ -60,11 +60,11 @@ FIELDS = {
     "LowCmd_": f"{BEGIN} motor_cmd:MotorCmd_*20 bms_cmd:BmsCmd_ wireless_remote:u1*40 led:u1*12 "
     "fan:u1*2 gpio:u1 reserve:u4 crc:u4",
 }
-"""The fields of the SDK's types in `unitree_go.msg.dds_`, in order: name, type and number."""
+"""The fields of the SDK's types in `unitree_go.msg.dds_`, in order: name, type and length."""
 
 
 def fields_of(name: str) -> Iterator[tuple[str, str, int]]:
-    """Lists the name, the type and the number of each field; number 0 is no array."""
+    """Yields the name, type and array length of each field; length 0 means a scalar."""
     for field in FIELDS[name].split():
         key, _, kind = field.partition(":")
         kind, _, count = kind.partition("*")
@@ -85,14 +85,14 @@ def types_of(name: str) -> tuple[Any, np.dtype]:
 
 
 def message(name: str, record: Any) -> Any:
-    """Converts a record of such a layout to the type of DDS."""
+    """Converts a record of the C layout to the DDS type."""
     values = {}
     for key, kind, count in fields_of(name):
-        part = record[key]
+        value = record[key]
         if kind in FIELDS:
-            values[key] = [message(kind, one) for one in part] if count else message(kind, part)
+            values[key] = [message(kind, x) for x in value] if count else message(kind, value)
         else:
-            values[key] = part.tolist()
+            values[key] = value.tolist()
     return types_of(name)[0](**values)
 
 
@@ -119,7 +119,7 @@ class FaultError(Exception):
 
 
 class Robot:
-    """The robot on the wire, with joints and feet in the order of the contract.
+    """The DDS connection to the robot, with joints and feet in the order of the contract.
 
     Attributes:
         sensors: The latest readings, after the first `read` that returned True.
@@ -129,9 +129,9 @@ class Robot:
 
     def __init__(self, contract: dict[str, Any], domain: int, interface: str) -> None:
         self._domain = Domain(domain, CONFIGURATION.format(interface))
-        end, kept = DomainParticipant(domain), Qos(Policy.History.KeepLast(100))
-        self._reader = DataReader(end, Topic(end, "rt/lowstate", types_of("LowState_")[0]), kept)
-        self._writer = DataWriter(end, Topic(end, "rt/lowcmd", types_of("LowCmd_")[0]), kept)
+        node, qos = DomainParticipant(domain), Qos(Policy.History.KeepLast(100))
+        self._reader = DataReader(node, Topic(node, "rt/lowstate", types_of("LowState_")[0]), qos)
+        self._writer = DataWriter(node, Topic(node, "rt/lowcmd", types_of("LowCmd_")[0]), qos)
         legs = contract["motor_order"]
         names = [f"{leg}_{part}" for leg in legs for part in ("hip", "thigh", "calf")]
         self._motors = np.array([names.index(joint) for joint in contract["joints"]])
@@ -141,9 +141,10 @@ class Robot:
         self._touching = np.zeros(4, dtype=bool)
 
     def read(self) -> bool:
-        """Reads the states since the last call, and returns whether any came.
+        """Reads the states since the last call, and returns whether there were any.
 
-        A FaultError says if none came for too long, one is not finite, or the trunk leans too far.
+        Raises a FaultError after a long silence, for a reading that is not finite, or if the trunk
+        leans too far.
         """
         states = self._reader.take(N=100)
         if not states:
@@ -155,9 +156,9 @@ class Robot:
             counts = np.array(state.foot_force)[self._feet]
             self._touching = np.where(self._touching, counts > RELEASE, counts >= TOUCH)
 
-        # The controller wants the accelerometer's sum over a control period.
+        # The controller needs the accelerometer's integral over a control period.
         imu, motors = states[-1].imu_state, states[-1].motor_state
-        change = self._period * np.mean([one.imu_state.accelerometer for one in states], axis=0)
+        change = self._period * np.mean([s.imu_state.accelerometer for s in states], axis=0)
         gravity = kinematics.gravity_direction(np.array(imu.quaternion))
         position = np.array([motors[i].q for i in self._motors])
         velocity = np.array([motors[i].dq for i in self._motors])
@@ -190,7 +191,7 @@ def stand_up(robot: Robot, stance: np.ndarray, seconds: float) -> Iterator[None]
 
 
 def follow(robot: Robot, controller: binding.LoadedController, command: Command) -> Iterator[None]:
-    """Lets the joints follow the controller, one control step at a time."""
+    """Drives the joints to the controller's targets, one control step at a time."""
     memory = controller.initial()
     while True:
         step = controller.step(memory, robot.sensors, command)
@@ -219,7 +220,7 @@ def main(
         yaw_rate: Commanded yaw rate, to the left (rad/s).
         rising: Time to stand up (s).
     """
-    # The controller, and the robot that it was exported for.
+    # Load the controller, and connect to the robot.
     terms = read_contract(contract)
     source, period = contract.parent / terms["file"], terms["control_period"]
     with tempfile.TemporaryDirectory() as folder:
@@ -228,7 +229,7 @@ def main(
     robot, stance = Robot(terms, domain, interface), np.array(terms["stance"])
     steps = chain(stand_up(robot, stance, rising), follow(robot, controller, command))
 
-    # A step every 20 ms, if the robot said anything.
+    # Take a step every 20 ms if a state has arrived.
     try:
         while True:
             if robot.read():

@@ -68,7 +68,7 @@ def draw(names: Sequence[str] = ()) -> None:
             save_figure(policies_figure(), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
             scenarios = load_scenarios(tuple(SCENARIO_GROUPS)).values()
-            outside = [own.title for own in scenarios if outside_training(own)]
+            outside = [each.title for each in scenarios if outside_training(each)]
             save_figure(fall_map(fall_tables(), outside), path.with_suffix(""), ("png",))
         elif name.endswith("_gait.png"):
             gait = load_gait(name.removesuffix("_gait.png"))
@@ -82,13 +82,13 @@ def draw(names: Sequence[str] = ()) -> None:
 
 
 def formulas_rollout(name: str) -> Rollout:
-    """Rolls the short formulas of a gait out under one command."""
+    """Rolls out the short formulas of a gait with one command."""
     diagram = MakeLocomotion(load_gait(name), SCENARIO, policy=load_student(name, "formulas"))
     return record(make_simulator(diagram), SETTLING_STEPS + FILMED_STEPS)
 
 
 def _learning_curve(name: str) -> pd.DataFrame:
-    """Joins the curves of an expert's trainings, the first one first; counts steps through."""
+    """Concatenates the curves of an expert's trainings, with control steps counted in total."""
     curves, steps = [], 0
     for record_path in trainings(EXPERT_DIRECTORY / f"{name}.yaml"):
         curve = pd.read_csv(record_path.with_suffix(".csv"))
@@ -99,7 +99,7 @@ def _learning_curve(name: str) -> pd.DataFrame:
 
 @styled
 def policies_figure() -> Figure:
-    """Draws what an action of each policy of the trot costs, beside the falls of 130 robots."""
+    """Draws the operations per action of each policy of the trot, with the falls of 130 robots."""
     table = pd.read_csv(FOLDER / "policies.csv")[::-1]
     figure, axes = subplots(figsize=(4.0, 4.2))
     operations, falls = table["operations per action"], table["falls"]
@@ -114,7 +114,7 @@ def policies_figure() -> Figure:
 
 
 def fall_tables() -> dict[str, pd.DataFrame]:
-    """Reads the falls of each gait, as the map of falls takes them."""
+    """Reads the falls of each gait, in the form of `fall_table`."""
     falls = pd.read_csv(FALLS)
     falls = falls.assign(world=falls["scenario"], robots=26, fall_rate=falls["falls"] / 26)
     falls.loc[falls["scenario"].str.startswith("nominal"), "scenario"] = NOMINAL_SCENARIO
@@ -127,7 +127,7 @@ def diagram_svg() -> str:
     policy = Controller(expert, untrained_student(expert), period=4)
     diagram = MakeLocomotion(load_gait("trot"), SCENARIO, policy=policy)
     dot = diagram.GetGraphvizString(max_depth=1)
-    # Exported outputs and module names hide the loop.
+    # Remove exported outputs and module names, which hide the loop.
     dot = re.sub(r"^.*\[color=green\];\n", "", dot, flags=re.MULTILINE)
     dot = re.sub(r"subgraph clusters\d+out \{.*?^\}\n", "", dot, flags=re.DOTALL | re.MULTILINE)
     dot = re.sub(r"glassgait\.systems\.\w+\.", "", dot)

@@ -42,7 +42,7 @@ from glassgait.studies.training.run import TrainingRun
 Part = Literal["throughput", "actions"]
 
 PARTS: dict[Part, str] = {"throughput": "Throughput", "actions": "One action, one robot"}
-"""What can be measured, with the headings of the tables."""
+"""The parts of the benchmark, with the headings of their tables."""
 
 STEPS = 20_000  # steps of a controller in C that are timed
 
@@ -54,7 +54,7 @@ class Benchmark(OneGait):
     Attributes:
         parts: What to measure: training beside bare physics, and actions of policies in Python and
             in C; both by default.
-        updates: Updates that are timed at once.
+        updates: Number of updates in each timing.
         repeats: Number of timings; medians are reported.
         output: Folder of the results; runs/reproduce/benchmark by default.
     """
@@ -86,12 +86,12 @@ class Benchmark(OneGait):
         console.print(f"written to {folder}")
 
 
-def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
+def action_times(policies: Policies, steps: int = STEPS) -> pd.DataFrame:
     """Times an action of each policy in Python, and a whole control step in C if it compiles."""
     if not has_compiler():
         say("there is no C compiler here, cc: controllers in C are not timed")
     rows = []
-    for kind, controller in found.controllers([ALL]).items():
+    for kind, controller in policies.controllers([ALL]).items():
         n_observed = len(controller.policy.observation_names)
         observation = np.random.default_rng(0).normal(size=(1, n_observed))
         action = partial(controller.policy, observation)
@@ -99,7 +99,7 @@ def action_times(found: Policies, steps: int = STEPS) -> pd.DataFrame:
         row: dict[str, Any] = {"policy": kind}
         row["action in Python (µs)"] = round(1e6 * float(np.median(times)), 1)
         if has_compiler():
-            row |= _step_times(found.gait, controller, kind, steps)
+            row |= _step_times(policies.gait, controller, kind, steps)
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -127,7 +127,7 @@ def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> di
         )
         write_atomically(folder / "step_times.c", harness)
         compile_c(folder / "step_times.c", folder / "step_times", FLAGS)
-        # The fastest run counts: other work of the machine only adds time.
+        # Use the fastest run, since other load of the machine only adds time.
         runs = [
             subprocess.run([folder / "step_times"], check=True, capture_output=True, text=True)
             for _ in range(5)
@@ -141,9 +141,9 @@ def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> di
 
 
 def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataFrame:
-    """Times updates of PPO, and Drake's physics over the same states and targets: the medians
-    (control steps/s)."""
-    # MuJoCo's share is left out, so that both time Drake only.
+    """Returns median rates (control steps/s) of PPO's updates, and of only Drake's physics for the
+    same states and targets."""
+    # Without MuJoCo's share, both time only Drake.
     config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
     robot = load_robot(config.robot)
     stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
@@ -153,7 +153,7 @@ def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataF
     # The first update warms caches and is not timed.
     run.update()
 
-    # Both are timed in turn, so that they meet the same other load of the machine.
+    # Time both in turn, so that other load of the machine affects both equally.
     n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
     seconds = []
     for _ in range(repeats):
@@ -172,7 +172,7 @@ def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataF
 
 
 class _BarePhysics:
-    """Calls Drake's batch evaluation for each group and control step, and nothing else."""
+    """Calls only Drake's batch evaluation, for each group and control step."""
 
     def __init__(self, robot: Robot, stations: Sequence[StationConfig]) -> None:
         self._groups = []
@@ -187,13 +187,13 @@ class _BarePhysics:
     def step(self, states: Array, targets: Array) -> None:
         desired = np.hstack([targets, np.zeros_like(targets)])
         n = len(self._groups)
-        parts = zip(np.array_split(states, n), np.array_split(desired, n), strict=True)
-        for (diagram, context, n_steps), (mine, inputs) in zip(self._groups, parts, strict=True):
+        rows = zip(np.array_split(states, n), np.array_split(desired, n), strict=True)
+        for (diagram, context, n_steps), (group, inputs) in zip(self._groups, rows, strict=True):
             BatchEvalUniquePeriodicDiscreteUpdate(
                 diagram,
                 context,
-                times=np.zeros(len(mine)),
-                states=mine.T,
+                times=np.zeros(len(group)),
+                states=group.T,
                 inputs=inputs.T,
                 num_time_steps=n_steps,
                 parallelize=Parallelism.Max(),

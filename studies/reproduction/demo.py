@@ -37,7 +37,7 @@ from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
 
 SHOWN, FORMULAS = "formulas", "symbolic_per_state"
-"""The shipped formulas that come first, and those that are distilled here."""
+"""Kinds of the shipped formulas that the page shows first, and of the distilled formulas."""
 
 QUICK = DistillationConfig(
     students=(FORMULAS, "histogram_gbm", "ebm"),
@@ -61,14 +61,14 @@ QUICK = DistillationConfig(
 FULL = replace(
     QUICK,
     students=tuple(name for name in STUDENTS if name != "gbm"),
-    # One formula a joint strays further than other students that walk: its samples serve all.
+    # With one formula per joint, robots stray furthest, and their samples suit all students.
     collector="symbolic",
     alone_episodes=4,
 )
-"""All kinds of students except exact trees, which are slow to fit."""
+"""All kinds of students except gbm, which is slow to fit."""
 
 REPLAY_STEPS, REPLAYS_IN_A_ROW = 400, 450
-"""An hour in all: a page that is opened late still moves."""
+"""The replay lasts an hour in total, so that a page that is opened late still moves."""
 
 EXPLAINED_JOINT, EXPLAINED_STEP = 1, 200
 
@@ -79,14 +79,13 @@ class Demo(Settings):
 
     The page, runs/demo/report.html, first shows the formulas that ship: a replay, the gait diagram
     and the explanation of one action. It then compares students that are distilled from few
-    samples, with one seed: `glassgait distill` and `evaluate` do more of everything.
+    samples with one seed; `glassgait distill` and `evaluate` use more samples, robots and seeds.
 
     Attributes:
-        full: Distil all kinds of students except exact GBM, and let each act in turns with the
-            expert too.
-        n_robots: Robots to evaluate with.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies that
-            ship. Of another robot your own expert is taken.
+        full: Distil all kinds of students except gbm, and also alternate each with the expert.
+        n_robots: Number of robots in the evaluation.
+        robot: Name of a robot, or path of its robot.yaml; by default the robot of the policies that
+            ship. For other robots, your expert in runs/train is used.
         resume: Continue the run that the folder holds.
         output: Folder of the page; runs/demo by default.
     """
@@ -100,22 +99,23 @@ class Demo(Settings):
     output: Path | None = None
 
     def run(self) -> None:
-        """Writes the page, again after each part."""
+        """Writes the page, and writes it again after each part."""
         started = time.monotonic()
         gait = load_gait(QUICK.gait)
-        found = find_policies(gait, robot=self.robot)
-        folder = self.output or default_folder(self.title, found.expert.robot.name)
-        inputs = {"gait": gait.digest(), "expert": found.expert.digest()}
+        policies = find_policies(gait, robot=self.robot)
+        expert = policies.expert
+        folder = self.output or default_folder(self.title, expert.robot.name)
+        inputs = {"gait": gait.digest(), "expert": expert.digest()}
         run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run), Workers().pool():
-            page = _Page(gait, found.expert, folder)
+            page = _Page(gait, expert, folder)
             # Another robot may have no formulas yet.
-            shown = SHOWN if SHOWN in found.students else EXPERT
-            page.show(shown, found.students.get(shown, found.expert))
-            trained = folder / "distillation"
+            shown = SHOWN if SHOWN in policies.students else EXPERT
+            page.show(shown, policies.students.get(shown, expert))
+            distillation = folder / "distillation"
             config = FULL if self.full else QUICK
-            r2 = distill(config, gait, found.expert, trained, resume=self.resume)
-            students = load_students(trained, found.expert)
+            r2 = distill(config, gait, expert, distillation, resume=self.resume)
+            students = load_students(distillation, expert)
             page.compare(students, r2, self.n_robots)
             if self.full:
                 page.alternate(students, self.n_robots)
@@ -126,7 +126,7 @@ class Demo(Settings):
 
 @dataclass
 class _Page:
-    """The page of one run so far: results in words, sections, and explanations after them."""
+    """The page of one run: sentences of results, sections, and explanations after them."""
 
     gait: Gait
     expert: NeuralPolicy
@@ -137,8 +137,8 @@ class _Page:
     meshcat: Meshcat = field(default_factory=open_meshcat)
 
     def show(self, name: str, policy: Policy) -> None:
-        """Adds a policy's replay and gait diagram, and of formulas the explanation of an action."""
-        # The replay opens without a server; it is there before anything is distilled.
+        """Adds a policy's replay and gait diagram and, for formulas, the terms of a target."""
+        # Write the replay, which opens without a server, before the distillation.
         title, file = f"{name}, as shipped", f"{name}_replay.html"
         rollout = play(
             self.gait,
@@ -150,30 +150,30 @@ class _Page:
             repetitions=REPLAYS_IN_A_ROW,
         )
         say(f"open {self.folder / file}: a replay, {title}")
-        note = "Commanded 0.5 m/s forward, with sensor noise; the policy acts alone."
+        note = "Commanded 0.5 m/s forward, with sensor noise; the policy acts without the expert."
         self.sections.append(Section(title, note=note, replays=[(title, file)]))
 
-        # The gait diagram, and of formulas the terms of one joint's target at one instant.
+        # Draw the gait diagram and, for formulas, the terms of one joint's target at one instant.
         caption = "Feet in contact over time, and the states of the reward machine"
         figures = {"gait": (caption, gait_figure(rollout, self.gait, title))}
         step, joint = min(EXPLAINED_STEP, len(rollout.time) - 1), EXPLAINED_JOINT
         if isinstance(policy, FormulaPolicy):
             written = f"{len(policy.to_file().written())} formulas of {policy.n_terms()} terms"
             self.results.append(f"A robot {self.gait.name}s by {written}, without a network.")
-            parts = policy.explain(rollout["observation"][step], joint)
+            terms = policy.explain(rollout["observation"][step], joint)
             moment = f"{quadruped.JOINTS[joint]} at {rollout.time[step]:.2f} s"
             caption = f"The terms of the formula that add up to the target of {moment}"
-            figures["explanation"] = (caption, contribution_figure(parts, f"Terms of {moment}"))
+            figures["explanation"] = (caption, contribution_figure(terms, f"Terms of {moment}"))
 
         for stem, (_, figure) in figures.items():
             save_figure(figure, self.folder / f"{name}_{stem}", ("png",))
-        saved = [(own, self.folder / f"{name}_{stem}.png") for stem, (own, _) in figures.items()]
+        saved = [(text, self.folder / f"{name}_{stem}.png") for stem, (text, _) in figures.items()]
         self.explanations.append(Section("How the policy acts", figures=saved, wide=True))
         self.write("This page is not complete: reload it for the next part.")
 
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
-        """Rolls every student out without the expert, and adds one table of fit and scores."""
-        say("rolling out every student alone")
+        """Rolls out every student without the expert, and adds a table of R² and scores."""
+        say("rolling out every student without the expert")
         scores = self._roll_out(students, n_robots, (1, 0))
         table = standalone_table(scores, {EXPERT: self.expert, **students})
         fits = {row["student"]: row["r2"] for _, row in r2.iterrows()}
@@ -181,23 +181,23 @@ class _Page:
         write_table(table, self.folder / "standalone")
         print_table("Students without the expert", table)
         note = (
-            "Forward speeds and yaw rates over the gait's whole range, with sensor noise; means "
-            "with 95 % intervals over robots. A fall is any of the task's terminations."
+            "Commands cover the gait's whole range, and there is sensor noise. Means are over "
+            "robots, with 95 % intervals. A fall is any of the task's terminations."
         )
         best = table[1:].sort_values(TITLES["share"], na_position="first").iloc[-1]
         self.results.append(
-            f"Of {len(students)} students that were distilled here, {best['policy']} keeps most of "
-            f"the expert's return: {best[TITLES['share']]:.2f}."
+            f"Of the {len(students)} students distilled here, {best['policy']} has the greatest "
+            f"share of the expert's return: {best[TITLES['share']]:.2f}."
         )
         self.sections.append(Section("Students distilled here", note=note, tables=[("", table)]))
 
     def alternate(self, students: Mapping[str, Policy], n_robots: int) -> None:
-        """Lets the expert act at some of the steps, and adds the figure of returns."""
-        say("rolling out every student in turns with the expert")
+        """Rolls out students in alternation with the expert, and adds the figure of returns."""
+        say("rolling out every student in alternation with the expert")
         scores = self._roll_out(students, n_robots, (1, 4, 0))
         policies = {EXPERT: self.expert, **students}
         alternation_report(scores, self.gait.name.capitalize(), policies).write(self.folder)
-        note = "At ratio 1/4 the expert acts at every fourth step, at 0 never."
+        note = "At ratio 1/4, the expert acts at every fourth step; at 0, only the student acts."
         caption = "Return, share of the expert's return and falls against the alternation ratio"
         figures = [(caption, self.folder / "return.png")]
         title = "Return against the alternation ratio"
@@ -207,13 +207,13 @@ class _Page:
         self, students: Mapping[str, Policy], n_robots: int, periods: tuple[int, ...]
     ) -> pd.DataFrame:
         config = RolloutConfig(n_robots=n_robots, n_seeds=1, n_steps=500)
-        kept = self.folder / "rollouts"
-        return alternation_scores(self.gait, self.expert, students, config, kept, periods)
+        folder = self.folder / "rollouts"
+        return alternation_scores(self.gait, self.expert, students, config, folder, periods)
 
     def write(self, status: str) -> Path:
-        """Writes the page so far, below a line about its state."""
-        observed = len(self.expert.observation_names)
-        taught = f"{self.gait.description} Expert: a network of {observed} observations."
-        lead = [" ".join(self.results), f"{taught} {status}"]
+        """Writes the page so far, with its status."""
+        n = len(self.expert.observation_names)
+        setup = f"{self.gait.description} The expert is a network of {n} observations."
+        lead = [" ".join(self.results), f"{setup} {status}"]
         title = f"A {self.gait.name}ting robot, distilled into models a person can read"
         return write_page(self.folder, title, lead, [*self.sections, *self.explanations])

@@ -1,4 +1,4 @@
-"""Settings files, which the command line changes."""
+"""Settings files of `glassgait reproduce`."""
 
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,48 +12,48 @@ from glassgait.studies.common.run import default_folder, to_plain
 
 SETTINGS_FOLDER = Path(__file__).parent
 
-BESIDE = ("output", "resume", "workers", "quick", "engine", "robot")
-"""Settings that do not count as a difference, or show in another setting."""
+NOT_COMPARED = ("output", "resume", "workers", "quick", "engine", "robot")
+"""Settings without effect on the results, or with an effect that another setting shows."""
 
 S = TypeVar("S", bound=Settings)
 
 
 def settings_file(name: str) -> Path:
-    """Returns a file of settings by its path, or one that ships by its name."""
+    """Returns the path of a settings file, given as a path or as the name of one that ships."""
     return Path(name) if Path(name).suffix == ".yaml" else SETTINGS_FOLDER / f"{name}.yaml"
 
 
 def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
-    """Reads a settings file; of a quick run the values under its key `quick` replace others."""
+    """Reads a settings file; in a quick run, values under its key `quick` replace the others."""
     values = read_yaml(path)
     if not isinstance(values, dict):
-        raise InputError(f"{path}: is not a mapping of settings; start from that of 'paper'")
+        raise InputError(f"{path}: is not a mapping of settings; start from a copy of paper.yaml")
     values = resolve_paths(path, values)
-    less = values.pop("quick", None)
-    # Results of a person's file stay apart from those of the files that ship.
+    quick_values = values.pop("quick", None)
+    # A file that does not ship has a separate folder of results.
     if path.parent != SETTINGS_FOLDER:
         folder = default_folder(f"reproduce {path.stem}{'_quick' * quick}")
         values = {"output": str(folder)} | values
-    if quick and not isinstance(less, dict):
+    if quick and not isinstance(quick_values, dict):
         raise InputError(
             f"{path}: has no settings under the key 'quick'; add them, or leave --quick out"
         )
-    return kind.from_plain(_merged(values, less) if quick else values, str(path))
+    return kind.from_plain(_merged(values, quick_values) if quick else values, str(path))
 
 
 def differences(full: Settings, here: Settings) -> pd.DataFrame:
-    """Lists the settings that differ: a row each, with its key and both values."""
-    before, after = (pd.json_normalize(to_plain(own)).iloc[0] for own in (full, here))
+    """Lists the settings that differ, with one row per key and both values."""
+    before, after = (pd.json_normalize(to_plain(each)).iloc[0] for each in (full, here))
     rows = [
         {"setting": key, "in full": str(before[key]), "here": str(after.get(key))}
         for key in before.index
-        if key.split(".")[0] not in BESIDE and before[key] != after.get(key)
+        if key.split(".")[0] not in NOT_COMPARED and before[key] != after.get(key)
     ]
     return pd.DataFrame(rows, columns=pd.Index(["setting", "in full", "here"]))
 
 
 def _merged(values: Any, changes: Any) -> Any:
-    """Replaces values by those of the same key, inside of mappings too."""
+    """Replaces values by the changes with the same keys, in nested mappings too."""
     if not isinstance(values, dict) or not isinstance(changes, dict):
         return changes
     merged = {key: _merged(values.get(key), change) for key, change in changes.items()}

@@ -45,12 +45,12 @@ int main(void)
             sensors.gravity[axis] = ({{ real }})(0.2 * rand() / RAND_MAX - 0.1 - 0.9 * up);
         }
 {% endif %}
-        const double own = now(CLOCK_THREAD_CPUTIME_ID), begun = now(CLOCK_MONOTONIC);
+        const double thread_start = now(CLOCK_THREAD_CPUTIME_ID), wall_start = now(CLOCK_MONOTONIC);
         {{ name }}_step(&controller, &sensors, &command, &targets);
-        wall[k] = now(CLOCK_MONOTONIC) - begun;
-        thread[k] = now(CLOCK_THREAD_CPUTIME_ID) - own;
+        wall[k] = now(CLOCK_MONOTONIC) - wall_start;
+        thread[k] = now(CLOCK_THREAD_CPUTIME_ID) - thread_start;
     }
-    /* What else the machine does shows in the first number, not in the second. */
+    /* Other load of the machine affects the first number, not the second. */
     qsort(wall, COUNT, sizeof(double), ascending);
     qsort(thread, COUNT, sizeof(double), ascending);
     printf("%.6f %.6f\n", wall[COUNT / 2], thread[COUNT - 1 - COUNT / 1000]);
