@@ -49,7 +49,7 @@ MARGIN = 1.0 + 1e-6
 """Factor on all errors, because the checker computes them in another way."""
 
 FUNCTIONS = ("sin", "cos", "tanh")
-"""The functions whose error is bounded: none has a slope above 1."""
+"""The functions whose error is bounded; their slopes are at most 1."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from glassgait.models.settings import NotNegative, Settings, checked
 N_IMU = 9  # length of a reading
 
 IMU_NOISE: Array = np.repeat([0.2, 0.3 * CONTROL_PERIOD, 0.05], 3)
-"""Half-widths of the uniform noise of a reading (9; rad/s, m/s, none)."""
+"""Half-widths of the uniform noise of a reading (9; rad/s, m/s, no unit)."""
 IMU_NOISE.flags.writeable = False
 
 BoolArray = NDArray[np.bool_]
@@ -69,7 +69,7 @@ class ImuErrors(Settings):
 
     @property
     def half_widths(self) -> Array:
-        """Greatest constant errors of a reading (9; rad/s, m/s, none)."""
+        """Greatest constant errors of a reading (9; rad/s, m/s, no unit)."""
         velocity = self.accelerometer_bias * CONTROL_PERIOD
         return np.repeat([self.gyroscope_bias, velocity, self.attitude_bias], 3)
 

@@ -138,14 +138,14 @@ class Ground:
         return self.clearance(kinematics.world_feet(robot, positions), robot.foot_radius) < 0.0
 
     def periods(self, positions: Array) -> Array:
-        """Returns the whole periods from the middle one to q (n, 19) or x (n, 37) (n, 3; m)."""
+        """Returns by how many periods q (n, 19) or x (n, 37) left the middle one (n, 3; in m)."""
         if self.is_level:
             return np.zeros((*positions.shape[:-1], 3))
         places = positions[..., quadruped.POSITION][..., :2]
         period = self._period[self._which]
-        whole = np.floor((places - self._origin[self._which]) / period)
-        rise = whole[..., 0] * self._rise[self._which]
-        return np.concatenate([whole * period, rise[..., None]], axis=-1)
+        count = np.floor((places - self._origin[self._which]) / period)
+        rise = count[..., 0] * self._rise[self._which]
+        return np.concatenate([count * period, rise[..., None]], axis=-1)
 
     def draw_places(self, count: int, generator: np.random.Generator) -> Array:
         """Draws start positions (count, 2; m): in a period, of steps on its landing."""

@@ -105,7 +105,7 @@ class Randomization(Disturbances):
         return noise * (self.sensor_noise * JOINT_NOISE)
 
     def imu_noise(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws noise on the IMU's readings (count, 9; rad/s, m/s, none)."""
+        """Draws noise on the IMU's readings (count, 9; rad/s, m/s, no unit)."""
         noise = generator.uniform(-1.0, 1.0, size=(count, N_IMU))
         return noise * (self.sensor_noise * IMU_NOISE)
 

@@ -48,8 +48,8 @@ class Check:
         self.operating, self.physical = content["operating"], content["physical"]
         for name, (low, high) in self.operating.items():
             least, most = self.physical[name]
-            whole = name not in COUNTED or (low == int(low) and high == int(high))
-            refuse_unless(least <= low <= high <= most and whole, f"the box of {name} is invalid")
+            valid = name not in COUNTED or (low == int(low) and high == int(high))
+            refuse_unless(valid and least <= low <= high <= most, f"the box of {name} is invalid")
         self.sensed = {name for name in self.operating if not re.fullmatch(r"s\d+", name)}
 
         # The policy must be the certified one; its file may omit the mirror.
@@ -121,8 +121,8 @@ class Check:
         box = self.box(claim, state)
         for point in claim["witnesses"]:
             within = all(low <= point[name] <= high for name, (low, high) in box.items())
-            whole = all(point[name] == int(point[name]) for name in COUNTED)
-            if not (within and whole and [*point] == [*box]):
+            are_whole = all(point[name] == int(point[name]) for name in COUNTED)
+            if not (within and are_whole and [*point] == [*box]):
                 return False
         return True
 
