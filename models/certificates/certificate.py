@@ -118,15 +118,13 @@ def check_certificate(path: Path, policy: Path | None = None, robot: Path | None
 
     # Its content must be intact, its claims valid, and its assumptions true.
     if content_digest(content) != loaded.sha256:
-        raise InputError(f"{path}: was changed, its digest does not match; prove the claims anew")
+        raise InputError(f"{path}: was changed, its digest does not match; prove anew")
     for claim in loaded.claims:
         claim.refuse_unknown(read.machine, imu=read.layout.imu)
     box = ObservationBox.of_ranges(read.robot, read.observation_names, loaded.operating)
     for key, value in assumptions(read, read.machine, box).items():
         if content[key] != value:
-            raise InputError(
-                f"{path}: key {key!r} does not fit {policy} and its robot; prove the claims anew"
-            )
+            raise InputError(f"{path}: key {key!r} does not fit {policy} and its robot; prove anew")
 
     # Decide the claims.
     try:

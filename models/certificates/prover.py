@@ -271,9 +271,7 @@ class Prover:
         first = box.random(SAMPLES, generator)
         second = first + generator.choice([-1.0, 1.0], first.shape) * changes
         second = np.clip(second, box.lower, box.upper)
-        before, after = (
-            self.policy(self._units.observed(seen))[..., joints] for seen in (first, second)
-        )
+        before, after = (self.policy(self._units.observed(x))[..., joints] for x in (first, second))
         squared = np.sum(np.square(after - before), axis=-1)
         widest = int(np.argmax(squared))
         return float(squared[widest]), first[widest], second[widest]

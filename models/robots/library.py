@@ -93,9 +93,7 @@ def _load(path: Path, _edited: int) -> Robot:
 def _are_joints(joints: Any) -> bool:
     if not isinstance(joints, dict) or {*joints} != {*LEGS}:
         return False
-    return all(
-        isinstance(names, list) and [*map(type, names)] == [str] * 3 for names in joints.values()
-    )
+    return all(isinstance(leg, list) and [*map(type, leg)] == [str] * 3 for leg in joints.values())
 
 
 # Copying or unpickling a robot loads its file, so that a process has one object for each robot.

@@ -222,9 +222,7 @@ def best(terms: Terms, span: Callable[[Factor], Span], n_tries: int) -> arb:
 
         # Try both ends of the most frequent factor.
         if n_tries == 0:
-            spans = (
-                reduce(multiplied, map(span, term), (terms[term], terms[term])) for term in group
-            )
+            spans = (reduce(multiplied, map(span, t), (terms[t], terms[t])) for t in group)
             bound += sum((high for _, high in spans), arb(0))
             continue
         counts = Counter(factor for term in group for factor in term)
