@@ -156,8 +156,8 @@ def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
 
     # Check that the files beside it were not changed.
     file = path.parent / Path(contract["file"]).name
-    for key, found in (("file_digest", digest(file)), ("header_digest", _header_digest(file))):
-        if contract[key] != found:
+    for key, value in (("file_digest", digest(file)), ("header_digest", _header_digest(file))):
+        if contract[key] != value:
             raise InputError(
                 f"{path}: key {key!r} does not match {file.name}; one of the two was changed, so "
                 "export the controller again"

@@ -116,12 +116,12 @@ def refuse_unprintable(text: str, whole: str) -> None:
 
     Invisible and look-alike characters must not change what a robot does.
     """
-    if found := _UNPRINTABLE.search(text):
+    if character := _UNPRINTABLE.search(text):
         raise TextError.at(
-            f"{shown(found[0])} does not belong in {whole}; write printable ASCII characters, and "
-            "end lines with a line feed",
+            f"{shown(character[0])} does not belong in {whole}; write printable ASCII characters "
+            "and end lines with a line feed",
             text,
-            found.start(),
+            character.start(),
         )
 
 
@@ -138,9 +138,9 @@ class _Parser:
             token = _TOKEN.match(code, end)
             if token is None:
                 place = end + len(code[end:]) - len(code[end:].lstrip(" "))
-                found = re.findall(r"(?s)[\w.]+|.", code[place:])[0]
-                problem = "is not a number" if found[0].isdigit() else "does not belong here"
-                raise TextError(f"{shown(found)} {problem}", 1, place + 1)
+                word = re.findall(r"(?s)[\w.]+|.", code[place:])[0]
+                problem = "is not a number" if word[0].isdigit() else "does not belong here"
+                raise TextError(f"{shown(word)} {problem}", 1, place + 1)
             kind, end = str(token.lastgroup), token.end()
             self.tokens.append((kind, token[kind], token.start(kind)))
         self.tokens.append(("end", "", len(code)))

@@ -33,8 +33,8 @@ def contacts_program() -> list[str]:
     """Writes the handling of contact sensors; see `glassgait.models.estimation.sensors`."""
     seconds = written_number(UNCHANGED_STEPS * CONTROL_PERIOD)
     return [
-        "# Of each foot: sensed, whether its sensor feels the ground; expected, its height (m)",
-        "# over odometry's ground of the step before.",
+        "# For each foot: sensed, whether its sensor reads contact; expected, its height (m) that",
+        "# odometry predicts from the previous step.",
         f"unchanged = min(unchanged + 1, {UNCHANGED_STEPS}) if sensed == sensed.before else 0",
         f"stuck = unchanged == {UNCHANGED_STEPS}    # for {seconds} s, longer than any stance",
         f"low = expected < {written_number(LOW)}",
@@ -48,10 +48,9 @@ def odometry_program(odometry: Odometry) -> list[str]:
     period, gain = written_number(CONTROL_PERIOD), written_number(odometry.gain)
     gravity, slip = written_number(GRAVITY), written_number(SLIP)
     return [
-        "# In the trunk's frame: w, angular velocity (rad/s); dv, what the accelerometer measures,",
-        "# summed over a step (m/s); g, direction of gravity; p, position of a foot (m); dp, how",
-        "# fast its joints move it (m/s); dr, how fast they turn its shank (rad/s); radius of a",
-        "# foot (m).",
+        "# In the trunk's frame: w, angular velocity (rad/s); dv, sum of the accelerometer over a",
+        "# step (m/s); g, direction of gravity; p, position of a foot (m); dp, its velocity (m/s)",
+        "# and dr, the shank's angular velocity (rad/s), by the joints; radius of a foot (m).",
         f"predicted = v - {period}*cross(w, v) + dv + {period}*{gravity}*g    # m/s, by the IMU",
         "sole = dp + cross(w, p) + radius*cross(w + dr, g)    # m/s, of a foot's lowest point",
         "stood = touching and touching.before    # a foot that has just come down still moves",
@@ -69,13 +68,13 @@ def limits_program(limits: TargetLimits) -> list[str]:
     """Writes the limits of targets; see `glassgait.models.robots.robot`."""
     stiffness, margin = written_number(limits.stiffness), written_number(limits.margin)
     return [
-        "# asked: what a formula asks for; before: target of the step before; q: angle of the",
-        "# joint, rad. torque: greatest of its motor, N m; lowest, highest: ends of its range,",
-        "# rad. If not all that is asked is finite, every joint keeps its target.",
-        f"reach = torque/{stiffness}    # rad, at which a motor at rest gives all that it has",
+        "# asked: value of a formula; before: target of the previous step; q: angle of the joint,",
+        "# rad. torque: greatest torque of its motor, N m; lowest, highest: ends of its range,",
+        "# rad. If the value of any formula is not finite, every joint keeps its target.",
+        f"reach = torque/{stiffness}    # rad, at which a joint at rest demands the full torque",
         f"wanted = asked if g.z < -cos({written_number(limits.lean)}) else q    # degrees of lean",
         "weak = clip(wanted, q - reach, q + reach)",
-        "slow = clip(weak, before - reach, before + reach)    # by reach a step at most",
+        "slow = clip(weak, before - reach, before + reach)    # at most reach per step",
         f"target = clip(slow, lowest + {margin}, highest - {margin})",
     ]
 

@@ -119,8 +119,8 @@ def _content(text: str) -> FormulaFile:
 
 def _line_of(message: str, header: str) -> int:
     """Returns the line of the first key that a message names, or else the first line."""
-    if found := re.search(r"\(line (\d+):", message):
-        return int(found[1])
+    if line := re.search(r"\(line (\d+):", message):
+        return int(line[1])
     numbered = enumerate(header.split("\n"), start=1)
     lines = [(line.partition(":")[0].strip(), number) for number, line in numbered]
     # The gait, further down, has keys with the same names as keys of the header.
