@@ -66,7 +66,6 @@ class TerrainRanges(Settings):
         return [grounds[i] if i < drawn else ground for i in order]
 
     def _draw_one(self, i: int, count: int, generator: np.random.Generator) -> Terrain:
-        # Cycle through the kinds.
         turn, index = divmod(i, len(self.kinds))
         kind = self.kinds[index]
         # Split the range by rounds, as `GroupRanges` does by groups; the greatest values are first.

@@ -23,8 +23,7 @@ class DrakeEngine(Engine):
     ) -> None:
         super().__init__(stations)
         n_threads = n_threads or Parallelism.Max().num_threads()
-        # Drake releases the interpreter's lock, so loops run concurrently. Each group has as many
-        # as its share of the threads.
+        # Drake releases the interpreter's lock, so loops run concurrently. Groups share threads.
         self._workers = ThreadPoolExecutor(n_threads)
         n_loops = max(1, n_threads // len(stations))
         self._groups = [_Group(robot, station, n_loops) for station in stations]
@@ -46,8 +45,8 @@ class DrakeEngine(Engine):
             for i in self._order
             for loop, robots in self._groups[i].split(members[i])
         ]
-        for part in running:
-            part.result()
+        for future in running:
+            future.result()
         return after, None
 
 
@@ -86,21 +85,21 @@ class _Loop:
         self._start()
 
     def step(self, states: Array, held: Held) -> Array:
-        """Advances states x (n, 37) by a control period; those that Drake cannot become NaN."""
+        """Advances states x (n, 37) by a control period; returns NaN where Drake fails."""
         after, waits = np.full_like(states, np.nan), held.waits(self._n_steps).tolist()
         for i, (state, targets, late, wait) in enumerate(
             zip(states, held.targets, held.late, waits, strict=True)
         ):
             try:
-                moved = self._advanced(state, late, wait)
-                after[i] = self._advanced(moved, targets, self._n_steps - wait)
+                moved = self._advance(state, late, wait)
+                after[i] = self._advance(moved, targets, self._n_steps - wait)
             except RuntimeError:
                 # The contact solver failed. Remove the failed state from the simulator.
                 self._start()
         return after
 
-    def _advanced(self, state: Array, targets: Array, n_steps: int) -> Array:
-        """Returns a state x (37) after steps of the plant."""
+    def _advance(self, state: Array, targets: Array, n_steps: int) -> Array:
+        """Returns the state x (37) after a number of plant steps."""
         if n_steps == 0:
             return state
         desired = np.concatenate([targets[self._order], np.zeros(quadruped.N_JOINTS)])

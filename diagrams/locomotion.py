@@ -175,8 +175,6 @@ def _add_sensor_errors(builder: DiagramBuilder, scenario: Scenario, *, imu: bool
         if share > 0.0:
             noise = RandomSource(RandomDistribution.kUniform, size, CONTROL_PERIOD)
             errors[name] = builder.AddNamedSystem(name, noise).get_output_port()
-
-    # Add errors that are constant in a rollout.
     if scenario.encoder_bias > 0.0 or (imu and scenario.imu.half_widths.any()):
         bias = SensorBias(scenario.randomization())
         _add(builder, "sensor_bias", bias, seed=AddSeed(builder, "sensor_bias_seed"))

@@ -54,8 +54,6 @@ class MujocoEngine(Engine):
         values = np.full_like(states, np.nan)
         values[sound] = states[sound][:, self._order]
         values[sound, angular] = kinematics.base_velocity(states[sound])[1]
-
-        # Advance one group after another, each on all threads.
         for group, robots in enumerate(members):
             if len(robots):
                 targets = self._step_targets(group, held.of(robots))

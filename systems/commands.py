@@ -87,7 +87,6 @@ class MeshcatCommand(LeafSystem):
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
 
-        # Keys move the sliders too.
         speed, turn = gait.max_speed, gait.max_yaw_rate
         meshcat.AddSlider(SPEED_SLIDER, -speed, speed, 0.05, velocity[0], "KeyS", "KeyW")
         meshcat.AddSlider(YAW_RATE_SLIDER, -turn, turn, 0.05, velocity[1], "KeyD", "KeyA")

@@ -102,7 +102,6 @@ class OdometrySystem(MealySystem):
                 touching=touching > 0.5,
             )
 
-        # Flatten the estimate for the context.
         body_state = self._odometry.body_state(self._robot, now, position)
         after = [[1.0], now.velocity, now.footholds.ravel(), now.touching, now.turning]
         return {"body_state": body_state}, np.concatenate([*after, body_state[FOOT_HEIGHT]])

@@ -158,7 +158,6 @@ class ImuSensor(MealySystem):
         uniform_noise: Array | None = None,
         imu_bias: Array | None = None,
     ) -> tuple[Outputs, Array]:
-        # Compute the current reading.
         has_begun = memory[0] > 0.5
         velocity = state[quadruped.LINEAR_VELOCITY]
         reading = measure_imu(state, memory[1:4] if has_begun else velocity, self._gravity)

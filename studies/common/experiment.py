@@ -282,14 +282,12 @@ class Experiment(PolicySource):
 
     @cached_property
     def gaits(self) -> list[Gait]:
-        """The gaits."""
         from glassgait.models.policies.library import find_gait
 
         return [find_gait(name, self.robot) for name in expand_gaits(self.gait)]
 
     @cached_property
     def scenarios(self) -> dict[str, Scenario]:
-        """The scenarios by name."""
         from glassgait.diagrams.scenario import load_scenarios
 
         scenarios = load_scenarios(self.scenario)

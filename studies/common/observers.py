@@ -50,7 +50,6 @@ class Log(Observer):
         self._steps: list[RolloutLog] = []
 
     def observe(self, step: ControlStep) -> None:
-        """Records a control step."""
         outcome = step.outcome
         log = RolloutLog(
             velocity=forward_and_yaw(step.after.plant),
@@ -75,7 +74,6 @@ class Observations(Observer):
         self._rows: list[Array] = []
 
     def observe(self, step: ControlStep) -> None:
-        """Records a control step."""
         self._rows.append(step.observation)
 
     @property

@@ -63,7 +63,6 @@ class RolloutConfig(Settings):
 
     @property
     def seeds(self) -> range:
-        """All seeds."""
         return range(self.seed, self.seed + self.n_seeds)
 
 

@@ -1,6 +1,6 @@
-"""Settings files: what has no option on the command line is set in a YAML file.
+"""Settings files (YAML), also for settings without an option on the command line.
 
-`--print-settings` writes such a file with every setting, and `--settings FILE` reads one.
+`--print-settings` prints such a file with every setting, and `--settings FILE` reads one.
 """
 
 from dataclasses import replace
@@ -17,18 +17,18 @@ from glassgait.studies.common.jobs import expand_gaits
 from glassgait.studies.common.run import to_plain
 
 IN_FILE = tyro.conf.Suppress
-"""Annotates settings without an option."""
+"""Annotation of settings without an option."""
 
 S = TypeVar("S", bound=Settings)
 
 
 @checked
 class SettingsFile(Settings):
-    """Settings of a command whose field `config` may be read from a file.
+    """Settings of a command whose field `config` can be read from a file.
 
     Attributes:
-        settings: Settings file, an expert's record or a run's config.yaml; other options change
-            what it says. --print-settings writes one with every setting.
+        settings: Settings file, an expert's record or a run's config.yaml; other options override
+            it. --print-settings prints a file with every setting.
         print_settings: Print all settings as YAML instead of running.
     """
 
@@ -39,32 +39,32 @@ class SettingsFile(Settings):
 
     @classmethod
     def from_file(cls, path: Path) -> Self:
-        """Returns a command that takes its settings from a file."""
+        """Returns a command with the settings of a file."""
         default: Any = cls()
         config = read_settings(default.config, path)
         gait = {"gait": (config.gait,)} if hasattr(config, "gait") else {}
         return replace(default, config=config, **gait)
 
     def text(self) -> str:
-        """Returns the settings as YAML, those of one gait with its name."""
+        """Returns the settings as YAML, with the name of the gait."""
         command: Any = self
         values = to_plain(command.config)
         if "gait" in values:
             values["gait"], *others = expand_gaits(command.gait)
             if others:
-                raise InputError("--print-settings: a settings file is of one gait; name one")
+                raise InputError("--print-settings: a settings file is of one gait; give one")
         return yaml.safe_dump(values, sort_keys=False)
 
 
 def read_settings(defaults: S, path: Path) -> S:
-    """Reads settings from a file or a record; keys that it lacks have their defaults."""
+    """Reads settings from a file or a record; missing keys have their defaults."""
     values = read_yaml(path)
     if isinstance(values, dict):
-        # A record holds settings beside other things: an expert's, a refinement's, or a run's.
-        of_run = values.get("settings") if "study" in values else values
-        values = values.get(defaults.title, values.get("config", of_run))
+        # Find the settings in a record of a refinement, of an expert, or of a run.
+        settings = values.get("settings") if "study" in values else values
+        values = values.get(defaults.title, values.get("config", settings))
     if not isinstance(values, dict):
-        raise InputError(f"{path}: is not a mapping of settings; write one with --print-settings")
+        raise InputError(f"{path}: is not a mapping of settings; make one with --print-settings")
     return type(defaults).from_plain(_filled(values, to_plain(defaults)), str(path))
 
 

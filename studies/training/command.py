@@ -69,7 +69,6 @@ def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
     """Trains one expert, starting from a checkpoint if one exists."""
     from glassgait.studies.training.run import TrainingRun
 
-    # Collect the run's settings and inputs.
     config = replace(config, gait=job.gait, seed=job.seed)
     gait = load_gait(config.gait)
     inputs = {"gait": gait.digest()}

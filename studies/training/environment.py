@@ -160,8 +160,7 @@ class Environment:
     def _privileged(self) -> Array:
         s = self.simulator.state
         _, angular = kinematics.base_velocity(s.plant)
-        # The true direction of gravity in the trunk frame. On slopes, where the plant's gravity is
-        # tilted, it differs from the direction relative to the ground below.
+        # The true direction of gravity; `gravity_direction` below is relative to sloped ground.
         gravity = []
         if isinstance(self._estimator, Odometry):
             velocity = s.plant[:, quadruped.LINEAR_VELOCITY]

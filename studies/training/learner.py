@@ -62,7 +62,6 @@ class LegByLeg(nn.Module):
         masks = leg_masks(names, network_of(dense))
         for layer, mask in zip(linear_layers(dense), masks, strict=True):
             layer.weight.data *= torch.from_numpy(mask)
-        # The entries that each leg's units observe.
         self._observed = [np.flatnonzero(rows[0]) for rows in np.split(masks[0], quadruped.N_LEGS)]
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -224,7 +223,6 @@ class Learner:
 
     def update(self, last_observations: TensorDict, number: int) -> dict[str, float]:
         """Trains with the stored steps after `number` updates of the run; returns the losses."""
-        # Schedule the entropy's weight and the divergence.
         ppo = self._config
         weights, divergences = (ppo.entropy, ppo.final_entropy), (ppo.desired_kl, ppo.final_kl)
         self.ppo.entropy_coef = float(np.interp(number, ppo.entropy_decay, weights))
@@ -239,8 +237,6 @@ class Learner:
             losses["estimator"] = self._estimator.fit(
                 stored, self._optimizers["estimator_optimizer"]
             )
-
-        # Add further columns of the learning curve.
         losses["action_std"] = self.ppo.actor.output_std.mean().item()
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
@@ -274,7 +270,6 @@ class Learner:
                     state["state"].setdefault(int(index), {})[key] = value
             optimizer.load_state_dict(state)
 
-        # Set the adapted learning rate and the generator.
         self.ppo.learning_rate = values["learning_rate"]
         for group in self.ppo.optimizer.param_groups:
             group["lr"] = values["learning_rate"]

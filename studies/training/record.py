@@ -1,4 +1,4 @@
-"""Records of experts: how they were trained, as recipes of a few lines."""
+"""Records of experts, with their training settings as short recipes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,34 +10,34 @@ from glassgait.studies.training.config import TrainingConfig
 
 
 def recipe(config: TrainingConfig) -> dict[str, Any]:
-    """Returns the settings that differ from the defaults, as `read_config` reads them."""
+    """Returns the settings that differ from the defaults, for `read_config`."""
     changed = _differences(to_plain(config), to_plain(TrainingConfig()))
     return {"gait": config.gait, **changed}
 
 
 def _differences(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
-    found = {}
+    differences = {}
     for key, value in values.items():
         changed = _differences(value, defaults[key]) if isinstance(value, dict) else value
         if changed not in (defaults[key], {}):
-            found[key] = changed
-    return found
+            differences[key] = changed
+    return differences
 
 
 def read_config(path: Path) -> TrainingConfig:
-    """Reads from a record or a settings file how an expert is trained."""
+    """Reads an expert's training settings from a record or a settings file."""
     config = read_settings(TrainingConfig(), path)
     start = config.warm_start
     if start is None or Path(start).exists():
         return config
-    # Shipped records can be followed from anywhere: paths are looked for from their folder, too.
+    # A path that does not exist may be relative to the record's folder.
     beside = path.parent / start
-    # The run's result may have the name of the expert that it began as.
+    # Ignore the run's result, which may have the same name as the expert of the warm start.
     is_result = beside.with_suffix(path.suffix) == path
     return replace(config, warm_start=str(beside)) if beside.exists() and not is_result else config
 
 
 def trainings(path: Path) -> list[Path]:
-    """Lists the records of an expert's trainings from the first one to its record, the last."""
+    """Lists the records of an expert's trainings, from the first one to `path`."""
     start = read_config(path).warm_start
     return [*([] if start is None else trainings(Path(start).with_suffix(".yaml"))), path]
