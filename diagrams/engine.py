@@ -31,6 +31,11 @@ class Held(NamedTuple):
         steps = np.rint(self.latency / CONTROL_PERIOD * n_steps).astype(np.int64)
         return np.clip(steps, 0, n_steps)
 
+    def at_steps(self, n_steps: int) -> Array:
+        """Returns the targets at every plant step of the period (n, n_steps, 12; rad)."""
+        waiting = np.arange(n_steps) < self.waits(n_steps)[:, None]
+        return np.where(waiting[..., None], self.late[:, None], self.targets[:, None])
+
 
 class Engine(ABC):
     """Advances groups of robots, each with its station."""

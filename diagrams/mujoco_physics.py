@@ -1,5 +1,6 @@
 """Batch physics with MuJoCo, to compare with Drake's."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -31,11 +32,18 @@ class MujocoEngine(Engine):
         self, robot: Robot, stations: Sequence[StationConfig], n_threads: int | None
     ) -> None:
         super().__init__(stations)
-        self._n_steps = [station.plant_steps() for station in stations]
         self._models = [make_model(robot, station) for station in stations]
+        self._contact_forces = np.array([station.contact_force for station in stations])
         n_threads = n_threads or Parallelism.Max().num_threads()
-        self._data = [[mujoco.MjData(model) for _ in range(n_threads)] for model in self._models]
         self._rollout = Rollout(nthread=n_threads)
+        # One call advances all groups with models of the same sizes, which share their data.
+        batches: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
+        for group, (model, station) in enumerate(zip(self._models, stations, strict=True)):
+            batches[model.signature, station.plant_steps()].append(group)
+        self._batches = [
+            (groups, n_steps, [mujoco.MjData(self._models[groups[0]]) for _ in range(n_threads)])
+            for (_, n_steps), groups in batches.items()
+        ]
         self._order = _order_of_state(self._models[0])
 
     def set_friction(self, friction: Array) -> None:
@@ -54,10 +62,15 @@ class MujocoEngine(Engine):
         values = np.full_like(states, np.nan)
         values[sound] = states[sound][:, self._order]
         values[sound, angular] = kinematics.base_velocity(states[sound])[1]
-        for group, robots in enumerate(members):
+
+        # Advance one batch after another, each on all threads.
+        for groups, n_steps, data in self._batches:
+            robots = np.concatenate([members[group] for group in groups])
+            which = np.repeat(groups, [len(members[group]) for group in groups])
             if len(robots):
-                targets = self._step_targets(group, held.of(robots))
-                values[robots], touching[robots] = self._roll_out(group, values[robots], targets)
+                targets = held.of(robots).at_steps(n_steps)
+                values[robots], forces = self._roll_out(which, data, values[robots], targets)
+                touching[robots] = forces > self._contact_forces[which, None]
 
         # Convert back to Drake's order and the world frame.
         after = np.full_like(states, np.nan)
@@ -66,21 +79,17 @@ class MujocoEngine(Engine):
         after[:, quadruped.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, values[:, angular])
         return after, touching
 
-    def _step_targets(self, group: int, held: Held) -> Array:
-        """Returns the targets at every plant step (n, n_steps, 12; rad)."""
-        n_steps = self._n_steps[group]
-        waiting = np.arange(n_steps) < held.waits(n_steps)[:, None]
-        return np.where(waiting[..., None], held.late[:, None], held.targets[:, None])
-
-    def _roll_out(self, group: int, values: Array, targets: Array) -> tuple[Array, BoolArray]:
+    def _roll_out(
+        self, groups: IntArray, data: list[mujoco.MjData], values: Array, targets: Array
+    ) -> tuple[Array, Array]:
+        """Returns states (n, 37) in MuJoCo's order, and normal forces on the feet (n, 4; N)."""
         # The first entry of MuJoCo's state is time.
-        model = self._models[group]
-        before = np.zeros((len(values), mujoco.mj_stateSize(model, _STATE)))
+        models = [self._models[group] for group in groups]
+        before = np.zeros((len(values), mujoco.mj_stateSize(models[0], _STATE)))
         before[:, 1 : 1 + values.shape[1]] = values
-        after, sensed = self._rollout.rollout(model, self._data[group], before, targets)
+        after, sensed = self._rollout.rollout(models, data, before, targets)
         assert after is not None and sensed is not None
-        moved = after[:, -1, 1 : 1 + values.shape[1]]
-        return moved, sensed[:, -1] > self.stations[group].contact_force
+        return after[:, -1, 1 : 1 + values.shape[1]], sensed[:, -1]
 
 
 def _order_of_state(model: mujoco.MjModel) -> IntArray:

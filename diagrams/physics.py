@@ -97,7 +97,7 @@ class Physics:
 
     def _advance(self, engine: Engine, states: Array, held: Held) -> PhysicsStep:
         """Advances the finite robots of an engine, each within the middle period of its ground."""
-        # A robot that is not finite would stop Drake's batch.
+        # Engines take finite numbers only.
         values = np.concatenate([states, held.targets, held.late], axis=1)
         is_finite = np.all(np.isfinite(values), axis=1)
         terrains = tuple(station.terrain for station in engine.stations)
@@ -130,6 +130,7 @@ def make_physics(robot: Robot, *stations: StationConfig, n_threads: int | None =
     return Physics(robot, engines)
 
 
+@lru_cache(maxsize=16)
 def _members(n_robots: int, n_groups: int) -> list[IntArray]:
     return np.array_split(np.arange(n_robots), n_groups)
 

@@ -30,7 +30,8 @@ class Ground:
     def __init__(self, terrains: Sequence[Terrain], which: NDArray[np.int64] | None = None) -> None:
         self._terrains = terrains
         self._which = np.zeros((), dtype=np.int64) if which is None else which
-        self.is_level = all(terrain.is_plane for terrain in terrains)
+        self._are_rough = np.array([not terrain.is_plane for terrain in terrains])
+        self.is_level = not self._are_rough.any()
 
         # Tables of terrains, and of the cells of all terrains one after another.
         grids = [grid_of(terrain) for terrain in terrains]
@@ -48,7 +49,7 @@ class Ground:
         self._rotation = np.concatenate([grid.rotation.reshape(-1, 3, 3) for grid in grids])
         self._half_size = np.concatenate([grid.half_size.reshape(-1, 2) for grid in grids])
 
-    def of_robots(self, index: NDArray[np.int64]) -> "Ground":
+    def of_robots(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> "Ground":
         """Returns the ground of only the robots at `index`."""
         if self._which.ndim == 0:
             return self
@@ -59,13 +60,17 @@ class Ground:
     @property
     def is_rough(self) -> NDArray[np.bool_]:
         """True for each robot that stands on boxes (n,)."""
-        return ~np.array([terrain.is_plane for terrain in self._terrains])[self._which]
+        return self._are_rough[self._which]
 
     def height(self, points: Array) -> Array:
         """Returns the height (..., k; m) of the highest box under points (..., k, 3; m)."""
-        if self.is_level:
-            return np.zeros(points.shape[:-1])
-        points = points[..., :2]
+        heights, rough = np.zeros(points.shape[:-1]), self.is_rough
+        if rough.any():
+            # Planes need no computation.
+            heights[rough] = self.of_robots(rough)._height_of_boxes(points[rough, ..., :2])
+        return heights
+
+    def _height_of_boxes(self, points: Array) -> Array:
         number, place, base = self._cells(self._around(points, 0.0))
         along = points[..., None, :] - place
         tops = base + self._top[number] + np.add.reduce(self._tilt[number] * along, axis=-1)

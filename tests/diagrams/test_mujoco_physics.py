@@ -1,5 +1,7 @@
 """The second simulator: the same robot, behind the same face."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -121,19 +123,22 @@ def test_a_diagram_is_drakes(trot):
 
 
 def test_groups_of_two_engines_move_as_those_of_each(generator):
-    stations = [StationConfig(engine="mujoco", time_step=0.005), StationConfig(friction=0.6)]
-    states = NOMINAL.initial_states(A1, 5, generator)
-    targets = A1.default_stance + 0.1 * generator.normal(size=(5, 12))
+    quick = StationConfig(engine="mujoco", time_step=0.005)
+    terrains = PLANE, Terrain(slope=9.0), Terrain(kind="blocks"), Terrain(kind="uneven")
+    stations = [*(replace(quick, terrain=one, payload=1.0) for one in terrains), quick, STATION]
+    stations.append(StationConfig(friction=0.6))
+    states = NOMINAL.initial_states(A1, 16, generator)
+    targets = A1.default_stance + 0.1 * generator.normal(size=(16, 12))
     mixed = make_physics(A1, *stations)
     parts = [make_physics(A1, station) for station in stations]
-    for frictions in (None, np.array([0.3, 0.8])):
+    for frictions in (None, np.linspace(0.3, 0.8, 7)):
         if frictions is not None:
             for physics, own in ((mixed, frictions), *zip(parts, frictions[:, None], strict=True)):
                 physics.set_friction(own)
         moved = mixed.step(states, targets)
         alone = [
             part.step(states[index], targets[index])
-            for part, index in zip(parts, mixed.members(5), strict=True)
+            for part, index in zip(parts, mixed.members(16), strict=True)
         ]
         np.testing.assert_array_equal(moved.states, np.concatenate([own.states for own in alone]))
         np.testing.assert_array_equal(
