@@ -60,7 +60,6 @@ class Distill(SettingsFile):
     resume: bool = False
 
     def run(self) -> None:
-        """Runs the study."""
         from glassgait.studies.common.tables import print_table
 
         # Refuse invalid settings before any job begins.
@@ -119,7 +118,6 @@ class Refine(OnePolicy, SettingsFile):
     resume: bool = False
 
     def run(self) -> None:
-        """Runs the study."""
         from glassgait.studies.distillation.refinement import RefinementRun
 
         policies, named = self.find()

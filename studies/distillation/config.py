@@ -45,7 +45,6 @@ class StudentsSettings(Settings):
     formulas: FormulasSettings = field(default_factory=FormulasSettings)
 
     def of(self, name: str) -> StudentSettings:
-        """Returns the settings of a student."""
         return getattr(self, name, StudentSettings())
 
 
@@ -211,7 +210,6 @@ class RefinementConfig(Settings):
     ppo: Annotated[PpoConfig, IN_FILE] = REFINING
 
     def training(self, gait: str, robot: str, law: JointLaw) -> TrainingConfig:
-        """Returns the settings of the training run."""
         station = self.worlds.station.with_gains(load_robot(robot), law)
         return TrainingConfig(
             robot=robot,

@@ -90,7 +90,6 @@ class Dataset:
         return Dataset(self.observations[mask], self.actions[mask], self.episodes[mask])
 
     def union(self, other: "Dataset") -> "Dataset":
-        """Aggregates two datasets."""
         return Dataset(
             np.concatenate([self.observations, other.observations]),
             np.concatenate([self.actions, other.actions]),
@@ -117,7 +116,6 @@ class Dataset:
 
     @staticmethod
     def load(path: Path) -> "Dataset":
-        """Reads back what `save` wrote."""
         arrays, header = load_arrays(path)
         try:
             data = Dataset(**arrays, minutes=float(header["minutes"]))

@@ -170,7 +170,6 @@ class FormulaNetwork(nn.Module):
         self.unit.copy_(torch.block_diag(*blocks))
 
     def to_policy(self) -> FormulaPolicy:
-        """Returns the policy with the current numbers."""
         remaining = iter(self._numbers().detach().double().tolist())
         written = {
             place: without_zeros(with_numbers(formula, remaining))

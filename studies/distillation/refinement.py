@@ -75,7 +75,7 @@ class RefinementRun(LearningRun):
         return policy.with_estimator_of(self._expert)
 
     def write_result(self) -> None:
-        """Writes the formulas (the best candidate's in the end), the record and the curve."""
+        """Writes the record, the curve and the formulas, in the end those of the best candidate."""
         # Training returns include exploration noise and hardly predict how formulas walk, and more
         # updates may make them worse. So the candidates are compared by rollouts.
         finished = self.n_updates >= self.config.updates

@@ -61,7 +61,7 @@ SHUFFLED_TEST_SHARE = 0.2
 
 
 def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
-    """Writes the scores, the paper's beside ours, as metrics.json, r2.csv and r2.md."""
+    """Writes the scores, with the paper's, as metrics.json, r2.csv and r2.md."""
     table = pd.DataFrame(
         {
             "student": r2["student"],

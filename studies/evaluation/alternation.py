@@ -69,7 +69,6 @@ class Alternation(Experiment):
         ]
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls out the robots of one seed, and scores them."""
         from glassgait.studies.common.rollouts import RolloutConfig
 
         return _score(RolloutConfig(self.n_robots, self.n_steps), case)

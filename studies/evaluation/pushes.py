@@ -77,7 +77,6 @@ class Pushes(Experiment):
         )
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Reports which pushes each policy survives."""
         from glassgait.studies.common.tables import json_records
         from glassgait.studies.evaluation import figures, tables
 

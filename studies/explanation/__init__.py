@@ -1,1 +1,1 @@
-"""One page a gait that shows, at every moment of a rollout, why each joint does what it does."""
+"""Explanations of policies: a page of each action's terms, formulas, and tests in simulation."""

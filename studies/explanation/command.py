@@ -50,7 +50,6 @@ class ExplainPage(OnePolicy):
         self._check_step(self.n_steps, "ends")
 
     def run(self) -> None:
-        """Rolls out, explains, and writes the page."""
         policies, policy = self.find()
         gait = policies.gait
         joint, controller = joint_index(self.joint), policies.controller(policy)
@@ -142,7 +141,6 @@ class ExplainFormulas(OnePolicy):
             raise InputError("--joint: LaTeX is of the whole controller; leave --latex or this out")
 
     def run(self) -> None:
-        """Prints the formulas."""
         policies, name = self.find()
         student = policies.formulas(name)
         if self.latex:

@@ -1,1 +1,1 @@
-"""The importance of observations, and figures of students from within (paper, Section IV-B)."""
+"""Importances of observations, and figures of the students' models (paper, Section IV-B)."""

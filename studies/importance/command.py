@@ -115,12 +115,10 @@ class Importance(Experiment):
         return samples
 
     def prepared(self, cases: list[Case]) -> list[Case]:
-        """Returns the cases with their samples."""
         pairs = ((case, self.samples[case.labels["policy"]]) for case in cases)
         return [SampledCase(**vars(case), samples=samples) for case, samples in pairs]
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Measures a student's importances by every method."""
         from glassgait.studies.importance.study import measure_importances
 
         assert isinstance(case, SampledCase)

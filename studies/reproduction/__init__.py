@@ -1,1 +1,1 @@
-"""Reproduction of the paper by its own settings."""
+"""Reproduction of the paper with its settings."""

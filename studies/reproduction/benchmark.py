@@ -67,7 +67,6 @@ class Benchmark(OneGait):
     output: Path | None = None
 
     def run(self) -> None:
-        """Measures, and writes tables."""
         robot = self.robot or DEFAULT_ROBOT
         folder = self.output or default_folder(self.title, load_robot(robot).name)
         refuse_run(folder)

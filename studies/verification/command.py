@@ -220,7 +220,6 @@ class Check(Settings):
     robot: Path | None = None
 
     def run(self) -> None:
-        """Checks each certificate, and prints the result."""
         for option, file in {"--policy": self.policy, "--robot": self.robot}.items():
             if file and len(self.certificates) != 1:
                 raise InputError(f"{option}: is of one certificate; name one")
