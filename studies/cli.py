@@ -22,7 +22,7 @@ COMMANDS = {
     "evaluate scenarios": ("evaluation.scenarios:Scenarios", "Score policies in scenarios."),
     "evaluate alternation": (
         "evaluation.alternation:Alternation",
-        "Alternate expert and student, and report the return at each alternation ratio.",
+        "Report the return at each alternation ratio of expert and student.",
     ),
     "evaluate pushes": ("evaluation.pushes:Pushes", "Plot which pushes policies survive."),
     "importance": ("importance.command:Importance", "Measure which observations students use."),
@@ -30,7 +30,7 @@ COMMANDS = {
     "explain formulas": ("explanation.command:ExplainFormulas", "Print formulas as text or LaTeX."),
     "explain interventions": (
         "explanation.interventions:ExplainInterventions",
-        "Change a term of a formula, and measure whether the robot responds as predicted.",
+        "Change a term of a formula and compare the robot's response with its prediction.",
     ),
     "explain counterfactual": (
         "explanation.counterfactual:ExplainCounterfactual",

@@ -195,7 +195,7 @@ class Experiment(PolicySource):
         n_seeds: Number of seeds: seed, seed + 1, …
         workers: Workers that run the cases.
         resume: Continue the run in the folder.
-        output: Folder of the results. By default runs/<title>/<gait>, with the names of given
+        output: Folder of the results. By default runs/<command>/<gait>, with the names of given
             policies appended. With several gaits, each has a folder <gait> in it.
     """
 

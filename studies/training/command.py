@@ -27,8 +27,8 @@ class Train(SettingsFile):
         gait: Names of gaits, or paths of gait files; `all` for every built-in gait.
         n_seeds: Number of seeds per gait: seed, seed + 1, …
         workers: Workers that run the jobs; a single job runs in this process.
-        output: Folder of the run, by default runs/train/<gait>. With several gaits or seeds, each
-            run has a folder <gait>/seed_<seed> in it.
+        output: Folder of the run, by default runs/train/<gait>. Of several runs, each gait has a
+            folder <gait> in it, and each of several seeds a folder seed_<seed> in that.
         resume: Continue the run in the folder.
     """
 

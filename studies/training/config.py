@@ -142,9 +142,9 @@ class TrainingConfig(Settings):
             the body.
         friction_updates: Updates between two draws of frictions and changes of the ground.
         checkpoint_updates: Updates between two checkpoints.
-        mirrored: Make the actor and the estimator symmetric, if the gait's reward machine is.
-        limit_targets: Limit targets to the joints' ranges, in training and later by the expert's
-            file.
+        mirrored: Whether actor and estimator are symmetric, if the gait's reward machine is.
+        limit_targets: Whether targets are limited to the joints' ranges, in training and whenever
+            the expert acts.
         senses: Source of the body state: `learned` is the paper's, a network without an IMU that is
             trained with the actor; `odometry` estimates it from the IMU, the joints and the stance
             feet; with `imu` the actor also observes gravity and angular velocity.
