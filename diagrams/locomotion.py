@@ -37,6 +37,7 @@ from glassgait.systems.sensors import (
     FootSensor,
     ImuSensor,
     JointSensor,
+    ReadingCheck,
     SensorBias,
 )
 
@@ -213,7 +214,8 @@ def _add_sensors(
         noise, bias = errors.get("imu_noise"), errors.get("imu_bias")
         add("imu", sensor, state=state, uniform_noise=noise, imu_bias=bias)
         ports |= _outputs(sensor)
-    return ports
+    sensed = {name: ports.get(name) for name in ("joints", "touching", "imu")}
+    return ports | _outputs(add("reading_check", ReadingCheck(), **sensed))
 
 
 def _add_observation(
@@ -231,20 +233,20 @@ def _add_observation(
     add = partial(_add, builder)
 
     # Contacts, the reward machine, and the part of the observation without estimates.
-    trust = add("contact_trust", ContactTrustSystem(), touching=ports["touching"])
+    trust = add("contact_trust", ContactTrustSystem(), touching=ports["sound_touching"])
     machine = RewardMachineSystem(gait)
     believed, dwell = trust.GetOutputPort("believed_contact"), ports["commanded_dwell"]
     add("reward_machine", machine, foot_contact=believed, commanded_dwell=dwell)
     proprioception = add(
         "proprioception",
         Proprioception(robot, layout, limited=limited),
-        joints=ports["joints"],
+        joints=ports["sound_joints"],
         command=ports["command"],
         commanded_dwell=dwell,
         previous_action=ports["held_action"],
         rm_state=machine.GetOutputPort("rm_state"),
         rm_iterations=machine.GetOutputPort("rm_iterations"),
-        **({"imu": ports["imu"]} if layout.imu else {}),
+        **({"imu": ports["sound_imu"]} if layout.imu else {}),
     )
 
     # The body state, and the foot heights that contacts and the machine read. Imported here, since
@@ -262,8 +264,8 @@ def _add_observation(
             body = add(
                 "odometry",
                 OdometrySystem(robot, estimator),
-                joints=ports["joints"],
-                imu=ports["imu"],
+                joints=ports["sound_joints"],
+                imu=ports["sound_imu"],
                 touching=trust.GetOutputPort("believed_touching"),
             )
             height = body.GetOutputPort("previous_foot_height")
@@ -303,8 +305,8 @@ def _add_action(
         asked = _add_policies(builder, controller, gait, layout, ports["observation"])
     limits = TargetLimitsSystem(robot, law.limits)
     sensed = ("joints", "imu") if law.limits else ()
-    inputs = {name: ports[name] for name in sensed} | {"previous_action": ports["held_action"]}
-    _add(builder, "target_limits", limits, action=asked, **inputs)
+    inputs, before = {name: ports[f"sound_{name}"] for name in sensed}, ports["held_action"]
+    _add(builder, "target_limits", limits, action=asked, previous_action=before, **inputs)
     builder.Connect(asked, hold.GetInputPort("asked_action"))
     builder.Connect(limits.get_output_port(), hold.GetInputPort("action"))
     return limits.get_output_port()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array, map_arrays
-from glassgait.models.control import BoolArray, Memory, Sensors
+from glassgait.models.control import BoolArray, Memory, Sensors, sound_readings
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, expert_of
 from glassgait.models.policies.policy import Policy
@@ -121,14 +121,11 @@ class TaskState(NamedTuple):
 
 
 def read_sensors(plant: Array, joint_noise: Array, touching: BoolArray, imu: Array) -> Sensors:
-    """Returns the sensor readings; see `TaskState` for the arrays."""
+    """Returns the sound sensor readings; see `TaskState` for the arrays."""
     position, velocity = np.split(joint_noise, 2, axis=1)
-    return Sensors(
-        plant[:, quadruped.JOINT_POSITION] + position,
-        plant[:, quadruped.JOINT_VELOCITY] + velocity,
-        touching,
-        imu[:, -1],
-    )
+    position = plant[:, quadruped.JOINT_POSITION] + position
+    velocity = plant[:, quadruped.JOINT_VELOCITY] + velocity
+    return sound_readings(Sensors(position, velocity, touching, imu[:, -1]))
 
 
 def replaced(values: NDArray, index: NDArray[np.int64], new: NDArray) -> NDArray:

@@ -107,12 +107,7 @@ def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
 
 
 def save_replay(
-    diagram: Diagram,
-    meshcat: Meshcat,
-    rollout: Rollout,
-    path: Path,
-    *,
-    repetitions: int = 1,
+    diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path, *, repetitions: int = 1
 ) -> None:
     """Writes an animation of all recorded control steps as an HTML page.
 

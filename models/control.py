@@ -10,7 +10,7 @@ many robots, the systems of the diagram wrap them, and the exported C has one se
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from glassgait.models.estimation.sensors import (
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.observation import LARGEST_SOUND, N_ESTIMATED, proprioception
+from glassgait.models.task.observation import N_ESTIMATED, are_sound, proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
 NO_READING: Array = np.full(N_IMU, np.nan)  # reading of a missing IMU
@@ -53,8 +53,17 @@ class Memory(NamedTuple):
     action: Array  # the action that the joints follow (..., 12)
 
 
-def _are_sound(*values: Array) -> BoolArray:
-    return np.asarray((np.abs(np.concatenate(values, axis=-1)) <= LARGEST_SOUND).all(axis=-1))
+def sound_readings(sensors: Sensors, *, imu: bool = True) -> Sensors:
+    """Replaces a robot's readings except contacts by NaN if any of them, see `imu`, is unsound."""
+    readings = sensors.joint_position, sensors.joint_velocity, sensors.imu
+    sound = are_sound(*readings[: 3 if imu else 2])[..., None]
+    position, velocity, reading = (np.where(sound, one, np.nan) for one in readings)
+    return Sensors(position, velocity, sensors.touching, reading)
+
+
+def _chosen(which: BoolArray, ours: Any, others: Any) -> Any:
+    """Returns nested arrays with the values of `ours` for some robots (...), else of `others`."""
+    return map_arrays(lambda one, other: np.where(which.T, one.T, other.T).T, ours, others)
 
 
 @dataclass(frozen=True)
@@ -87,25 +96,17 @@ class ControlStep:
         A robot keeps its memory if a reading or an estimate is not finite or exceeds
         `LARGEST_SOUND`. It keeps its targets if the policy's action is not finite.
         """
-        # Replace unsound readings, so that they do not disturb the other robots.
-        position, velocity, touching, imu = sensors
-        sound = _are_sound(position, velocity, *([imu] if self.needs_imu else []))
-        position = np.where(sound[..., None], position, self.robot.default_stance)
-        velocity, imu = (np.where(sound[..., None], values, 0.0) for values in (velocity, imu))
-        read = Sensors(position, velocity, touching, imu)
-
-        # If the first readings were unsound, the episode begins now.
-        if before is not None and (before.trust.reading == UNREAD).all():
-            before = None
-        memory, _ = self.sense(before, read, command)
+        read = sound_readings(sensors, imu=self.needs_imu)
+        last = self.initial(read.joint_position.shape[:-1]) if before is None else before
+        memory, _ = self.sense(last, read, command)
         action = policy(self.observation(memory, read, command))
         memory = memory._replace(action=self.limited(memory, read, action))
 
         # A robot with an unsound reading or estimate keeps its previous memory.
-        odometry, last = memory.odometry, self.initial(position) if before is None else before
-        feet = odometry.footholds.reshape(*sound.shape, -1)
-        sound &= _are_sound(odometry.velocity, feet, odometry.turning, memory.estimate)
-        memory = map_arrays(lambda now, was: np.where(sound.T, now.T, was.T).T, memory, last)
+        odometry, position = memory.odometry, read.joint_position
+        feet = odometry.footholds.reshape(*position.shape[:-1], -1)
+        estimated = odometry.velocity, feet, odometry.turning, memory.estimate
+        memory = _chosen(are_sound(position, *estimated), memory, last)
         return self.joint_targets(memory.action), memory
 
     def sense(
@@ -120,14 +121,17 @@ class ControlStep:
         """Reads the sensors: contacts, reward machine and estimate.
 
         The machine reads the foot heights estimated in the previous step, since an estimator may
-        observe the machine's state.
+        observe the machine's state. A robot whose readings are NaN (see `sound_readings`) keeps its
+        memory; odometry begins at the first step with other readings.
 
         Args:
             before: The memory of the previous step; None at an episode's first step.
             true_height: Heights of the feet (..., 4; m), used if there is no estimator.
             difficulty: See `RewardMachine.step`.
         """
-        last = self.initial(sensors.joint_position) if before is None else before
+        position = sensors.joint_position
+        last = self.initial(position.shape[:-1]) if before is None else before
+        sound = np.isfinite(position[..., 0])
 
         height = last.estimate[..., -quadruped.N_LEGS :] if true_height is None else true_height
 
@@ -135,7 +139,6 @@ class ControlStep:
             # Odometry predicts them, because this step's contacts are not known yet.
             if true_height is not None or not isinstance(self.estimator, Odometry):
                 return height
-            position = sensors.joint_position
             return self.estimator.expected_heights(self.robot, last.odometry, position)
 
         # Contacts; the foot's height replaces a sensor that seems stuck.
@@ -148,29 +151,32 @@ class ControlStep:
             foot_height=height,
             commanded_dwell=command.dwell,
             difficulty=difficulty,
+            moves=sound,
         )
 
         # The estimate comes last, because a network observes the machine's state.
         odometry = last.odometry
-        if isinstance(self.estimator, Odometry) and before is not None:
+        if isinstance(self.estimator, Odometry):
             odometry = self.estimator.advance(
                 self.robot,
                 last.odometry,
-                joint_position=sensors.joint_position,
+                joint_position=position,
                 joint_velocity=sensors.joint_velocity,
                 imu=sensors.imu,
                 touching=contacts.touching,
             )
-        memory = Memory(contacts.trust, machine.machine, odometry, last.estimate, last.action)
-        return self.estimated(memory, sensors, command), machine
+            begins = (last.trust.reading == UNREAD).all(axis=-1)
+            odometry = _chosen(begins, self.estimator.begin(self.robot, position), odometry)
+        memory = last._replace(trust=contacts.trust, machine=machine.machine, odometry=odometry)
+        return self.estimated(_chosen(sound, memory, last), sensors, command), machine
 
-    def initial(self, joint_position: Array) -> Memory:
-        """Returns the memory before the first step of robots at rest (..., 12; rad)."""
-        shape = joint_position.shape[:-1]
+    def initial(self, shape: tuple[int, ...]) -> Memory:
+        """Returns the memory before the first step of robots of a shape."""
+        stance = np.broadcast_to(self.robot.default_stance, (*shape, quadruped.N_JOINTS))
         return Memory(
             trust=ContactTrust.begin(shape),
             machine=self.machine.initial(shape),
-            odometry=Odometry().begin(self.robot, joint_position),
+            odometry=Odometry().begin(self.robot, stance),
             estimate=np.zeros((*shape, N_ESTIMATED)),
             action=np.zeros((*shape, quadruped.N_JOINTS)),
         )
@@ -185,7 +191,8 @@ class ControlStep:
                 estimate = odometry.body_state(self.robot, memory.odometry, position)
             case network:
                 estimate = network(self.proprioception(memory, sensors, command))
-        return memory._replace(estimate=estimate)
+        sound = np.isfinite(sensors.joint_position[..., :1])
+        return memory._replace(estimate=np.where(sound, estimate, memory.estimate))
 
     def proprioception(self, memory: Memory, sensors: Sensors, command: Command) -> Array:
         """Returns the observation without body state (..., 40 + n_states; 6 more with an IMU)."""

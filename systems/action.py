@@ -174,9 +174,7 @@ class ActionHold(LeafSystem):
             )
         else:
             self.DeclarePeriodicUnrestrictedUpdateEvent(
-                period_sec=CONTROL_PERIOD,
-                offset_sec=latency % CONTROL_PERIOD,
-                update=self._pass_on,
+                period_sec=CONTROL_PERIOD, offset_sec=latency % CONTROL_PERIOD, update=self._pass_on
             )
 
     def _declare_output(self, name: str, entries: slice) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
+from glassgait.models import BASE_VELOCITY_SCALE
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.odometry import Odometry, OdometryState
 from glassgait.models.estimation.sensors import N_IMU
@@ -26,12 +27,13 @@ class StateEstimator(MealySystem):
         input_ports: [proprioception]
         output_ports: [body_state, previous_foot_height]
 
-    Inputs: proprioception (40 + n_states), in the order of `ObservationLayout`.
+    Inputs: proprioception (40 + n_states), in the order of `ObservationLayout`; without a sound
+    reading it has NaN, and the state stays.
     Outputs: body_state (7), base linear velocity times 2 (m/s, trunk frame) and foot heights (m).
     previous_foot_height (4, m), the foot heights at the previous control instant, zero at first.
     The reward machine reads these, since the estimator observes the RM state: the current heights
     would close an algebraic loop.
-    State: the foot heights (4, m).
+    State: the body state (7).
     """
 
     def __init__(self, estimator: Callable[[Array], Array], n_proprioceptive: int) -> None:
@@ -39,14 +41,14 @@ class StateEstimator(MealySystem):
         super().__init__(
             inputs={"proprioception": n_proprioceptive},
             outputs={"body_state": N_ESTIMATED},
-            memory=np.zeros(quadruped.N_LEGS),
+            memory=np.zeros(N_ESTIMATED),
         )
         self._estimator = estimator
         declare_previous_foot_height(self)
 
     def step(self, memory: Array, proprioception: Array) -> tuple[Outputs, Array]:
-        body_state = self._estimator(proprioception)
-        return {"body_state": body_state}, body_state[FOOT_HEIGHT]
+        body_state = memory if np.isnan(proprioception).any() else self._estimator(proprioception)
+        return {"body_state": body_state}, body_state
 
 
 class OdometrySystem(MealySystem):
@@ -58,8 +60,9 @@ class OdometrySystem(MealySystem):
         input_ports: [joints, imu, touching]
         output_ports: [body_state, previous_foot_height, expected_foot_height]
 
-    Inputs: joints (24; rad, rad/s), measured positions, then velocities. imu (9), the IMU's
-    reading. touching (4, {0, 1}), FL FR RL RR, the believed contacts.
+    Inputs: joints (24; rad, rad/s), measured positions, then velocities; without a sound reading
+    they are NaN, and the state stays. imu (9), the IMU's reading. touching (4, {0, 1}), FL FR RL
+    RR, the believed contacts.
     Outputs: body_state (7), base linear velocity times 2 (m/s, trunk frame) and foot heights above
     the plane of the footholds (m). previous_foot_height (4, m), as in `StateEstimator`.
     expected_foot_height (4, m), estimated without the current contacts. Both are zero at first.
@@ -87,6 +90,9 @@ class OdometrySystem(MealySystem):
     def step(
         self, memory: Array, joints: Array, imu: Array, touching: Array
     ) -> tuple[Outputs, Array]:
+        if np.isnan(joints[0]):
+            velocity = BASE_VELOCITY_SCALE * memory[1:4]
+            return {"body_state": np.concatenate([velocity, memory[FOOT_HEIGHT]])}, memory
         # Assume at the first instant that the robot is at rest.
         position, velocity = np.split(joints, 2)
         before = _unpacked(memory)

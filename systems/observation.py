@@ -23,7 +23,8 @@ class ContactTrustSystem(MealySystem):
         input_ports: [touching, foot_height]
         output_ports: [believed_contact, believed_touching]
 
-    Inputs: touching (4, {0, 1}), FL FR RL RR, the sensors' current readings. foot_height (4, m),
+    Inputs: touching (4, {0, 1}), FL FR RL RR, the sensors' current readings; without a sound
+    reading they are NaN, as are the outputs then, and the state stays. foot_height (4, m),
     estimated without the current contacts.
     Outputs: believed_contact (4, {0, 1}), contact now or at the previous control step.
     believed_touching (4, {0, 1}), contact now.
@@ -39,6 +40,8 @@ class ContactTrustSystem(MealySystem):
         )
 
     def step(self, memory: Array, touching: Array, foot_height: Array) -> tuple[Outputs, Array]:
+        if np.isnan(touching[0]):
+            return {"believed_contact": touching, "believed_touching": touching}, memory
         # A context holds floats, `ContactTrust` integers.
         reading, unchanged = np.split(memory.astype(np.int64), 2)
         before = ContactTrust(reading.astype(np.int8), unchanged)
@@ -59,8 +62,8 @@ class RewardMachineSystem(MealySystem):
         input_ports: [foot_contact, foot_height, commanded_dwell]
         output_ports: [rm_state, rm_iterations, reward_multiplier, served_dwell]
 
-    Inputs: foot_contact (4, {0, 1}), FL FR RL RR. foot_height (4, m), above the ground.
-    commanded_dwell (1, control steps).
+    Inputs: foot_contact (4, {0, 1}), FL FR RL RR; while it is NaN the machine does not move.
+    foot_height (4, m), above the ground. commanded_dwell (1, control steps).
     Outputs: rm_state (n_states, one-hot) and rm_iterations (1, control steps), after the current
     propositions. reward_multiplier (1), the factor on this step's plain reward. served_dwell (1,
     control steps), the commanded dwell that the current transition served; 0 without a transition.
@@ -92,6 +95,7 @@ class RewardMachineSystem(MealySystem):
             foot_contact=foot_contact > 0.5,
             foot_height=foot_height,
             commanded_dwell=commanded_dwell[0],
+            moves=np.isfinite(foot_contact[0]),
         )
         outputs = {
             "rm_state": self._machine.one_hot(stepped.machine.state),

@@ -15,11 +15,12 @@ from glassgait.models.estimation.sensors import (
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.ground import LEVEL_GROUND, Ground, body_state, sense_feet
-from glassgait.models.task.observation import JOINT_NOISE, N_ESTIMATED
+from glassgait.models.task.observation import JOINT_NOISE, N_ESTIMATED, are_sound
 from glassgait.models.task.randomization import Randomization, seed_of
 from glassgait.systems.base import STATE, FunctionSystem, MealySystem, Outputs
 
 SOUND_SENSORS = stuck_sensors((), ())  # contact sensors (4)
+NO_IMU = np.zeros(N_IMU)
 
 
 class JointSensor(FunctionSystem):
@@ -171,6 +172,30 @@ class ImuSensor(MealySystem):
         readings = np.vstack([reading, delayed])
         after = np.concatenate([[1.0], velocity, readings[:-1].ravel()])
         return {"imu": readings[-1]}, after
+
+
+class ReadingCheck(FunctionSystem):
+    """Passes readings on while all are sound; see `are_sound`.
+
+    .. pydrake_system::
+
+        name: ReadingCheck
+        input_ports: [joints, touching, imu]
+        output_ports: [sound_joints, sound_touching, sound_imu]
+
+    Inputs: joints (24; rad, rad/s), touching (4, {0, 1}), and imu (9), which may stay unconnected.
+    Outputs: the same, or NaN in all of them.
+    """
+
+    def __init__(self) -> None:
+        sizes = {"joints": 2 * quadruped.N_JOINTS, "touching": quadruped.N_LEGS, "imu": N_IMU}
+        outputs = {f"sound_{name}": size for name, size in sizes.items()}
+        super().__init__(inputs=sizes, outputs=outputs, optional=("imu",))
+
+    def evaluate(self, joints: Array, touching: Array, imu: Array = NO_IMU) -> Outputs:
+        factor = 1.0 if are_sound(joints, imu) else np.nan
+        readings = {"joints": joints, "touching": touching, "imu": imu}
+        return {f"sound_{name}": factor * reading for name, reading in readings.items()}
 
 
 class SensorBias(FunctionSystem):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,8 @@ from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_LAW, Robot
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
-
-if TYPE_CHECKING:
-    from glassgait.models.task.gait import Gait
 
 
 class FunctionPolicy(Policy):
@@ -27,8 +25,9 @@ class FunctionPolicy(Policy):
     kind = "function"
 
     def __init__(
-        self, function: Callable[[Array], Any], gait: "Gait", robot: Robot | None = None
+        self, function: Callable[[Array], Any], gait: Gait | str | Path, robot: Robot | None = None
     ) -> None:
+        gait = gait if isinstance(gait, Gait) else load_gait(gait)
         layout = ObservationLayout(gait.n_states, imu=True)
         super().__init__(gait.name, layout.names, robot=robot)
         self._function, self.machine, self._estimator = function, gait, Odometry()
@@ -39,14 +38,14 @@ class FunctionPolicy(Policy):
         result = self._function(observation.copy())
         shape = (*observation.shape[:-1], quadruped.N_JOINTS)
         try:
-            action = np.asarray(result, dtype=float)
+            action = np.asarray(result).astype(float, casting="same_kind", copy=False)
             # A single action (12,) applies to all robots.
             if action.shape in (shape, shape[-1:]):
                 return np.broadcast_to(action, shape)
         except (TypeError, ValueError):
             pass
         is_array = isinstance(result, np.ndarray)
-        returned = f"an array of shape {result.shape}" if is_array else shown(result)
+        returned = f"{result.dtype} of shape {result.shape}" if is_array else shown(result)
         raise InputError(
             f"the policy's function returned {returned} for an observation of shape "
             f"{observation.shape}; return an array of shape {shape}"

@@ -69,9 +69,7 @@ def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> F
     # The plane swings about the hip's axis.
     swung = _swung(robot, legs, x, z)
     velocity = stacked(
-        v_x,
-        -swung[..., 2] * v_hip - legs.sin_hip * v_z,
-        swung[..., 1] * v_hip + legs.cos_hip * v_z,
+        v_x, -swung[..., 2] * v_hip - legs.sin_hip * v_z, swung[..., 1] * v_hip + legs.cos_hip * v_z
     )
     turning = stacked(v_hip, legs.cos_hip * v_shank, legs.sin_hip * v_shank)
     return FootMotion(robot.hip_origin + swung, velocity, turning)

@@ -32,7 +32,7 @@ Longer waits are rare in the samples; students that observed the growing time wa
 """
 
 LARGEST_SOUND = 1e6
-"""Greatest magnitude of a sound observation or action, as in the exported C."""
+"""Greatest magnitude of a sound reading, observation or action, as in the exported C."""
 
 N_ESTIMATED = 7  # length of the estimated part: base velocity and foot heights
 
@@ -228,6 +228,11 @@ def machine_state_entries(names: Sequence[str]) -> slice:
 @cache
 def _entries_by_name() -> dict[str, ObservationEntry]:
     return {entry.name: entry for entry in ObservationLayout(MOST_STATES, imu=True).entries}
+
+
+def are_sound(*values: Array) -> NDArray[np.bool_]:
+    """Returns whether all of values (..., k) side by side are finite, up to `LARGEST_SOUND`."""
+    return np.asarray((np.abs(np.concatenate(values, axis=-1)) <= LARGEST_SOUND).all(axis=-1))
 
 
 def proprioception(

@@ -79,6 +79,7 @@ class RewardMachine:
         foot_height: Array,
         commanded_dwell: Array | IntArray,
         difficulty: float = 1.0,
+        moves: BoolArray | bool = True,
     ) -> MachineStep:
         """Advances by one control step.
 
@@ -92,19 +93,20 @@ class RewardMachine:
             commanded_dwell: Commanded iterations in a state (...; control steps).
             difficulty: Factor on a transition's dwell and clearance, and divisor of its grace;
                 training raises it to 1.
+            moves: Which machines (...) take the step; time does not pass for the others.
         """
         # The transition of the stance, and whether it fires.
         edge = self._edge[machine.state, stance_code(foot_contact)]
-        spent = machine.iterations + 1
+        spent = machine.iterations + moves
         clearance = difficulty * self.gait.clearance
         lifted = ((foot_height >= clearance) | ~self._swing[edge]).all(axis=-1)
         dwell = self._dwell[edge] * commanded_dwell
         in_time = (spent >= difficulty * dwell) & (difficulty * machine.age >= self._grace[edge])
-        fired = self._fires[edge] & lifted & in_time
+        fired = self._fires[edge] & lifted & in_time & moves
 
         # The next state, and the factor on the reward.
         state = np.where(fired, self._target[edge], machine.state)
-        after = MachineState(state=state, iterations=np.where(fired, 0, spent), age=machine.age + 1)
+        after = MachineState(state, np.where(fired, 0, spent), machine.age + moves)
         multiplier = np.where(fired, TRANSITION_MULTIPLIER, 1.0)
         at_fault = self._is_fault[machine.state] | self._is_fault[state]
         return MachineStep(

@@ -27,11 +27,7 @@ SHIPPED = {
 }
 """Options whose values may be names of shipped files."""
 
-OTHERS = {
-    "--scenario": ("grounds", "harsh"),
-    "--policy": ("expert", *KINDS),
-    "--students": KINDS,
-}
+OTHERS = {"--scenario": ("grounds", "harsh"), "--policy": ("expert", *KINDS), "--students": KINDS}
 """Further values of options."""
 
 

@@ -23,13 +23,7 @@ from glassgait.models.files import read_record, write_record
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, checked
 from glassgait.models.task.termination import PHYSICAL_FALL, Falls
 from glassgait.studies.common.console import console, note, progress_bar, report_errors, say
-from glassgait.studies.common.jobs import (
-    Gaits,
-    Seeds,
-    Workers,
-    expand_gaits,
-    run_parallel,
-)
+from glassgait.studies.common.jobs import Gaits, Seeds, Workers, expand_gaits, run_parallel
 from glassgait.studies.common.run import default_folder, open_run
 
 if TYPE_CHECKING:
@@ -120,9 +114,7 @@ class Case:
 
 
 def run_cases(
-    cases: Sequence[Case],
-    measure: Callable[[Case], pd.DataFrame],
-    folder: Path,
+    cases: Sequence[Case], measure: Callable[[Case], pd.DataFrame], folder: Path
 ) -> pd.DataFrame:
     """Measures in parallel the cases whose tables are not in the folder yet.
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from glassgait.models.errors import InputError, brief, shown
-from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.files import read_yaml, resolve_paths, write_atomically
 from glassgait.models.robots.library import robot_folder
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 
@@ -57,7 +57,7 @@ def open_run(
     the run reads; settings of the same name only locate it and are not compared.
     """
     software = {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
-    record = {"study": study, "settings": to_plain(settings), "inputs": dict(inputs)}
+    record = {"study": study, "settings": to_record(settings), "inputs": dict(inputs)}
     record["software"] = software
     path = folder / CONFIG_NAME
 
@@ -113,6 +113,11 @@ def to_plain(config: Any) -> Any:
     if isinstance(config, list | tuple):
         return [to_plain(entry) for entry in config]
     return str(config) if isinstance(config, Path) else config
+
+
+def to_record(config: Any) -> Any:
+    """Turns a configuration into plain values for a file, in which paths are absolute."""
+    return resolve_paths(Path.cwd() / CONFIG_NAME, to_plain(config))
 
 
 def _check_same_run(path: Path, record: dict[str, Any], free: Collection[str]) -> None:

@@ -15,13 +15,7 @@ from glassgait.studies.common.observers import RolloutLog
 WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
 """Control steps of a window (1 s) that averages speeds, since a robot sways in a gait cycle."""
 
-SCORES = (
-    "return",
-    "plain_return",
-    "rhythm",
-    "going_speed_error",
-    "yaw_rate_error",
-)
+SCORES = ("return", "plain_return", "rhythm", "going_speed_error", "yaw_rate_error")
 
 PHYSICAL = "fell_physically"
 """Column of scores that distinguish physical falls: whether a robot falls physically."""

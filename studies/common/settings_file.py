@@ -11,10 +11,10 @@ import tyro
 import yaml
 
 from glassgait.models.errors import InputError
-from glassgait.models.files import read_yaml
+from glassgait.models.files import read_yaml, resolve_paths
 from glassgait.models.settings import Settings, checked
 from glassgait.studies.common.jobs import expand_gaits
-from glassgait.studies.common.run import to_plain
+from glassgait.studies.common.run import to_plain, to_record
 
 IN_FILE = tyro.conf.Suppress
 """Annotation of settings without an option."""
@@ -48,7 +48,7 @@ class SettingsFile(Settings):
     def text(self) -> str:
         """Returns the settings as YAML, with the name of the gait."""
         command: Any = self
-        values = to_plain(command.config)
+        values = to_record(command.config)
         if "gait" in values:
             values["gait"], *others = expand_gaits(command.gait)
             if others:
@@ -58,11 +58,14 @@ class SettingsFile(Settings):
 
 def read_settings(defaults: S, path: Path) -> S:
     """Reads settings from a file or a record; missing keys have their defaults."""
-    values = read_yaml(path)
+    values, title = resolve_paths(path, read_yaml(path)), defaults.title
     if isinstance(values, dict):
         # Find the settings in a record of a refinement, of an expert, or of a run.
+        study, is_record = values.get("study", "train"), bool({"study", "config"} & values.keys())
+        if is_record and title not in values and not title.startswith(str(study)):
+            raise InputError(f"{path}: is a record without settings of a {title}; name another one")
         settings = values.get("settings") if "study" in values else values
-        values = values.get(defaults.title, values.get("config", settings))
+        values = values.get(title, values.get("config", settings))
     if not isinstance(values, dict):
         raise InputError(f"{path}: is not a mapping of settings; make one with --print-settings")
     return type(defaults).from_plain(_filled(values, to_plain(defaults)), str(path))

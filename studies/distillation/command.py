@@ -83,12 +83,7 @@ class Distill(SettingsFile):
 
 
 def _distill_job(
-    config: DistillationConfig,
-    source: Path | None,
-    robot: str | None,
-    job: Job,
-    *,
-    resume: bool,
+    config: DistillationConfig, source: Path | None, robot: str | None, job: Job, *, resume: bool
 ) -> "pd.DataFrame":
     """Distils one expert, and returns its R² table."""
     from glassgait.studies.distillation.study import distill, write_r2_table

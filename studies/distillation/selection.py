@@ -41,10 +41,7 @@ SELECTION = tuple(zip(SELECTION_SEEDS, (Scenario(), ROUGH), strict=False))
 
 
 def rank_candidates(
-    candidates: Mapping[str, Policy],
-    gait: Gait,
-    expert: NeuralPolicy,
-    n_steps: int = EPISODE_STEPS,
+    candidates: Mapping[str, Policy], gait: Gait, expert: NeuralPolicy, n_steps: int = EPISODE_STEPS
 ) -> pd.DataFrame:
     """Ranks the candidates by their mean return without the expert, best first.
 

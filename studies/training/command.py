@@ -3,7 +3,7 @@
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar
 
 import tyro
 
@@ -16,7 +16,6 @@ from glassgait.studies.common.jobs import Gaits, Job, Seeds, Workers, jobs_of, r
 from glassgait.studies.common.run import CHECKPOINT_NAME, default_folder, open_run
 from glassgait.studies.common.settings_file import SettingsFile
 from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.record import read_config
 
 
 @checked
@@ -59,11 +58,6 @@ class Train(SettingsFile):
             path = job.folder / f"{load_gait(job.gait).name}.safetensors"
             console.print(f"expert written to {path}")
 
-    @classmethod
-    def from_file(cls, path: Path) -> Self:
-        config = read_config(path)
-        return cls(gait=(config.gait,), config=config)
-
 
 def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
     """Trains one expert, starting from a checkpoint if one exists."""
@@ -77,12 +71,7 @@ def train_job(config: TrainingConfig, job: Job, *, resume: bool) -> None:
 
     # A resumed run may have more updates; all other settings must be the same.
     with open_run(
-        job.folder,
-        study="train",
-        settings=config,
-        inputs=inputs,
-        resume=resume,
-        free=("updates",),
+        job.folder, study="train", settings=config, inputs=inputs, resume=resume, free=("updates",)
     ):
         has_checkpoint = (job.folder / CHECKPOINT_NAME).exists()
         TrainingRun(config, gait, job.folder, resume=has_checkpoint).run()

@@ -146,14 +146,18 @@ def batch_beside(gait, policy, scenario, drawn, state):
     return simulator
 
 
-def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed=True):
-    """Steps both in parallel, with a push; returns how often the RM state changed."""
+def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed=True, spoiled=()):
+    """Steps both in parallel, with a push; returns how often the RM state changed.
+
+    `spoiled` lists noises of a joint velocity, each with the steps that have it.
+    """
     ground = scenario.station.ground
     (state,) = NOMINAL.initial_states(policy.robot, 1, np.random.default_rng(seed), ground)
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     running = make_simulator(diagram, state=state, seed=seed)
     context = running.get_mutable_context()
     drawn = Replayed(scenario, diagram, context)
+    spoil(diagram, context, 0, spoiled)
     simulator = batch_beside(gait, policy, scenario, drawn, state)
     fired = 0
     for step in range(1, n_steps + 1):
@@ -170,6 +174,7 @@ def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed
             found["imu"] = simulator.state.imu[0, -1]
         assert_same(found, diagram, context, step)
         running.AdvanceTo(step * CONTROL_PERIOD)
+        spoil(diagram, context, step, spoiled)
         drawn.push = PUSH * (pushed and step == PUSHED_AT)
         outcome = simulator.step(action)
         # Compare reward and failures before the push.
@@ -184,6 +189,15 @@ def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed
         push(diagram, context, drawn.push)
         fired += int(outcome.fired[0])
     return fired
+
+
+def spoil(diagram, context, step, spoiled):
+    for value, steps in spoiled:
+        if step in steps:
+            source = diagram.GetSubsystemByName("sensor_noise").GetMyContextFromRoot(context)
+            noise = source.get_discrete_state_vector().value().copy()
+            noise[-4] = value
+            source.SetDiscreteState(noise)
 
 
 def assert_same(found, diagram, context, step):
@@ -259,6 +273,14 @@ def test_they_agree_where_limits_hold_a_policy_back(trot, imu_expert, generator,
     asking = asking.with_estimator_of(imu_expert)
     law = JointLaw().with_limits(A1) if limited else JointLaw((31.0, 0.9), limited=True)
     assert_agreement(trot, asking.with_joint_law(law), SCENARIOS["all at once"])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300, 5e6])
+@pytest.mark.parametrize("learned", [True, False])
+def test_they_agree_where_a_reading_is_not_sound(trot, learned_expert, learned, bad):
+    policy, spoiled = learned_expert if learned else load_student("trot", "formulas"), {0, 1, 30}
+    fired = assert_agreement(trot, policy, SCENARIOS["noise"], spoiled=[(bad, spoiled)])
+    assert learned or fired > 3
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])

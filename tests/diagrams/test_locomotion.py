@@ -15,6 +15,7 @@ from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller, alone
+from glassgait.models.policies.function import FunctionPolicy
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
@@ -154,8 +155,10 @@ def test_policies_that_do_not_fit_are_refused(trot, make_policy, imu_expert):
     for gait, scenario, message in (("tort", CALM, "tort"), (trot, "slope", "unknown scenario")):
         with pytest.raises(InputError, match=message):
             MakeLocomotion(gait, scenario)
-    for answer, message in ((np.zeros(11), r"\(11,\)"), (None, "None"), (0.0, r"0\.0")):
-        diagram = MakeLocomotion(trot, CALM, policy=lambda observation, own=answer: own)
+    answers = np.zeros(11), None, 0.0, np.zeros(12, complex)
+    for answer, message in zip(answers, (r"\(11,\)", "None", r"0\.0", "complex128"), strict=True):
+        named = FunctionPolicy(lambda observation, own=answer: own, "trot")
+        diagram = MakeLocomotion(trot, CALM, policy=named)
         with pytest.raises(InputError, match=message + r".* return an array of shape \(12,\)"):
             record(make_simulator(diagram), 1)
 

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import (
-    Controller,
-    alone,
-    estimator_in_loop,
-)
+from glassgait.models.policies.controller import Controller, alone, estimator_in_loop
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots.robot import JointLaw, TargetLimits
 from glassgait.models.task.alternation import expert_acts, ratio_title

@@ -42,10 +42,7 @@ def greatest(text: str) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("gait", "kind"),
-    [
-        pytest.param("trot", "formulas", marks=pytest.mark.slow),
-        ("bound", "formulas"),
-    ],
+    [pytest.param("trot", "formulas", marks=pytest.mark.slow), ("bound", "formulas")],
 )
 @pytest.mark.parametrize("box", [lambda gait: operating_box(gait, A1), whole_box])
 def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):

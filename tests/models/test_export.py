@@ -17,10 +17,7 @@ from glassgait.models.export.binding import (
     load_controller,
     write_source,
 )
-from glassgait.models.export.c_source import (
-    Interface,
-    write_controller,
-)
+from glassgait.models.export.c_source import Interface, write_controller
 from glassgait.models.export.contract import (
     CONTRACT,
     contract_of,
@@ -246,10 +243,7 @@ ALL = some_formulas(quadruped.JOINTS)
             12,
         ),
         (mirrored_text("trot", [1, 0], f"every state\n{some_formulas(LEFT)}"), 6),
-        (
-            mirrored_text("trot", [1, 0], f"state 0\n{ALL}", "state 1\nRL_calf = -1.2 + reach\n"),
-            13,
-        ),
+        (mirrored_text("trot", [1, 0], f"state 0\n{ALL}", "state 1\nRL_calf = -1.2 + reach\n"), 13),
     ],
     ids=["states exchanged", "states their own images", "every state", "one formula more"],
 )

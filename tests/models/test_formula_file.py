@@ -23,11 +23,7 @@ from glassgait.models.policies.library import (
     load_policy,
     load_student,
 )
-from glassgait.models.policies.symbolic import (
-    FormulaPolicy,
-    SymbolicPerStatePolicy,
-    SymbolicPolicy,
-)
+from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPerStatePolicy, SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import JointLaw, TargetLimits

@@ -50,8 +50,7 @@ def test_bad_files_are_refused_in_one_sentence_that_names_the_file(tmp_path, cha
 
 
 @pytest.mark.parametrize(
-    "name",
-    [*("...yaml", ".x.yaml", " x.yaml", "a\nb.yaml", "config.yaml"), f"{'步' * 40}.yaml"],
+    "name", [*("...yaml", ".x.yaml", " x.yaml", "a\nb.yaml", "config.yaml"), f"{'步' * 40}.yaml"]
 )
 def test_files_whose_name_can_name_no_gait_are_refused(tmp_path, name):
     path = tmp_path / name

@@ -400,10 +400,7 @@ def test_arrays_that_no_policy_can_have_are_refused(neural, symbolic, small_tree
         (lambda: LinearPolicy("trot", NAMES, zeros((12, N))), "lacks the array 'intercepts'"),
         (lambda: LinearPolicy("", NAMES, zeros((12, N)), zeros(12)), "the gait is ''"),
         (lambda: LinearPolicy("trot", NAMES[1:], zeros((12, N)), zeros(12)), "observations"),
-        (
-            lambda: LinearPerStatePolicy("trot", NAMES, zeros((3, 12, N)), zeros((3, 12))),
-            "2 state",
-        ),
+        (lambda: LinearPerStatePolicy("trot", NAMES, zeros((3, 12, N)), zeros((3, 12))), "2 state"),
         (lambda: small_trees(features=np.full((12, 2, 3), 300)), "holds 300; .* from 0 to 48"),
         (lambda: small_trees(leaves=zeros((12, 2, 3))), "'leaves' is of shape"),
         (lambda: small_trees(thresholds=np.full((12, 2, 3), np.nan)), "holds nan"),

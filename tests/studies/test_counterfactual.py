@@ -20,13 +20,7 @@ JOINT = quadruped.joint_index("FR_calf")
 
 
 @pytest.mark.parametrize(
-    "kind",
-    [
-        "expert",
-        "linear_per_state",
-        "formulas",
-        pytest.param("gbm", marks=pytest.mark.slow),
-    ],
+    "kind", ["expert", "linear_per_state", "formulas", pytest.param("gbm", marks=pytest.mark.slow)]
 )
 def test_each_value_is_the_nearest_that_passes_the_level(kind):
     policy = load_expert("trot") if kind == "expert" else load_student("trot", kind)

@@ -15,12 +15,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
-from glassgait.studies.common.scores import (
-    interval,
-    paired_share,
-    score_rollouts,
-    summarize,
-)
+from glassgait.studies.common.scores import interval, paired_share, score_rollouts, summarize
 from glassgait.studies.common.tables import joined
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.alternation import alternation_scores

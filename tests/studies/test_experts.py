@@ -13,7 +13,9 @@ from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observatio
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts
-from glassgait.studies.training.record import read_config, trainings
+from glassgait.studies.common.settings_file import read_settings
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.record import trainings
 
 BUDGET = 12e6
 """Control steps that no gait's training may exceed, with those of what it began as."""
@@ -22,7 +24,7 @@ BUDGET = 12e6
 @pytest.mark.parametrize("gait", shipped_experts())
 def test_records_hold_how_the_expert_was_made(gait):
     record = read_yaml(EXPERT_DIRECTORY / f"{gait}.yaml")
-    config = read_config(EXPERT_DIRECTORY / f"{gait}.yaml")
+    config = read_settings(TrainingConfig(), EXPERT_DIRECTORY / f"{gait}.yaml")
     curve = pd.read_csv(EXPERT_DIRECTORY / f"{gait}.csv")
     assert config.gait == gait
     assert config.mirrored

@@ -156,8 +156,7 @@ def test_no_input_leads_to_undefined_behaviour(kind, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "kind",
-    ["linear_per_state", *(pytest.param(kind, marks=pytest.mark.slow) for kind in SHIPPED)],
+    "kind", ["linear_per_state", *(pytest.param(kind, marks=pytest.mark.slow) for kind in SHIPPED)]
 )
 def test_it_allocates_nothing_and_has_no_mutable_state(kind, tmp_path):
     source = written("trot", kind)

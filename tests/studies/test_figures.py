@@ -22,10 +22,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.evaluation.figures import fall_map, return_figure
-from glassgait.studies.importance.figures import (
-    contribution_figure,
-    importance_map,
-)
+from glassgait.studies.importance.figures import contribution_figure, importance_map
 from glassgait.studies.training.figures import learning_curves
 from glassgait.studies.view.stills import gait_strip, last_cycle
 

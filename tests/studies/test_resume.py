@@ -19,9 +19,7 @@ COMMANDS = {
         *["--settings", str(SETTINGS / "train.yaml"), *LEARN],
         *["--checkpoint-updates", "2", "--friction-updates", "2"],
     ],
-    "distill": [
-        *["--settings", str(SETTINGS / "distill.yaml"), "--n-workers", "1"],
-    ],
+    "distill": [*["--settings", str(SETTINGS / "distill.yaml"), "--n-workers", "1"]],
     "refine": [
         *["--settings", str(SETTINGS / "refine.yaml"), *LEARN, "--policy", "formulas"],
         *["--candidate-updates", "2", "--candidate-steps", "20"],

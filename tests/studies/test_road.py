@@ -36,10 +36,7 @@ ROAD = {
     "evaluate scenarios": [*SMALL, "--scenario", "nominal"],
     "view": ["--policy", "linear_per_state", "--n-steps", "20"],
     "explain page": ["--policy", "linear_per_state", "--n-steps", "20", "--step", "1"],
-    "importance": [
-        *["--n-samples", "20", "--repeats", "1"],
-        *["--policy", "linear_per_state"],
-    ],
+    "importance": [*["--n-samples", "20", "--repeats", "1"], *["--policy", "linear_per_state"]],
 }
 
 

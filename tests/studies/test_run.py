@@ -7,12 +7,7 @@ import yaml
 
 from glassgait.models.errors import InputError
 from glassgait.studies.common import run as run_module
-from glassgait.studies.common.run import (
-    CONFIG_NAME,
-    open_run,
-    read_run,
-    refuse_run,
-)
+from glassgait.studies.common.run import CONFIG_NAME, open_run, read_run, refuse_run
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,10 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import REFLECT_JOINTS, entries_of, reflect_observation
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.run import CHECKPOINT_NAME
-from glassgait.studies.training.config import CurriculumConfig, PpoConfig
-from glassgait.studies.training.record import read_config, trainings
+from glassgait.studies.common.settings_file import read_settings
+from glassgait.studies.distillation.config import DistillationConfig, RefinementConfig
+from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
+from glassgait.studies.training.record import recipe, trainings
 from glassgait.studies.training.run import TrainingRun
 
 
@@ -160,7 +162,7 @@ def test_the_record_gives_back_the_settings(trained, tiny_training):
     record = yaml.safe_load((trained / "trot.yaml").read_text())
     assert record["control_steps"] == 4 * 8 * 8
     assert len((trained / "trot.csv").read_text().splitlines()) == 5
-    assert read_config(trained / "trot.yaml") == tiny_training
+    assert read_settings(TrainingConfig(), trained / "trot.yaml") == tiny_training
 
 
 def test_demands_rise_only_while_the_rhythm_is_kept_and_few_fail(start, tmp_path, monkeypatch):
@@ -213,10 +215,19 @@ def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tiny_training,
     assert set(simulator.state.steps[:3]) == {0}
 
 
-def test_a_record_that_ships_can_be_followed_from_any_folder(tmp_path, monkeypatch):
+def test_paths_of_files_and_records_can_be_followed_from_any_folder(tmp_path, monkeypatch):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("scenario: ice.yaml")
+    assert read_settings(DistillationConfig(), mine).scenario == str(tmp_path / "ice.yaml")
     monkeypatch.chdir(tmp_path)
+    config = TrainingConfig(gait="gaits/hop.yaml", warm_start="a.safetensors")
+    mine.write_text(yaml.safe_dump({"config": recipe(config)}))
+    monkeypatch.chdir("/")
+    found = read_settings(TrainingConfig(), mine)
+    assert found.gait == str(tmp_path / config.gait)
+    assert found.warm_start == str(tmp_path / "a.safetensors")
     record = EXPERT_DIRECTORY / "half_bound.yaml"
-    warm_start = read_config(record).warm_start
+    warm_start = read_settings(TrainingConfig(), record).warm_start
     assert warm_start is not None
     assert load_policy(Path(warm_start)).gait == "half_bound"
     assert trainings(record) == [EXPERT_DIRECTORY / "ground" / "half_bound_first.yaml", record]
@@ -225,6 +236,7 @@ def test_a_record_that_ships_can_be_followed_from_any_folder(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("study: transfer", "record without settings of a training"),
         ("[trot]", "is not a mapping of settings"),
         ("ppo: {learning_rate: .inf}", "learning_rate"),
         ("config: {gate: trot}", "'gate'"),
@@ -236,7 +248,9 @@ def test_bad_records_are_refused(tmp_path, text, message):
     path = tmp_path / "record.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
-        read_config(path)
+        read_settings(TrainingConfig(), path)
+    with pytest.raises(InputError):
+        read_settings(RefinementConfig(), path)
 
 
 def test_a_missing_or_damaged_checkpoint_is_refused(start, tmp_path):

@@ -14,10 +14,7 @@ from glassgait.systems.observation import ContactTrustSystem, RewardMachineSyste
 
 A1 = load_robot()
 HEIGHT = [0.0, 0.05, 0.0, 0.05]
-FL_RR = {
-    "foot_contact": np.array([1.0, 0, 0, 1]),
-    "foot_height": np.array([0.0, 0.04, 0.04, 0]),
-}
+FL_RR = {"foot_contact": np.array([1.0, 0, 0, 1]), "foot_height": np.array([0.0, 0.04, 0.04, 0])}
 
 
 def test_stuck_sensors_give_way_to_heights_until_they_change(fix_inputs, latch):

@@ -34,11 +34,7 @@ from glassgait.systems.base import FunctionSystem, MealySystem
 from glassgait.systems.commands import GivenCommand, MeshcatCommand, RandomCommand
 from glassgait.systems.estimation import OdometrySystem, StateEstimator
 from glassgait.systems.gait_display import GaitDisplay
-from glassgait.systems.observation import (
-    ContactTrustSystem,
-    Proprioception,
-    RewardMachineSystem,
-)
+from glassgait.systems.observation import ContactTrustSystem, Proprioception, RewardMachineSystem
 from glassgait.systems.reward import FallMonitor, RewardSystem
 from glassgait.systems.sensors import (
     BodyStateSensor,
@@ -46,6 +42,7 @@ from glassgait.systems.sensors import (
     FootSensor,
     ImuSensor,
     JointSensor,
+    ReadingCheck,
     SensorBias,
     WorldState,
 )
@@ -73,6 +70,7 @@ SYSTEMS: dict[Any, Callable[..., LeafSystem]] = {
     PolicySystem: lambda: PolicySystem(POLICY),
     Proprioception: lambda: Proprioception(A1, ObservationLayout(2, imu=True)),
     RandomCommand: lambda: RandomCommand(TROT),
+    ReadingCheck: ReadingCheck,
     RewardMachineSystem: lambda: RewardMachineSystem(TROT),
     RewardSystem: lambda: RewardSystem(A1),
     SensorBias: lambda: SensorBias(Randomization()),

@@ -26,13 +26,7 @@ from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.terrain import Terrain
 from glassgait.systems.action import JointTargets
-from glassgait.systems.sensors import (
-    ContactSensor,
-    FootSensor,
-    ImuSensor,
-    JointSensor,
-    SensorBias,
-)
+from glassgait.systems.sensors import ContactSensor, FootSensor, ImuSensor, JointSensor, SensorBias
 
 A1 = load_robot()
 DOWN = np.array([0.0, 0.0, -GRAVITY])
