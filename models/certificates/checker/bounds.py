@@ -209,6 +209,7 @@ class Polynomials:
         return span
 
 
+# Like the prover's function of this name, which the checker must not import.
 def best(terms: Terms, span: Callable[[Factor], Span], n_tries: int) -> arb:
     """Bounds a polynomial from above, given the ends of its factors."""
     bound, rest = terms.get(frozenset(), arb(0)), {term for term in terms if term}
