@@ -92,7 +92,7 @@ def to_latex(file: FormulaFile) -> str:
     lines = [
         f"% {file.gait}: the whole controller; joint targets in rad. Made from its formula file.",
         r"\documentclass{article}",
-        r"\usepackage[margin=2cm]{geometry}",
+        r"\usepackage[margin=1.8cm]{geometry}",
         r"\usepackage{amsmath}",
         r"\allowdisplaybreaks",
         r"\begin{document}",

@@ -97,7 +97,7 @@ def test_policies_come_back_from_their_text(random_formulas, samples, data):
     "path",
     [
         # The other files take long to read.
-        pytest.param(path, marks=() if "sparse" in path.stem else pytest.mark.slow)
+        pytest.param(path, marks=() if path.stem == "formulas" else pytest.mark.slow)
         for path in sorted(STUDENT_DIRECTORY.rglob(f"*{SUFFIX}"))
     ],
     ids=lambda path: f"{path.parent.name}-{path.stem}",
