@@ -10,17 +10,17 @@ from glassgait.studies.distillation.students import STUDENTS, paper_students
 from glassgait.studies.reproduction.page import Section
 
 JOINT_FIGURES = {
-    "6": ("A weak learner of the GBM", "gbm_FL_hip_tree"),
-    "7": ("Partial dependence on the top 3 observations, GBM", "gbm_FL_hip_partial_dependence"),
-    "8, top": ("Functions of one observation, explainable boosting", "ebm_FL_hip_shapes"),
-    "8, bottom": ("A function of two observations, explainable boosting", "ebm_FL_hip_pair_1"),
-    "9": ("Local explanation, explainable boosting", "ebm_local"),
-    "10": ("Global importances of the terms, explainable boosting", "ebm_FL_hip_terms"),
+    "6": ("A decision tree of the GBM", "gbm_FL_hip_tree", "walk"),
+    "7": ("Partial dependence on the top 3 inputs, GBM", "gbm_FL_hip_partial_dependence", "walk"),
+    "8, top": ("Functions of one observation, EBM", "ebm_FL_hip_shapes", "trot"),
+    "8, bottom": ("A function of two observations, EBM", "ebm_FL_hip_pair_1", "trot"),
+    "9": ("Local explanation, EBM", "ebm_local", "pace"),
+    "10": ("Global importances of the terms, EBM", "ebm_FL_hip_terms", None),
 }
-"""Figures of FL hip: title and stem of the file, by the paper's number."""
+"""Figures of FL hip by the paper's number: title, file stem and the paper's gait; None for all."""
 
 WIDE = ("6", "7", "8, top")
-"""Those whose pictures take the page's whole width."""
+"""Figures as wide as the page."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
         Section(
             f"{title}, FL hip",
             f"Figure {number}",
-            figures=_figures(results, stem, title),
+            figures=_figures(results, stem, title, gait),
             wide=number in WIDE,
         )
-        for number, (title, stem) in JOINT_FIGURES.items()
+        for number, (title, stem, gait) in JOINT_FIGURES.items()
     ]
     maps = [
         picture
@@ -72,13 +72,16 @@ def contents(results: Sequence[GaitResults]) -> list[Section]:
             figures=maps,
             wide=True,
         ),
-        *(_sequences(results, f"Ours {place}", own) for place, own in enumerate(further, start=1)),
+        *(_sequences(results, f"Ours {n}", kind) for n, kind in enumerate(further, start=1)),
     ]
 
 
-def _figures(results: Sequence[GaitResults], stem: str, what: str) -> list[tuple[str, Path]]:
-    """Lists one picture of every gait with its caption."""
-    return [(f"{own.gait.capitalize()}: {what}", own.folder / f"{stem}.png") for own in results]
+def _figures(
+    results: Sequence[GaitResults], stem: str, title: str, gait: str | None = None
+) -> list[tuple[str, Path]]:
+    """Lists the picture of a gait with its caption, or of all gaits if that one was not studied."""
+    shown = [result for result in results if result.gait == gait] or results
+    return [(f"{one.gait.capitalize()}: {title}", one.folder / f"{stem}.png") for one in shown]
 
 
 def _sequences(results: Sequence[GaitResults], number: str, kind: str) -> Section:
@@ -112,9 +115,9 @@ def _tables(results: Sequence[GaitResults]) -> list[Section]:
         Section(
             "Return and falls against the alternation ratio",
             "Figure 2",
-            "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; "
+            "1: only the expert; 0: only the student. Bars are 95 % intervals over robots; "
             "shares compare each robot with the expert's under the same commands and noise.",
-            tables=[(f"{own.gait.capitalize()}, alone", own.standalone) for own in results],
+            tables=[(f"{one.gait.capitalize()}, students only", one.standalone) for one in results],
             figures=_figures(results, "return", "return against ratio"),
         ),
     ]
@@ -122,25 +125,24 @@ def _tables(results: Sequence[GaitResults]) -> list[Section]:
 
 def _students(results: Sequence[GaitResults]) -> list[str]:
     """Lists the students of the results, each once."""
-    return list(dict.fromkeys(student for own in results for student in own.r2["student"]))
+    return list(dict.fromkeys(kind for result in results for kind in result.r2["student"]))
 
 
 def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
     """Sets the students' R² beside the paper's, a row a student and split, a column a gait."""
     rows = []
     for kind in _students(results):
-        mine = {own.gait: own.r2.set_index("student").loc[kind] for own in results}
-        title = kind
+        scores = {result.gait: result.r2.set_index("student").loc[kind] for result in results}
         for split, column in (("shuffled", "r2_shuffled_split"), ("by episode", "r2")):
-            ours = {gait: round(row[column], 4) for gait, row in mine.items()}
-            rows.append({"student": title, "split": split} | ours)
-        # Students beyond the paper's have no such row.
-        if theirs := STUDENTS[kind].paper_r2:
-            paper = {gait: theirs.get(gait, float("nan")) for gait in mine}
-            rows.append({"student": title, "split": "paper"} | paper)
+            ours = {gait: round(row[column], 4) for gait, row in scores.items()}
+            rows.append({"student": kind, "split": split} | ours)
+        # The paper has only some kinds of students.
+        if published := STUDENTS[kind].paper_r2:
+            paper = {gait: published.get(gait, float("nan")) for gait in scores}
+            rows.append({"student": kind, "split": "paper"} | paper)
     return pd.DataFrame(rows)
 
 
 def _tops(results: Sequence[GaitResults], method: str) -> pd.DataFrame:
-    tops = pd.concat([own.tops for own in results], ignore_index=True)
+    tops = pd.concat([result.tops for result in results], ignore_index=True)
     return tops[tops["method"] == method].drop(columns=["student", "method"])

@@ -16,6 +16,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
@@ -64,26 +65,26 @@ WITHOUT_PYSR = (
 class Report(Settings):
     """Distil, evaluate and explain experts, and write one report beside the paper.
 
-    The settings are those of studies/reproduction/report.yaml, which takes the experts that ship,
-    or of paper.yaml, the paper's own, which trains them for days. --quick does less of everything.
+    The settings are read from studies/reproduction/report.yaml, which uses the shipped experts, or
+    from paper.yaml, the paper's, which trains experts for days. --quick does less of everything.
 
     Attributes:
-        gait: Names of gaits; `all` for every gait that ships. A continued run may name others.
-        training: How experts learn, the gait set for each; by default those that ship are taken.
-        distillation: Settings of the distillation; the gait is set for each.
-        periods: Control steps from one action of the expert to the next, at each of which students
-            are rolled out; 0 is never.
-        rollouts: How robots are rolled out.
-        n_samples: Held-out samples that importances are measured on.
+        gait: Names of gaits; `all` for every shipped gait. A resumed run may name others.
+        training: Settings of the training; without them, the shipped experts are used.
+        distillation: Settings of the distillation.
+        periods: Control steps between two actions of the expert, for each alternation ratio; 0 for
+            the student only.
+        rollouts: Settings of the rollouts.
+        n_samples: Held-out samples for the importances.
         repeats: Shuffles of each observation.
-        engine: What searches the formulas, in place of the settings' engine. PySR needs Julia.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies that
-            ship. Of another robot your own experts are taken, or trained.
-        quick: Do what the settings file names under `quick` instead.
+        engine: Engine of symbolic regression, instead of the one in the settings. PySR needs Julia.
+        robot: Name of a robot, or path of its robot.yaml; by default the robot of the shipped
+            policies. For another robot, your experts are used, or experts are trained.
+        quick: Use the smaller settings under the file's key `quick`.
         workers: Where gaits are studied, and how many at once.
-        resume: Continue the run that the folder holds.
-        output: Folder of the report; runs/reproduce/report by default, of the paper's settings
-            runs/reproduce/paper, with --quick followed by _quick.
+        resume: Continue the run in the folder.
+        output: Folder of the report; by default runs/reproduce/report or runs/reproduce/paper, with
+            --quick followed by _quick.
     """
 
     title: ClassVar[str] = "reproduce report"
@@ -129,8 +130,7 @@ class Report(Settings):
         console.print(f"report written to {path} after {minutes:.1f} minutes")
 
     def settled(self) -> "Report":
-        """Returns the settings with the engine and the robot that flags name."""
-        # Flags stand in for what the file says of the search and the robot.
+        """Returns the settings with the options --engine and --robot applied."""
         distillation, training = self.distillation, self.training
         if self.engine is not None:
             symbolic = replace(distillation.settings.of("symbolic"), engine=self.engine)
@@ -141,27 +141,27 @@ class Report(Settings):
         report = replace(self, distillation=distillation, training=training, engine=None)
         if report.searches_by == "pysr" and not pysr_starts():
             raise InputError(
-                f"{self.title}: formulas are PySR's, which needs Julia, and Julia could not be "
-                "started here; install it, or take Operon in place of PySR with --engine operon"
+                f"{self.title}: the engine 'pysr' needs Julia, which could not be started here; "
+                "install Julia, or use --engine operon"
             )
         return report
 
     @property
     def searches_by(self) -> str | None:
-        """Engine that searches the formulas; None without formulas."""
+        """Engine of symbolic regression; None without formulas."""
         if "symbolic" not in self.distillation.students:
             return None
         return vars(self.distillation.settings.of("symbolic"))["engine"]
 
     def rollouts_of(self, gait: Gait) -> RolloutConfig:
-        """Returns how the robots of a gait are rolled out: at most as fast as it goes."""
+        """Returns the settings of a gait's rollouts, with speeds limited to the gait's range."""
         if self.rollouts.speed_range is None:
             return self.rollouts
         slowest, fastest = np.clip(self.rollouts.speed_range, -gait.max_speed, gait.max_speed)
         return replace(self.rollouts, speed_range=(float(slowest), float(fastest)))
 
     def expert(self, name: str, folder: Path) -> NeuralPolicy:
-        """Trains the expert of a gait if the settings say so; otherwise finds it."""
+        """Trains the expert of a gait if there are settings for it; otherwise loads it."""
         gait = load_gait(name)
         if self.training is None:
             return find_policies(gait, robot=self.robot, quiet=True).expert
@@ -171,32 +171,41 @@ class Report(Settings):
         return load_expert(gait, trained / f"{gait.name}.safetensors", self._robot)
 
     def deviations(self, folder: Path) -> list[str]:
-        """Lists what differs from the paper, and writes differences.csv where all is done anew."""
+        """Lists the differences from the paper, and writes those of settings as differences.csv."""
         pages = (
-            f"The robot is a {self._robot.full_name} in Drake. What else differs in robot, task, "
-            "training and distillation is listed in studies/training/README.md and "
-            "studies/distillation/README.md."
+            f"The robot is a {self._robot.full_name} in Drake. studies/training/README.md and "
+            "studies/distillation/README.md list differences in robot, task and methods."
         )
+        shipped = "The experts ship with GlassGait; the paper's settings did not train them."
+        paper = load_settings(Report, settings_file("paper"))
         if self.training is None:
-            return [pages]
-        table = differences(load_settings(Report, settings_file("paper")), self)
+            paper = replace(paper, training=None)
+        table = differences(paper, self)
         write_table(table, folder / "differences")
         if len(table):
             print_table("Not as in paper.yaml", table)
         rows = table.itertuples(index=False)
         changed = [f"{setting}: {here}, not {full}." for setting, full, here in rows]
-        return [*changed, *[WITHOUT_PYSR] * (self.searches_by == "operon"), pages]
+        return [
+            *[shipped] * (self.training is None),
+            *changed,
+            *[WITHOUT_PYSR] * (self.searches_by == "operon"),
+            pages,
+        ]
 
     def write(self, results: Sequence[GaitResults], folder: Path) -> Path:
         """Writes the page and its tables, and returns the path of the page."""
-        # Each table has a file too, by the paper's number.
+        # Each table and figure has a file too, by the paper's number.
         sections = contents(results)
         for section in sections:
+            stem = section.number.lower().replace(", ", "_").replace(" ", "_")
             for place, (_, table) in enumerate(section.tables, start=1):
-                stem = section.number.lower().replace(" ", "_")
                 write_table(table, folder / f"{stem}_{place}")
+            for _, picture in section.figures:
+                name = f"{stem}_{picture.parent.name}_{picture.name}"
+                write_atomically(folder / name, picture.read_bytes())
 
-        # The page begins with what was done, and what differs.
+        # The page begins with a summary and the differences.
         rollouts, distillation = self.rollouts, self.distillation
         quick = "; the quick setting is for looking, not for quoting" * self.quick
         lead = (
@@ -214,11 +223,11 @@ class Report(Settings):
         if self.training is not None:
             return {f"gait {name}": load_gait(name).digest() for name in names}
         found = {name: find_policies(load_gait(name), robot=self.robot) for name in names}
-        return {f"expert of the {name}": own.expert.digest() for name, own in found.items()}
+        return {f"expert of the {name}": each.expert.digest() for name, each in found.items()}
 
 
 def study_gait(report: Report, job: Job) -> GaitResults:
-    """Trains or finds an expert, then distils, evaluates and explains it, from where it stopped."""
+    """Trains or loads an expert, then distils, evaluates and explains it, resuming earlier work."""
     gait, folder = load_gait(job.gait), job.folder
     name, title = gait.name, gait.name.capitalize()
     expert, rollouts = report.expert(job.gait, folder), report.rollouts_of(gait)
@@ -258,7 +267,7 @@ def study_gait(report: Report, job: Job) -> GaitResults:
         diagram = MakeLocomotion(gait, scenario, policy=alone(student, expert))
         rollout = record(make_simulator(diagram), SEQUENCE_STEPS)
         drawn = f"{title}, {kind}"
-        save_figure(gait_figure(rollout, gait, f"{drawn} alone"), folder / f"{kind}_sequence")
+        save_figure(gait_figure(rollout, gait, drawn), folder / f"{kind}_sequence")
         if kind == "ebm":
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)
             parts = student.explain(rollout["observation"][step], JOINT)
