@@ -34,7 +34,7 @@ LEAST_SHARE = 0.9  # lower end of the axis of shares of the expert's return
 FALLS, SURVIVAL = mpl.colormaps["Reds"], mpl.colormaps["YlGnBu"]
 
 COLUMN, ROW = 0.24, 0.19  # size of a cell of the map of falls (inches)
-STUDENT = 0.85  # width of a student's panels in the figure of returns (inches)
+RATIO = 0.14  # width of an alternation ratio in the figure of returns (inches)
 PANEL = 1.95  # width of a policy's disc of pushes (inches)
 MOST_COLUMNS = 5  # greatest number of discs side by side
 SIDES = ("ahead", "left", "back", "right")
@@ -49,7 +49,7 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
     ratios = sorted(means["ratio"].unique(), reverse=True)
     at = np.arange(len(ratios))
     students = {kind: STUDENTS[kind] for kind in STUDENTS if kind in set(means["policy"])}
-    size = max(COLUMN_WIDTH, 0.6 + STUDENT * len(students)), 4.2
+    size = max(COLUMN_WIDTH, 0.6 + RATIO * len(ratios) * len(students)), 4.2
     options = {"figsize": size, "sharex": True, "sharey": "row", "squeeze": False}
     figure, panels = subplots(3, len(students), height_ratios=(5, 4, 3), **options)
     for (returns, share, falls), (kind, student) in zip(panels.T, students.items(), strict=True):

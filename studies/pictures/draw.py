@@ -1,8 +1,7 @@
 """Draws the pictures of the documentation from the policies and records that ship.
 
 `python -m glassgait.studies.pictures.draw` draws all of them; names such as `trot.gif` select some.
-The diagram needs Graphviz's `dot`, the robots need EGL. `blocks.svg` and the screenshots are drawn
-by hand.
+The diagram needs Graphviz's `dot`, the robots need EGL. The screenshots are made by hand.
 """
 
 import re

@@ -1,11 +1,14 @@
-"""Every command in small: it runs, and writes what it should."""
+"""Every command in small: it runs, and writes what it should. Those of pages are valid."""
 
+import re
+import shlex
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from glassgait.models.export.binding import has_compiler
+from glassgait.studies import cli
 from glassgait.studies.cli import COMMANDS, main
 
 ROBOTS = ["--n-robots", "2", "--n-steps", "20"]
@@ -55,6 +58,33 @@ ELSEWHERE = {
     "reproduce benchmark": "test_benchmark.py",
 }
 """Where the other commands are tested."""
+
+
+ROOT = Path(cli.__file__).parents[1]
+BLOCKS = re.findall(
+    r"```bash\n(.*?)```",
+    "\n".join(page.read_text("utf-8") for page in sorted(ROOT.glob("**/README.md"))),
+    re.DOTALL,
+)
+PAGE_COMMANDS = sorted({*re.findall(r"^glassgait ([^>|&#\n]+)", "\n".join(BLOCKS), re.MULTILINE)})
+
+
+def test_commands_of_pages_are_found():
+    assert len(PAGE_COMMANDS) > 30
+
+
+@pytest.mark.parametrize("command", PAGE_COMMANDS)
+def test_a_command_of_a_page_is_valid(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text("{}")
+    read = cli.command_class
+
+    def idle(name):
+        monkeypatch.setattr(read(name), "run", lambda self: None)
+        return read(name)
+
+    monkeypatch.setattr(cli, "command_class", idle)
+    main(shlex.split(command))
 
 
 def test_every_command_is_tested():
