@@ -159,7 +159,7 @@ class BatchSimulator:
         return self.control.limited(self._state.memory, self._state.sensors(), action)
 
     def step(self, action: Array) -> BatchStep:
-        """Advances the task by one control step, which holds actions (n, 12) within limits."""
+        """Limits the actions (n, 12), and advances the task by one control step with them."""
         s, task = self._state, self.task
         moved = self._move(s, self.limited(action), np.isfinite(action).all(axis=1))
 

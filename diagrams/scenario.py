@@ -107,7 +107,7 @@ class Scenario(Disturbances):
         return robot
 
     def joint_law(self, policy: "Controller | Policy | None") -> JointLaw:
-        """Returns the joints' control with the scenario's settings, otherwise the policy's."""
+        """Returns the policy's joint law, with gains and limits that the scenario sets."""
         law = DEFAULT_LAW if policy is None else policy.joint_law
         gains = self.station.gains(self.robot_of(policy), law)
         limited = law.limited if self.limit_targets is None else self.limit_targets

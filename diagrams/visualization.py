@@ -244,7 +244,7 @@ class LiveDisplay:
     def show(
         self, state: Array, *, rm_state: Array, foot_contact: Array, ghost: Array | None = None
     ) -> None:
-        """Draws plant states x (37), the RM state (n_states, one-hot) and contacts (4)."""
+        """Draws the RM state (n_states, one-hot), contacts (4), and x (37) of robot and ghost."""
         # The modelled ground is its middle period.
         away = self._ground.periods(state)
         ghost_state = kinematics.moved_by(state if ghost is None else ghost, -away)

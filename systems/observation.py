@@ -66,8 +66,8 @@ class RewardMachineSystem(MealySystem):
     foot_height (4, m), above the ground. commanded_dwell (1, control steps).
     Outputs: rm_state (n_states, one-hot) and rm_iterations (1, control steps), after the current
     propositions. reward_multiplier (1), the factor on this step's plain reward. served_dwell (1,
-    control steps), the commanded dwell that the current transition served; 0 without a transition.
-    State: machine state, iterations and age after the previous control step (3).
+    control steps), the commanded dwell of the transition that fires now; 0 without a transition.
+    State: machine state, iterations in it, and control steps since the episode's start (3).
     """
 
     def __init__(self, gait: Gait) -> None:

@@ -85,7 +85,7 @@ class ObservationBox:
         return frozenset(index for index, entry in entries if entry.group in COUNTED)
 
     def updated(self, indices: Collection[int], other: Self) -> Self:
-        """Returns the box with the ranges of some observations, by index, from another box."""
+        """Returns this box with the ranges at `indices` replaced by those of another box."""
         lower, upper, index = self.lower.copy(), self.upper.copy(), list(indices)
         lower[index], upper[index] = other.lower[index], other.upper[index]
         return replace(self, lower=lower, upper=upper)
@@ -146,7 +146,7 @@ def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
 
 
 def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
-    """Loads the shipped operating box of a gait."""
+    """Loads a gait's shipped box of the quantities that robots met in the scenarios."""
     if gait.name in gait_names():
         key = shipped_gait(gait.name).first_difference(gait)
         if key is not None:

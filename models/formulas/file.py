@@ -100,7 +100,7 @@ class FormulaFile:
         return frozenset().union(*(formula.variables for formula in formulas))
 
     def written(self) -> dict[Place, Expression]:
-        """Returns the formulas in the file's text: only the first of two mirror images."""
+        """Returns the formulas that the file's text contains: one of each mirror pair."""
         if self.mirror is None:
             return dict(self.formulas)
         # A formula that is no exact image is written as well.

@@ -95,10 +95,11 @@ class Readings:
     """Ranges that quantities are clipped to before formulas read them.
 
     To keep a policy's mirror symmetry, all legs share a range, and a quantity that changes its sign
-    in the mirror has a symmetric one.
+    in the mirror has a symmetric range.
 
     Attributes:
-        ranges: Least and greatest value of each kind, such as "q.hip"; for hips, of left legs.
+        ranges: Least and greatest value of each kind, such as "q.hip". Hip angles are those of left
+            legs; right legs use the mirrored range.
     """
 
     ranges: tuple[tuple[str, Range], ...]

@@ -75,11 +75,11 @@ class ObservationEntry:
 
     @property
     def factor(self) -> float:
-        """Factor on the quantity in its unit, without the robot's action scale."""
+        """Scale factor that does not depend on the robot, in observations per unit."""
         return _FACTORS.get(self.group, 1.0)
 
     def scale(self, robot: Robot) -> float:
-        """Returns the factor on the quantity in its unit."""
+        """Returns the factor that converts the quantity in its unit to the observation."""
         return 1.0 / robot.action_scale if self.group == "previous action" else self.factor
 
     def scaled_unit(self, robot: Robot) -> str:

@@ -82,7 +82,7 @@ class Randomization(Disturbances):
         generator: np.random.Generator,
         ground: Ground = LEVEL_GROUND,
     ) -> Array:
-        """Draws states x (count, 37) of robots that stand on their lowest foot."""
+        """Draws plant states x (count, 37) of robots whose lowest foot touches the ground."""
         # Joints near the stance, the heading, and velocities.
         scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
         joints = np.clip(robot.default_stance * scale, robot.lower_limits, robot.upper_limits)

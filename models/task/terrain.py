@@ -193,7 +193,7 @@ class Terrain(Settings):
             )
 
     def boxes(self, reach: float = REACH) -> Iterator[GroundBox]:
-        """Yields the boxes of the middle period and of its surroundings up to `reach` (m)."""
+        """Yields the boxes of the middle tile and of the repeated tiles up to `reach` (m) away."""
         grid = grid_of(self)
         rotation, half_size = grid.rotation, grid.half_size
         counts = np.array(grid.top.shape)

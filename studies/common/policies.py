@@ -127,7 +127,7 @@ class Policies:
         return policy
 
     def controller(self, name: str) -> Controller:
-        """Loads a controller of one policy without the expert, with its estimator."""
+        """Loads a controller of one policy that acts without the expert, with its estimator."""
         policy = self.policy(name)
         return alone(policy, None if isinstance(policy, NeuralPolicy) else self.expert_of(name))
 
@@ -139,7 +139,7 @@ class Policies:
         return load_expert(self.gait, path, self.robot)
 
     def controllers(self, names: Iterable[str]) -> dict[str, Controller]:
-        """Loads controllers of policies without the expert, by their names in tables."""
+        """Loads a controller of each policy that acts without the expert, by name in tables."""
         controllers: dict[str, Controller] = {}
         for name in self.expanded(names):
             stem = Path(name).stem if is_file(name) else name

@@ -111,9 +111,10 @@ def fit_short_formulas(
 
 
 def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
-    """Distributes `n_terms` terms, constants included; returns each formula's without the constant.
+    """Distributes `n_terms` terms among formulas; returns the number of terms of each.
 
-    `errors` has the mean squared errors (terms + 1) of each formula at 0, 1, 2, … terms.
+    Each formula's constant counts as one of `n_terms`, but not in the result. `errors` has the mean
+    squared errors (terms + 1) of each formula at 0, 1, 2, … terms.
     """
     counts = [0] * len(errors)
     left = n_terms - len(errors)

@@ -129,7 +129,8 @@ class OnePolicy(OneGait):
     """Settings of a command that takes one student.
 
     Attributes:
-        policy: Kind of student, or path of a policy file; by default the shortest sum of terms.
+        policy: Kind of student, or path of a policy file; by default `formulas`, otherwise the
+            shortest student whose actions are sums of terms.
     """
 
     policy: str | None = None

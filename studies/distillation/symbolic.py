@@ -164,7 +164,7 @@ def fit_formulas(
     settings: SymbolicSettings,
     seed: int,
 ) -> list[Expression]:
-    """Fits the formula of each place, in its written form."""
+    """Fits a formula for each joint, or joint and RM state, with rounded coefficients."""
     values, targets = variables(group.observations), group.targets
     n_observed = group.observations.shape[1]
     seeds, observed = range(seed, seed + targets.shape[1]), values[:, :n_observed]

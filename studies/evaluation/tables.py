@@ -67,7 +67,7 @@ def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
 
 
 def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) -> pd.DataFrame:
-    """Gives columns of `summarize` their titles."""
+    """Selects columns of a table from `summarize`, and renames them to their titles."""
     reference = policies_of(table)[0]
     other = "the expert" if reference == "expert" else reference
     titles = {k: t.replace("the expert", other).replace("s's", "s'") for k, t in TITLES.items()}

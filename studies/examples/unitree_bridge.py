@@ -64,7 +64,7 @@ FIELDS = {
 
 
 def fields_of(name: str) -> Iterator[tuple[str, str, int]]:
-    """Yields the name, type and array length of each field; length 0 means a scalar."""
+    """Yields name, type and array length of each field of an SDK type; length 0 is a scalar."""
     for field in FIELDS[name].split():
         key, _, kind = field.partition(":")
         kind, _, count = kind.partition("*")
@@ -115,7 +115,7 @@ def low_cmd(motors: np.ndarray, q: np.ndarray, kp: float, kd: float) -> Any:
 
 
 class FaultError(Exception):
-    """A reason to damp the joints."""
+    """Raised when the joints must be damped."""
 
 
 class Robot:

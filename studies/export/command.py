@@ -33,8 +33,8 @@ class Export(OneGait):
     """Write a controller as one C file, or a network as ONNX, and check it against Python.
 
     Attributes:
-        policy: `expert`, a kind of student, or path of a policy file; by default the shortest sum
-            of terms.
+        policy: `expert`, a kind of student, or path of a policy file; by default `formulas`,
+            otherwise the shortest student whose actions are sums of terms.
         format: `c` is the whole controller, from sensors to joint targets. `onnx` is a network and
             its estimator; it needs `pip install 'glassgait[onnx]'`.
         precision: Type of the C file's arithmetic, or of the ONNX file's inputs and outputs.

@@ -65,11 +65,11 @@ WITHOUT_PYSR = (
 class Report(Settings):
     """Distil, evaluate and explain experts, and write one report beside the paper.
 
-    The settings are read from studies/reproduction/report.yaml, which uses the shipped experts, or
-    from paper.yaml, the paper's, which trains experts for days. --quick does less of everything.
+    `reproduce report` reads studies/reproduction/report.yaml and uses the shipped experts.
+    `reproduce paper` reads paper.yaml, the paper's settings, and trains experts for days.
 
     Attributes:
-        gait: Names of gaits; `all` for every shipped gait. A resumed run may name others.
+        gait: Names of gaits; `all` for every shipped gait. A resumed run may name other gaits.
         training: Settings of the training; without them, the shipped experts are used.
         distillation: Settings of the distillation.
         periods: Control steps between two actions of the expert, for each alternation ratio; 0 for
@@ -79,9 +79,9 @@ class Report(Settings):
         repeats: Shuffles of each observation.
         engine: Engine of symbolic regression, instead of the one in the settings. PySR needs Julia.
         robot: Name of a robot, or path of its robot.yaml; by default the robot of the shipped
-            policies. For another robot, your experts are used, or experts are trained.
+            policies. For another robot, `report` uses experts that you trained.
         quick: Use the smaller settings under the file's key `quick`.
-        workers: Where gaits are studied, and how many at once.
+        workers: Workers that study the gaits in parallel.
         resume: Continue the run in the folder.
         output: Folder of the report; by default runs/reproduce/report or runs/reproduce/paper, with
             --quick followed by _quick.

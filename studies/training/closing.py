@@ -18,7 +18,7 @@ QUICK = RolloutConfig(n_robots=8, n_steps=round(5.0 / CONTROL_PERIOD), seed=0, n
 
 
 def show_result(gait: str, folder: Path, robot: str) -> None:
-    """Scores every policy of a run for 5 s, and prints falls, returns and commands."""
+    """Scores every policy of a run for 5 s, and prints falls, returns and shell commands."""
     policies = find_policies(load_gait(gait), folder, robot, quiet=True)
     rows = []
     for policy, controller in policies.controllers([ALL]).items():
