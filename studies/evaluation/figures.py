@@ -28,7 +28,7 @@ from glassgait.studies.evaluation.tables import (
     worst_first,
 )
 
-LEAST_SHARE = 0.9  # lower end of the axis of shares of the expert's return
+LEAST_SHARE = 0.9  # lower end of the axis of shares if a student never has less; otherwise 0
 
 # One hue each, from light to dark, which is readable without colour vision.
 FALLS, SURVIVAL = mpl.colormaps["Reds"], mpl.colormaps["YlGnBu"]
@@ -50,6 +50,8 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
     at = np.arange(len(ratios))
     students = {kind: STUDENTS[kind] for kind in STUDENTS if kind in set(means["policy"])}
     size = max(COLUMN_WIDTH, 0.6 + RATIO * len(ratios) * len(students)), 4.2
+    worst = means[means["policy"] != "expert"].groupby("policy")["share"].min()
+    least = LEAST_SHARE if (worst >= LEAST_SHARE).any() else 0.0
     options = {"figsize": size, "sharex": True, "sharey": "row", "squeeze": False}
     figure, panels = subplots(3, len(students), height_ratios=(5, 4, 3), **options)
     for (returns, share, falls), (kind, student) in zip(panels.T, students.items(), strict=True):
@@ -60,7 +62,7 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
         style = {"color": student.color, "marker": student.marker}
         style |= {"markersize": 3.5, "linewidth": 1.0}
         returns.errorbar(at, line["return"], line["return_ci"], capsize=1.5, **style)
-        in_sight = line["share"] >= LEAST_SHARE
+        in_sight = line["share"] >= least
         share.errorbar(at, line["share"], line["share_ci"].where(in_sight), capsize=1.5, **style)
         falls.plot(at, 100 * line["fall_rate"].astype(float), **style)
         returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
@@ -73,8 +75,8 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
     returns, share, falls = panels[:, 0]
     returns.set(ylabel="return", ylim=(0, None))
     most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
-    share.set(ylabel="share of the\nexpert's return", ylim=(LEAST_SHARE, most))
-    share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
+    share.set(ylabel="share of the\nexpert's return", ylim=(least, most))
+    share.set_yticks(np.linspace(least, 1.0, 3))
     falls.set(ylabel="falls (%)", ylim=(-5, 105))
     caption = "alternation ratio; dotted: the expert; bars: 95 % intervals"
     figure.supxlabel(textwrap.fill(caption, round(17 * size[0])), fontsize=7)

@@ -266,8 +266,8 @@ def study_gait(report: Report, job: Job) -> GaitResults:
     for kind, student in students.items():
         diagram = MakeLocomotion(gait, scenario, policy=alone(student, expert))
         rollout = record(make_simulator(diagram), SEQUENCE_STEPS)
-        drawn = f"{title}, {kind}"
-        save_figure(gait_figure(rollout, gait, drawn), folder / f"{kind}_sequence")
+        drawn, seconds = f"{title}, {kind}", rollout.time[-1]
+        save_figure(gait_figure(rollout, gait, drawn, seconds), folder / f"{kind}_sequence")
         if kind == "ebm":
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)
             parts = student.explain(rollout["observation"][step], JOINT)
