@@ -94,7 +94,7 @@ class BatchSimulator:
         self._state = state
 
     def change_ground(self, physics: Physics) -> None:
-        """Replaces the physics by one with as many groups, and puts robots on its ground."""
+        """Replaces the physics, keeping the number of groups, and puts robots on its ground."""
         self._set_physics(physics)
         self.physics.set_friction(self.friction)
         plant = self._state.plant

@@ -137,7 +137,7 @@ class GroupRanges(Settings):
 
 @checked
 class DomainRandomization(Settings):
-    """Randomization of stations, which groups of robots share, and of robots."""
+    """Randomization of robots, and of the stations that groups of robots share."""
 
     title: ClassVar[str] = "domain randomization"
 

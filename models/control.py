@@ -54,7 +54,7 @@ class Memory(NamedTuple):
 
 
 def sound_readings(sensors: Sensors, *, imu: bool = True) -> Sensors:
-    """Replaces a robot's readings except contacts by NaN if any of them, see `imu`, is unsound."""
+    """Replaces a robot's readings except contacts by NaN if one is unsound; `imu` adds the IMU."""
     readings = sensors.joint_position, sensors.joint_velocity, sensors.imu
     sound = are_sound(*readings[: 3 if imu else 2])[..., None]
     position, velocity, reading = (np.where(sound, one, np.nan) for one in readings)
@@ -171,7 +171,7 @@ class ControlStep:
         return self.estimated(_chosen(sound, memory, last), sensors, command), machine
 
     def initial(self, shape: tuple[int, ...]) -> Memory:
-        """Returns the memory before the first step of robots of a shape."""
+        """Returns the memory before the first step, for robots in an array of this shape."""
         stance = np.broadcast_to(self.robot.default_stance, (*shape, quadruped.N_JOINTS))
         return Memory(
             trust=ContactTrust.begin(shape),

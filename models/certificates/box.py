@@ -166,8 +166,8 @@ def operating_box(gait: Gait, robot: Robot) -> ObservationBox:
 def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
     """Returns the box of all that the robot and its sensors can reach.
 
-    Joint angles exceed their limits by the overrun that is no failure yet, and by the encoders'
-    noise. The box contains the operating box.
+    Joint angles may exceed their limits by the overrun that the fall rule tolerates, and by the
+    encoders' noise. The box contains the operating box.
     """
     limits = _limits(gait, operating)
     lower = np.minimum(limits.lower, operating.lower)

@@ -56,7 +56,7 @@ class _Certificate(Settings):
 
 
 def shipped_certificates() -> tuple[Path, ...]:
-    """Lists the shipped certificates: those of the default robot, then of others by robot."""
+    """Lists the shipped certificates: the default robot's first, then those of each other robot."""
     return tuple(sorted(SHIPPED.rglob("*.json"), key=lambda path: (len(path.parts), path)))
 
 

@@ -31,7 +31,7 @@ class Region:
     counted: frozenset[int] = frozenset()
 
     def with_copy(self, index: int) -> "Region":
-        """Returns a box of one more quantity: another value of the one at an index."""
+        """Returns the box with one more quantity, a second value of the quantity at `index`."""
         counted = self.counted | ({len(self.lower)} if index in self.counted else frozenset())
         lower, upper = (np.append(ends, ends[index]) for ends in (self.lower, self.upper))
         return Region(lower, upper, counted)

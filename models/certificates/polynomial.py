@@ -29,7 +29,7 @@ Polynomial = Mapping[Monomial, Fraction]
 
 @dataclass(frozen=True)
 class Factor:
-    """A function of a polynomial, or a quantity, by index, with the function "variable"."""
+    """A function of a polynomial; or a quantity, given by its index and the function "variable"."""
 
     function: str
     variable: int = -1

@@ -46,8 +46,8 @@ Observed = dict[str, float]
 class Verdict:
     """The outcome of a claim: the `worst` bound or value of a witness, and the limit `claimed`.
 
-    The splits of its box, by bound, prove it. Witnesses refute it: one observation, or two for an
-    effect or a change.
+    A claim is proved by the splits of its box for each bound, and refuted by witnesses: one
+    observation, or two for an effect or a change.
     """
 
     claim: Claim

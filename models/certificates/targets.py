@@ -57,7 +57,7 @@ class Query:
     """A quantity to bound over a box, times a sign of 1 or -1.
 
     It is a joint's `target` (rad), its `slope` by an observation (rad per unit), or the `effect` of
-    an observation: the target minus the target with another value of it (rad).
+    an observation: the target minus the target at another value of that observation (rad).
     """
 
     of: Literal["target", "slope", "effect"]
@@ -175,7 +175,7 @@ Ranged = tuple[Interval, float]
 
 
 def formula_error(formula: Expression, joint: int, read: Region, units: RobotUnits) -> float:
-    """Bounds the error of a joint's target by its formula in double precision (rad)."""
+    """Bounds the error of a joint's target (rad) if its formula is computed in double precision."""
 
     @cache
     def ranged(node: Expression) -> Ranged:

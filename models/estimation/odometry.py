@@ -68,11 +68,11 @@ class Odometry(Settings):
         """Advances by a control step.
 
         A foot counts as standing if it touches now and did in the previous step: a foot that has
-        just landed still moves. By the predicted velocity it must also be nearly at rest, unless no
-        foot is: the sensor of a foot that swings or slips may read a contact, too.
+        just landed still moves. It must also be nearly at rest at the predicted velocity, because a
+        foot that swings or slips may read a contact; this is waived if no foot is nearly at rest.
 
-        Measured are joint positions and velocities (..., 12; rad, rad/s), the IMU's reading
-        (..., 9), and which feet seem to press on the ground (..., 4).
+        The arguments are measured joint positions and velocities (..., 12; rad, rad/s), the IMU's
+        reading (..., 9), and the feet that seem to press on the ground (..., 4).
         """
         turned_by, change, gravity = imu[..., 0:3], imu[..., 3:6], imu[..., 6:9]
         feet, swept, rolling = kinematics.foot_motion(robot, joint_position, joint_velocity)

@@ -82,7 +82,7 @@ class FormulaFile:
         return replace(self, vocabulary=vocabulary, formulas=dict(zip(places, values, strict=True)))
 
     def with_written(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
-        """Returns the file with other formulas instead of `written`, and with their images."""
+        """Returns the file with the formulas of `written` replaced, and their mirror images."""
         if self.mirror is not None:
             formulas = FormulaMirror.of(self.vocabulary, self.mirror).complete(formulas)
         return replace(self, formulas={place: formulas[place] for place in self.formulas})

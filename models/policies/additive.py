@@ -157,7 +157,7 @@ class AdditivePolicy(Policy):
         return (FactoredTerm((float(intercept),), ()), *functions)
 
     def importance(self, observations: Array) -> tuple[str, Array]:
-        """Returns each function's mean absolute deviation; a pair's is split between its two."""
+        """Returns the mean size of each observation's functions; that of a pair is split in two."""
         single, pairs = self._look_up(observations)
         single = np.moveaxis(single, 0, 1)
         importances = np.abs(single - single.mean(axis=0)).mean(axis=0)

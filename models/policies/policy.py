@@ -68,7 +68,7 @@ class Reals:
 
 @dataclass(frozen=True)
 class Indices:
-    """An array of indices below the size that is named `of`."""
+    """An array of indices that are less than the size named `of`."""
 
     dims: str
     of: str
@@ -343,7 +343,7 @@ class Policy(ABC):
         return None
 
     def refuse_other_machine(self, gait: "Gait") -> None:
-        """Raises InputError if a gait differs from the file's gait, else from the shipped one."""
+        """Raises InputError if a gait differs from that in the file, or else from the shipped."""
         # Imported here, since few programs that load a policy need gaits.
         from glassgait.models.task.gait import gait_names, shipped_gait  # noqa: PLC0415
 

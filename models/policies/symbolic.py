@@ -93,7 +93,7 @@ class FormulaPolicy(Policy):
         return policy
 
     def with_machine(self, gait: Gait) -> Self:
-        """Returns the policy with its gait, which its file contains and `check` compares."""
+        """Returns the policy with its gait, which its file then contains; see `check`."""
         names = ObservationLayout(gait.n_states, imu=self.layout.imu).names
         self.check(gait=gait, observation_names=names)
         policy = copy.copy(self)

@@ -236,7 +236,7 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
 
 
 def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
-    """Returns states x (..., 37) of level robots at the origin, at rest on their lowest foot.
+    """Returns states x (..., 37) of level robots at rest, with the lowest foot on the ground.
 
     Joint positions (..., 12; rad) are the default stance unless given.
     """

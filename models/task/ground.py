@@ -143,7 +143,7 @@ class Ground:
         return self.clearance(kinematics.world_feet(robot, positions), robot.foot_radius) < 0.0
 
     def periods(self, positions: Array) -> Array:
-        """Returns by how many periods q (n, 19) or x (n, 37) left the middle one (n, 3; in m)."""
+        """Returns how far (n, 3; m) q (n, 19) or x (n, 37) left the middle period, in periods."""
         if self.is_level:
             return np.zeros((*positions.shape[:-1], 3))
         places = positions[..., quadruped.POSITION][..., :2]
@@ -153,7 +153,7 @@ class Ground:
         return np.concatenate([count * period, rise[..., None]], axis=-1)
 
     def draw_places(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws start positions (count, 2; m): in a period, of steps on its landing."""
+        """Draws start positions (count, 2; m) in the middle period; on steps, on its landing."""
         if self.is_level:
             return np.zeros((count, 2))
         drawn = generator.random((count, 2))

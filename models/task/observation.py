@@ -231,7 +231,7 @@ def _entries_by_name() -> dict[str, ObservationEntry]:
 
 
 def are_sound(*values: Array) -> NDArray[np.bool_]:
-    """Returns whether all of values (..., k) side by side are finite, up to `LARGEST_SOUND`."""
+    """Returns whether all entries of the arrays (..., k) are finite and within ±`LARGEST_SOUND`."""
     return np.asarray((np.abs(np.concatenate(values, axis=-1)) <= LARGEST_SOUND).all(axis=-1))
 
 

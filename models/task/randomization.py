@@ -133,7 +133,7 @@ class Randomization(Disturbances):
         return generator.random(feet) < self.contact_flips
 
     def stuck_contacts(self, count: int, generator: np.random.Generator) -> NDArray[np.int8]:
-        """Returns the stuck contact sensors of episodes (count, 4); some draw one more."""
+        """Returns the stuck contact sensors of episodes (count, 4); in some, one more is drawn."""
         stuck = np.tile(stuck_sensors(self.stuck_open, self.stuck_closed), (count, 1))
         if self.stuck_share == 0.0:
             return stuck

@@ -297,7 +297,7 @@ class Experiment(PolicySource):
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, Controller]]:
-        """A controller of each policy without the expert, by gait and policy name."""
+        """A controller of each policy that acts without the expert, by gait and policy name."""
         controllers = {}
         for gait, policies in self.policies.items():
             names = policies.expanded(self.policy)

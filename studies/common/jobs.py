@@ -116,7 +116,7 @@ def _call(function: Callable[..., Any], args: Sequence[Any], kwargs: dict[str, A
 
 
 class Job(NamedTuple):
-    """A run of one gait (name or file) and one seed in a folder, which names it in errors."""
+    """A run of one gait (name or file) and one seed in a folder; errors show the folder."""
 
     gait: str
     seed: int
@@ -146,8 +146,8 @@ def jobs_of(names: Sequence[str], seeds: range, root: Path, output: Path | None)
 def run_jobs(jobs: Sequence[Job], run: Callable[[Job], Any]) -> list[Any]:
     """Runs jobs on the workers with a function that can be pickled, and returns their results.
 
-    A single job runs in this process, with its loops on the workers. An InputError lists jobs with
-    bad input after all other jobs are done.
+    A single job runs in this process, and its parallel loops use the workers. An InputError lists
+    jobs with bad input after all other jobs are done.
     """
     if len(jobs) == 1:
         return [run(jobs[0])]

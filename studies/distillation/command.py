@@ -37,7 +37,7 @@ class Distill(SettingsFile):
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         n_seeds: Number of seeds of each gait: seed, seed + 1, …
-        workers: Where jobs run; with one gait and seed, where its students are fitted.
+        workers: Workers that run the jobs or, with one gait and seed, fit its students.
         robot: Name of a robot, or path of its robot.yaml; by default the expert's.
         source: Folder of a run of train that contains the expert; by default, the expert that
             ships is used or, for other gaits, the one in runs/train/<gait>.

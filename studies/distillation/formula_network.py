@@ -60,8 +60,8 @@ class FormulaNetwork(nn.Module):
     Each number must be the weight of a term. Terms are evaluated once, and targets are a product of
     matrices. Mirror images share their numbers. Definitions do not change.
 
-    The numbers are `start + unit @ changes`, where `changes` is the parameter. Its steps of equal
-    size change the targets equally, as steps of the natural gradient do.
+    The numbers are `start + unit @ changes`, where `changes` is the parameter. Steps of equal size
+    in it change the targets equally, as steps of the natural gradient do.
     """
 
     start: torch.Tensor

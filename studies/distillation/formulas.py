@@ -131,7 +131,7 @@ def formula_policy(
 
 
 def readings_of(gait: Gait, robot: Robot, names: tuple[str, ...], observations: Array) -> Readings:
-    """Returns the ranges that observations are clamped to: the samples' (m, n) and a margin."""
+    """Returns the ranges that quantities are clipped to: those of samples (m, n) and a margin."""
     box = measured_box(gait, robot, names, observations.min(axis=0), observations.max(axis=0))
     return Readings.around(names, box.lower, box.upper)
 

@@ -75,7 +75,7 @@ class RefinementRun(LearningRun):
         return policy.with_estimator_of(self._expert)
 
     def write_result(self) -> None:
-        """Writes the record, the curve and the formulas, in the end those of the best candidate."""
+        """Writes the record, the curve and the formulas; at the end, the best candidate's."""
         # Training returns include exploration noise and hardly predict how formulas walk, and more
         # updates may make them worse. So the candidates are compared by rollouts.
         finished = self.n_updates >= self.config.updates

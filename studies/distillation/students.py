@@ -25,7 +25,7 @@ class Student:
 
     Attributes:
         collector: The student that collects its samples; itself by default.
-        brevity: Rank among the sums of terms, 1 for the shortest; None for other students.
+        brevity: Rank, 1 for the shortest, if the actions are sums of terms; otherwise None.
         paper_r2: The paper's R² (Table II), by gait; empty if the paper has no such student.
     """
 
@@ -142,7 +142,7 @@ class OnePolicy(OneGait):
 
 
 def default_student(policies: Policies) -> str:
-    """Returns the kind of the default student: the shortest of the available sums of terms."""
+    """Returns the shortest available kind of student whose actions are sums of terms."""
     for kind in sums_of_terms():
         if kind in policies.files:
             return kind

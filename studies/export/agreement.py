@@ -58,7 +58,7 @@ def agreement_table(
     *,
     exact: bool = True,
 ) -> pd.DataFrame:
-    """Compares C and Python on recorded and random sensors, with a row and half the steps each."""
+    """Compares C and Python on recorded and on random sensors: a row and half the steps each."""
     # Recorded sensors are those of normal use; random ones may reach any state.
     recorded = (n_steps + 1) // 2
     sequences = {

@@ -44,8 +44,8 @@ class Importance(Experiment):
         policy: Kinds of students, and paths of their files; by default the available students of
             gbm, ebm, linear_per_state, symbolic, symbolic_per_state and formulas.
         joint: Joint whose trees and functions are drawn.
-        n_samples: Greatest number of samples. They are held out from the student's fit or, if its
-            distillation is not here, new.
+        n_samples: Greatest number of samples. They are held out from the student's fit or, if the
+            samples of its run are missing, collected anew.
         repeats: Shuffles of each observation.
         quick: Use 200 samples and two shuffles, and write to runs/importance/<gait>_quick.
     """

@@ -129,7 +129,7 @@ def _students(results: Sequence[GaitResults]) -> list[str]:
 
 
 def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
-    """Sets the students' R² beside the paper's, a row a student and split, a column a gait."""
+    """Sets the students' R² beside the paper's: rows are students and splits, columns gaits."""
     rows = []
     for kind in _students(results):
         scores = {result.gait: result.r2.set_index("student").loc[kind] for result in results}

@@ -1,4 +1,4 @@
-"""`glassgait reproduce report` and `reproduce paper`: the paper's tables and figures, made anew."""
+"""`glassgait reproduce report` and `reproduce paper`: the paper's tables and figures."""
 
 import time
 from collections.abc import Sequence

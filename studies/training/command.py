@@ -26,8 +26,8 @@ class Train(SettingsFile):
         gait: Names of gaits, or paths of gait files; `all` for every built-in gait.
         n_seeds: Number of seeds per gait: seed, seed + 1, …
         workers: Workers that run the jobs; a single job runs in this process.
-        output: Folder of the run, by default runs/train/<gait>. Of several runs, each gait has a
-            folder <gait> in it, and each of several seeds a folder seed_<seed> in that.
+        output: Folder of the run; runs/train/<gait> by default. Each of several gaits has a
+            subfolder <gait>, and each of several seeds a subfolder seed_<seed> in it.
         resume: Continue the run in the folder.
     """
 

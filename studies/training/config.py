@@ -74,11 +74,11 @@ class PpoConfig(Settings):
         critic_updates: Number of first updates that train only the critic, from random weights.
         entropy: Initial weight of the entropy, for exploration.
         final_entropy: Final weight of the entropy, for precision.
-        entropy_decay: Updates at which the weight starts and ends to fall.
+        entropy_decay: Updates at which the fall of the weight starts and ends.
         learning_rate: Initial learning rate, later adapted to the desired KL divergence.
         desired_kl: Initial KL divergence to which the learning rate is adapted.
         final_kl: Final KL divergence, smaller for smaller changes of the last policies.
-        kl_decay: Updates at which the divergence starts and ends to fall.
+        kl_decay: Updates at which the fall of the divergence starts and ends.
         reward_scale: Factor on the task's reward; a transition gives up to 30 without it.
     """
 

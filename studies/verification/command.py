@@ -61,7 +61,7 @@ class Prove(OnePolicy):
         box: File of the operating box; the gait's shipped one by default.
         measure: First measure the operating box, in all scenarios.
         rollouts: Rollouts that measure the box.
-        workers: Where these rollouts run.
+        workers: Workers that run these rollouts.
         output: Folder of the results; runs/verify/prove/<gait>/<policy> by default.
     """
 

@@ -100,7 +100,7 @@ class DoublePrecision:
 
 
 class Polynomials:
-    """Exact arithmetic of quantities, the "other" value of a moved one, and functions."""
+    """Exact arithmetic of quantities, functions, and an "other" value of the moved quantity."""
 
     def __init__(self, quantities: list[str]) -> None:
         self.names = [*quantities, "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))]
@@ -110,7 +110,7 @@ class Polynomials:
         self.function_slope, self.moved = cache(self._function_slope), ""
 
     def moving(self, name: str) -> "Polynomials":
-        """Returns the same arithmetic with the other value of a quantity."""
+        """Returns the same arithmetic, in which the quantity `name` has its other value."""
         result = copy(self)
         result.moved = name
         return result

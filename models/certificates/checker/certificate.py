@@ -32,7 +32,7 @@ Claim = dict[str, Any]
 
 
 class Decision(NamedTuple):
-    """A checked claim and its outcome; `foreign` claims do not ship."""
+    """A checked claim and its outcome; `foreign` is true for claims that do not ship."""
 
     outcome: str
     claim: Claim
@@ -103,7 +103,7 @@ class Check:
             refuse_unless(any(exceeds) == bool(points), f"{name}: is not {outcome}")
 
     def most(self, claim: Claim) -> float:
-        """Returns the limit of a claim, which may be a number of the robot."""
+        """Returns the limit of a claim: a number in the claim, or one that the robot determines."""
         if "limit" in claim:
             return self.numbers[claim["limit"]] / self.numbers["stiffness"]
         return claim.get("most", 0.0)
@@ -127,7 +127,7 @@ class Check:
         return True
 
     def excesses(self, claim: Claim, state: int) -> Iterator[tuple[str, arb]]:
-        """Yields the excess over each limit: an upper bound in a box, or that of witnesses."""
+        """Yields the excess over each limit: an upper bound over the box, or that at witnesses."""
         box, is_slope = self.box(claim, state), claim["kind"] == "never"
         witnesses = claim.get("witnesses", [])
         points = [{name: (at, at) for name, at in point.items()} for point in witnesses]

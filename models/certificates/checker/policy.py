@@ -36,7 +36,7 @@ Box = dict[str, tuple[float, float]]
 
 
 def image_of(name: str, image: list[int]) -> tuple[str, int]:
-    """Returns the mirror image of a quantity or a joint, and its sign there."""
+    """Returns the mirror image of a quantity or joint, and -1 if its sign changes, else 1."""
     new = re.sub(r"(FL|FR|RL|RR)", lambda leg: MIRRORED[leg[1]], name)
     new = re.sub(r"^s(\d+)$", lambda state: f"s{image[int(state[1])]}", new)
     return new, -1 if name.endswith("_hip") or name in TURNED else 1
