@@ -1,22 +1,13 @@
 """Gait files: the shipped ones, and invalid ones."""
 
+import re
+
 import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 
-GOOD = """
-description: Two diagonals.
-max_speed: 1.0
-max_yaw_rate: 1.0
-dwell: [6, 11]
-clearance: 0.03
-states: [q0, q1]
-initial: q0
-transitions:
-  - {from: q0, to: q1, when: FL & RR & ~FR & ~RL}
-  - {from: q1, to: q0, when: FR & RL & ~FL & ~RR}
-"""
+GOOD = re.sub(" +#.*", "", (GAIT_DIRECTORY / "trot.yaml").read_text())
 
 
 @pytest.mark.parametrize(
@@ -32,7 +23,7 @@ transitions:
         (("clearance: 0.03", "clearance: -1"), "clearance is -1; it must be"),
         (("dwell: [6, 11]", "dwell: [11, 6]"), "dwell is .*the least, then the greatest"),
         (("description:", "name: hop\ndescription:"), "unknown key 'name'"),
-        (("Two diagonals.", "x" * 501), "1 to 500 printable"),
+        (("Diagonal pairs", "x" * 501), "1 to 500 printable"),
         (("states: [q0, q1]", "states: [q0, 'q1 ']"), "without spaces at the ends"),
         (("states: [q0, q1]", "states: [q0, 'a\u202eb']"), "printable characters"),
         (("states: [q0, q1]", "states: [q0, " + "q" * 41 + "]"), "1 to 40 printable"),
