@@ -98,8 +98,7 @@ class Readings:
     in the mirror has a symmetric range.
 
     Attributes:
-        ranges: Least and greatest value of each kind, such as "q.hip". Hip angles are those of left
-            legs; right legs use the mirrored range.
+        ranges: Least and greatest value of each kind, such as "q.hip"; mirrored for right hips.
     """
 
     ranges: tuple[tuple[str, Range], ...]
