@@ -108,13 +108,12 @@ def test_every_tracked_file_but_the_pages_and_their_pictures_is_in_the_wheel(whe
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["view", "--n-steps", "25"], "stayed up after 0.50 s"),
-        pytest.param(
-            ["demo", "--n-robots", "2"], "demo/report.html", marks=pytest.mark.timeout(1800)
-        ),
+        (["demo", "--n-robots", "2"], "page written to runs/demo/report.html"),
         (["explain", "page", "--n-steps", "50", "--step", "20"], "page written to runs/explain"),
     ],
 )
