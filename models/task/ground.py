@@ -143,7 +143,7 @@ class Ground:
         return self.clearance(kinematics.world_feet(robot, positions), robot.foot_radius) < 0.0
 
     def periods(self, positions: Array) -> Array:
-        """Returns how far (n, 3; m) q (n, 19) or x (n, 37) left the middle period: whole periods."""
+        """Returns the whole periods (n, 3; m) that q (n, 19) or x (n, 37) is off the middle one."""
         if self.is_level:
             return np.zeros((*positions.shape[:-1], 3))
         places = positions[..., quadruped.POSITION][..., :2]
