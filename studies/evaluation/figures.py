@@ -170,7 +170,7 @@ def push_figure(pushes: pd.DataFrame, title: str) -> Figure:
         sectors = np.append(np.radians(shares.columns) - half, 2.0 * np.pi - half)
         rings = _rings(shares.index.to_numpy())
         axes.pcolormesh(sectors, rings, shares.astype(float), cmap=SURVIVAL, vmin=0, vmax=1)
-        axes.set_theta_zero_location("N")
+        axes.set(theta_zero_location="N", yticks=[])
         axes.set_xticks(np.arange(4) * np.pi / 2, SIDES, fontsize=6.5)
         axes.tick_params(pad=-2)
         axes.set_title(f"{policy}\nall survived up to {limit:.2g} m/s", fontsize=7.5)

@@ -82,8 +82,8 @@ class Pushes(Experiment):
 
         summary, gait = tables.push_summary(table), table["gait"].iloc[0]
         title = (
-            f"{gait.capitalize()} at {self.command.override(self.gaits[0]).speed:g} m/s: "
-            "which pushes are survived. Direction as angle, speed (m/s) as radius"
+            f"{gait.capitalize()} at {self.command.override(self.gaits[0]).speed:g} m/s: which "
+            f"pushes are survived. Direction as angle, speed as radius, to {self.speeds[-1]:g} m/s"
         )
         return Report(
             tables={"summary": summary, "pushes": tables.push_table(table)},
