@@ -114,8 +114,7 @@ class BatchSimulator:
 
     def friction_of_robots(self) -> Array:
         """Returns the friction under each robot (n,)."""
-        members = self.physics.members(self.n_robots)
-        return np.repeat(self.friction, [len(group) for group in members])
+        return self.physics.per_robot(self.friction, self.n_robots)
 
     def restore_friction(self, friction: Array) -> None:
         """Sets the friction of every group (n_groups,)."""

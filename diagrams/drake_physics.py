@@ -1,6 +1,6 @@
 """Batch physics with Drake: steps hundreds of stations in threads."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -40,11 +40,11 @@ class DrakeEngine(Engine):
         def step(loop: _Loop, robots: IntArray) -> None:
             after[robots] = loop.step(states[robots], held.of(robots))
 
-        running = [
-            self._workers.submit(step, loop, robots)
-            for i in self._order
-            for loop, robots in self._groups[i].split(members[i])
-        ]
+        running = []
+        for i in self._order:
+            loops = self._groups[i].loops
+            parts = zip(loops, np.array_split(members[i], len(loops)), strict=True)
+            running += [self._workers.submit(step, *part) for part in parts]
         for future in running:
             future.result()
         return after, None
@@ -59,13 +59,10 @@ class _Group:
         builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
         self._terrain = station.terrain
         diagram, joints = builder.Build(), actuated_joints(self._plant)
-        self._loops = [_Loop(diagram, joints, station) for _ in range(n_loops)]
-
-    def split(self, robots: IntArray) -> Iterable[tuple["_Loop", IntArray]]:
-        return zip(self._loops, np.array_split(robots, len(self._loops)), strict=True)
+        self.loops = [_Loop(diagram, joints, station) for _ in range(n_loops)]
 
     def set_friction(self, friction: float) -> None:
-        for loop in self._loops:
+        for loop in self.loops:
             context = self._scene_graph.GetMyMutableContextFromRoot(loop.context)
             set_friction(self._plant, self._scene_graph, friction, context, terrain=self._terrain)
 

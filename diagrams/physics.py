@@ -6,12 +6,13 @@ from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from glassgait.diagrams.engine import Engine, Held, IntArray
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.sensors import BoolArray
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots import kinematics
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import Terrain
@@ -46,10 +47,13 @@ class Physics:
         """Returns the indices of each group's robots, which are split evenly and in order."""
         return _members(n_robots, self.n_groups)
 
+    def per_robot(self, values: ArrayLike, n_robots: int) -> Array:
+        """Returns for each robot the value of its group, from those of groups (n_groups, ...)."""
+        return np.repeat(values, [len(group) for group in self.members(n_robots)], axis=0)
+
     def gravity(self, n_robots: int) -> Array:
         """Returns the acceleration of gravity for each robot (n_robots, 3; m/s²)."""
-        sizes = [len(group) for group in self.members(n_robots)]
-        return np.repeat([terrain.gravity for terrain in self._terrains], sizes, axis=0)
+        return self.per_robot([terrain.gravity for terrain in self._terrains], n_robots)
 
     def ground(self, n_robots: int) -> Ground:
         """Returns the ground of each robot."""
@@ -84,16 +88,13 @@ class Physics:
         late = targets if previous_targets is None else previous_targets
         latency = np.zeros(len(states)) if latency is None else latency
         held = Held(targets, late, latency)
-        after, touching = np.empty_like(states), np.empty((len(states), quadruped.N_LEGS), bool)
         # Groups are contiguous, and no group is smaller than the next. An engine's even split of
         # its robots therefore gives the same groups as the split of all robots.
-        sizes, start, first = [len(group) for group in self.members(len(states))], 0, 0
+        members, steps = iter(self.members(len(states))), []
         for engine in self._engines:
-            last = first + len(engine.stations)
-            robots = slice(start, start + sum(sizes[first:last]))
-            after[robots], touching[robots] = self._advance(engine, states[robots], held.of(robots))
-            start, first = robots.stop, last
-        return PhysicsStep(after, touching)
+            robots = np.concatenate([next(members) for _ in engine.stations])
+            steps.append(self._advance(engine, states[robots], held.of(robots)))
+        return PhysicsStep(*map(np.concatenate, zip(*steps, strict=True)))
 
     def _advance(self, engine: Engine, states: Array, held: Held) -> PhysicsStep:
         """Advances the finite robots of an engine, each within the middle period of its ground."""

@@ -9,7 +9,6 @@ from annotated_types import Le, MaxLen, MinLen
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, JointLaw
 from glassgait.models.settings import (
@@ -31,7 +30,6 @@ Fraction = Annotated[NotNegative, Le(1.0)]
 LearningRate = Annotated[Positive, Le(1.0)]
 Switch = Annotated[bool, tyro.conf.arg(help_behavior_hint="(without the flag: {})".format)]
 Layers = Annotated[tuple[Annotated[Count, Le(4096)], ...], MinLen(1), MaxLen(16)]
-Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
 Senses = Literal["learned", "odometry", "imu"]
 Actor = Literal["dense", "local"]
 Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
@@ -53,6 +51,7 @@ class CurriculumConfig(Settings):
         initial_hardship: Factor on the speed of pushes, and on slopes and heights, at the start.
         hardship_rise: Growth of the hardship after an update.
         most_failures: Greatest share of control steps with a failure for the hardship to grow.
+        mujoco_updates: First updates, in which groups of Drake are in MuJoCo, which is faster.
     """
 
     title: ClassVar[str] = "training: curriculum"
@@ -63,6 +62,7 @@ class CurriculumConfig(Settings):
     initial_hardship: Share = 0.2
     hardship_rise: Fraction = 0.01
     most_failures: Fraction = 0.006
+    mujoco_updates: Natural = 0
 
 
 @checked
@@ -189,12 +189,6 @@ class TrainingConfig(Settings):
             raise InputError(
                 f"training: n_robots is {self.n_robots}, fewer than n_groups = {n_groups}, and a "
                 "group would be empty; raise n_robots or lower n_groups"
-            )
-        layers = self.ppo.actor_layers
-        if self.actor == "local" and any(width % quadruped.N_LEGS for width in layers):
-            raise InputError(
-                f"training: ppo.actor_layers is {layers}; a local actor divides the units among "
-                f"the legs, so give multiples of {quadruped.N_LEGS}"
             )
         # PPO normalizes an update's advantages, which needs two steps.
         if self.steps_per_update < max(2, self.ppo.num_minibatches):

@@ -1,6 +1,8 @@
 """The batch simulator as an environment for PPO: observation groups, scaled rewards, resets."""
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +12,7 @@ from tensordict import TensorDict
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.domain_randomization import at_hardship
 from glassgait.diagrams.physics import make_physics
+from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.estimation.odometry import Odometry
@@ -62,10 +65,12 @@ class Environment:
         self._reward_scale = config.ppo.reward_scale
         self._estimator, self.generator = estimator, generator
 
-        # Draw a station for each group, with the ground scaled by the curriculum's hardship.
-        worlds, robot = config.worlds, load_robot(config.robot)
-        self._stations = stations = worlds.stations(robot, generator)
-        self._ground_hardship = config.curriculum.initial_hardship
+        # Draw a station for each group, and the same stations for early updates, without Drake.
+        worlds, robot, curriculum = config.worlds, load_robot(config.robot), config.curriculum
+        early = replace(worlds, mujoco_share=1.0).stations(robot, deepcopy(generator))
+        stations = worlds.stations(robot, generator)
+        self._stations, self._mujoco_updates = (stations, early), curriculum.mujoco_updates
+        self._ground = curriculum.initial_hardship, self._mujoco_updates > 0
         self.simulator = BatchSimulator(
             TaskConfig(
                 gait,
@@ -76,38 +81,37 @@ class Environment:
                 robot=robot,
                 observes_imu=observes_imu,
             ),
-            make_physics(robot, *at_hardship(stations, self._ground_hardship)),
+            make_physics(robot, *self._scaled_stations()),
             n_robots=config.n_robots,
             generator=generator,
             # A learned estimator is evaluated in `observe`; the reward machine reads true heights.
             estimator=estimator if isinstance(estimator, Odometry) else None,
-            difficulty=config.curriculum.initial_difficulty,
+            difficulty=curriculum.initial_difficulty,
         )
-        self.simulator.push_share = config.curriculum.initial_hardship
+        self.simulator.push_share = curriculum.initial_hardship
 
         # The critic observes each robot's payload and motor strength.
-        members = self.simulator.physics.members(config.n_robots)
-        self._body = np.repeat(
-            [[station.payload, station.motor_strength] for station in stations],
-            [len(group) for group in members],
-            axis=0,
-        )
+        bodies = [[station.payload, station.motor_strength] for station in stations]
+        self._body = self.simulator.physics.per_robot(bodies, config.n_robots)
 
         # Spread the ends of the first episodes, so that every update has robots of all ages.
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
         self.simulator.restore(self.simulator.state._replace(steps=ages))
 
-    def change_ground(self) -> None:
+    def change_ground(self, n_updates: int) -> None:
         """Draws new frictions for all groups, and scales the ground by the current hardship."""
         self.simulator.resample_friction()
-        self._scale_ground(self.simulator.push_share)
+        self._set_ground(self.simulator.push_share, n_updates < self._mujoco_updates)
 
-    def _scale_ground(self, hardship: float) -> None:
-        """Scales the ground, and replaces the physics only if the ground changes."""
-        now, then = (at_hardship(self._stations, h) for h in (self._ground_hardship, hardship))
-        self._ground_hardship = hardship
-        if then != now:
-            self.simulator.change_ground(make_physics(self.simulator.task.robot, *then))
+    def _set_ground(self, hardship: float, is_early: bool) -> None:
+        """Replaces the physics if the ground or an engine changes."""
+        before, self._ground = self._scaled_stations(), (hardship, is_early)
+        if (stations := self._scaled_stations()) != before:
+            self.simulator.change_ground(make_physics(self.simulator.task.robot, *stations))
+
+    def _scaled_stations(self) -> list[StationConfig]:
+        hardship, is_early = self._ground
+        return at_hardship(self._stations[is_early], hardship)
 
     def observe(self) -> TensorDict:
         """Returns the observation groups of all robots."""
@@ -186,13 +190,13 @@ class Environment:
         return arrays, {
             "difficulty": self.simulator.difficulty,
             "hardship": self.simulator.push_share,
-            "ground_hardship": self._ground_hardship,
+            "ground": self._ground,
             "generator": self.generator.bit_generator.state,
         }
 
     def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
         """Continues from the results of `to_arrays`."""
-        self._scale_ground(values["ground_hardship"])
+        self._set_ground(*values["ground"])
         self.simulator.restore(self.simulator.state.with_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
         self.simulator.difficulty = values["difficulty"]

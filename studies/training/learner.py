@@ -1,6 +1,6 @@
 """Trained networks and their optimizers: PPO's actor and critic, and the state estimator."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -27,26 +27,22 @@ _OUTPUT_SCALE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.1)
 class Mirrored(nn.Module):
     """The mean of f(x) and M f(M x) with the mirror M; it is equivariant for any network f."""
 
-    input_index: torch.Tensor
-    input_sign: torch.Tensor
-    output_index: torch.Tensor
-    output_sign: torch.Tensor
-
     def __init__(
         self, network: nn.Module, reflect_input: Reflection, reflect_output: Reflection
     ) -> None:
         super().__init__()
         self.network = network
-        for name, reflection in (("input", reflect_input), ("output", reflect_output)):
-            index, sign = torch.from_numpy(reflection.index), torch.from_numpy(reflection.sign)
-            self.register_buffer(f"{name}_index", index, persistent=False)
-            self.register_buffer(f"{name}_sign", sign.float(), persistent=False)
+        self._reflect_input, self._reflect_output = map(_in_torch, (reflect_input, reflect_output))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Maps inputs (n, n_in) to outputs (n, n_out)."""
-        reflected = x[:, self.input_index] * self.input_sign
-        plain, mirrored = self.network(torch.cat([x, reflected])).chunk(2)
-        return 0.5 * (plain + mirrored[:, self.output_index] * self.output_sign)
+        plain, mirrored = self.network(torch.cat([x, self._reflect_input(x)])).chunk(2)
+        return 0.5 * (plain + self._reflect_output(mirrored))
+
+
+def _in_torch(reflection: Reflection) -> Callable[[torch.Tensor], torch.Tensor]:
+    index, sign = torch.from_numpy(reflection.index), torch.from_numpy(reflection.sign).float()
+    return lambda values: values[:, index] * sign
 
 
 class LegByLeg(nn.Module):
@@ -62,7 +58,8 @@ class LegByLeg(nn.Module):
         masks = leg_masks(names, network_of(dense))
         for layer, mask in zip(linear_layers(dense), masks, strict=True):
             layer.weight.data *= torch.from_numpy(mask)
-        self._observed = [np.flatnonzero(rows[0]) for rows in np.split(masks[0], quadruped.N_LEGS)]
+        legs = np.array([entry.leg or "" for entry in entries_of(names)])
+        self._observed = [np.flatnonzero(np.isin(legs, ["", leg])) for leg in quadruped.LEGS]
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Maps observations (n, n_in) to actions (n, 12)."""
@@ -70,11 +67,12 @@ class LegByLeg(nn.Module):
 
     def _of_leg(self, leg: int, x: torch.Tensor) -> torch.Tensor:
         for i, layer in enumerate(self.layers):
-            weight, bias = (values.chunk(quadruped.N_LEGS)[leg] for values in layer.parameters())
+            weight, bias = (part.tensor_split(quadruped.N_LEGS)[leg] for part in layer.parameters())
             if i == 0:
                 x, weight = x[:, self._observed[leg]], weight[:, self._observed[leg]]
             else:
-                x, weight = nn.functional.elu(x), weight.chunk(quadruped.N_LEGS, dim=1)[leg]
+                x = nn.functional.elu(x)
+                weight = weight.tensor_split(quadruped.N_LEGS, dim=1)[leg]
             x = nn.functional.linear(x, weight, bias)
         return x
 
@@ -82,8 +80,9 @@ class LegByLeg(nn.Module):
 def leg_masks(names: Sequence[str], network: Network) -> list[NDArray[np.bool_]]:
     """Returns a mask (n_out, n_in) per layer of the weights within a leg or from the body to it."""
     legs = [[entry.leg for entry in entries_of(names)]]
-    for size in map(len, network.biases):
-        legs.append([quadruped.LEGS[i * quadruped.N_LEGS // size] for i in range(size)])
+    for bias in network.biases:
+        units = map(len, np.array_split(bias, quadruped.N_LEGS))
+        legs.append(np.repeat(quadruped.LEGS, [*units]).tolist())
     return [
         np.array([[source in (None, leg) for source in before] for leg in after])
         for before, after in pairwise(legs)

@@ -117,7 +117,7 @@ class LearningRun(ABC):
         """Collects steps and trains with them; returns the row of the learning curve."""
         started = time.monotonic()
         if self.n_updates and self.n_updates % self.config.friction_updates == 0:
-            self.environment.change_ground()
+            self.environment.change_ground(self.n_updates)
 
         # Collect.
         self.learner.hold_actor(self.n_updates < self.config.ppo.critic_updates)

@@ -111,7 +111,7 @@ def test_robots_of_one_group_get_their_targets_each_at_its_time():
 
 
 def _by_quarters(station, state, old, new, delay):
-    loop = make_physics(A1, station)._engines[0]._groups[0]._loops[0]
+    loop = make_physics(A1, station)._engines[0]._groups[0].loops[0]
     for step in range(4):
         state = loop._advance(state, old if step < delay else new, 1)
     return state

@@ -203,6 +203,19 @@ def test_the_ground_grows_with_the_hardship_and_stays_after_a_resume(
     assert height(start(tmp_path, resume=True, **harder)) == height(run)
 
 
+def test_the_first_updates_may_do_without_drake(start, tiny_training, tmp_path):
+    worlds = replace(tiny_training.worlds, fine_steps=(), mujoco_share=0.5)
+    settings = {"curriculum": CurriculumConfig(mujoco_updates=3), "friction_updates": 1}
+    run, seen = start(tmp_path, worlds=worlds, **settings), []
+    for _ in range(4):
+        run.update()
+        engines = run.environment.simulator.physics._engines
+        seen.append([engine.stations[0].engine for engine in engines])
+        run.save()
+        run = start(tmp_path, resume=True, worlds=worlds, **settings)
+    assert seen == [*[["mujoco"]] * 3, ["mujoco", "drake"]]
+
+
 def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tiny_training, tmp_path):
     environment = TrainingRun(tiny_training, unforgiving, tmp_path).environment
     simulator = environment.simulator
