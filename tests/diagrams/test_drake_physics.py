@@ -96,22 +96,16 @@ def test_slippery_groups_slide_further(engine):
 
 
 def test_robots_of_one_group_get_their_targets_each_at_its_time():
-    physics = make_physics(A1, StationConfig(time_step=0.005))
+    physics = drake(StationConfig(time_step=0.005))
     states, targets = standing_batch(4)
     states[:, 6] += 0.2
     moved = targets + 0.3
     late = np.array([0.0, 0.005, 0.015, 0.02])
     after = physics.step(states, moved, previous_targets=targets, latency=late).states
-    for robot_index, latency in enumerate(late):
-        expected = states[robot_index]
-        fine = StationConfig(time_step=0.005)
+    loop = drake(StationConfig(time_step=0.005))._engines[0]._groups[0].loops[0]
+    for state, end, delay in zip(states, after, np.rint(late / 0.005), strict=True):
         # A quarter of the control period at a time, with nothing but the targets of that time.
-        expected = _by_quarters(fine, expected, targets[0], moved[0], round(latency / 0.005))
-        np.testing.assert_array_equal(after[robot_index], expected)
-
-
-def _by_quarters(station, state, old, new, delay):
-    loop = make_physics(A1, station)._engines[0]._groups[0].loops[0]
-    for step in range(4):
-        state = loop._advance(state, old if step < delay else new, 1)
-    return state
+        expected = state
+        for step in range(4):
+            expected = loop._advance(expected, (targets if step < delay else moved)[0], 1)
+        np.testing.assert_array_equal(end, expected)
