@@ -179,7 +179,7 @@ def load_expert(
 ) -> "NeuralPolicy":
     """Loads the expert of a gait, by default from the shipped file."""
     from glassgait.models.policies.neural import NeuralPolicy  # noqa: PLC0415
-    from glassgait.models.task.gait import load_gait  # noqa: PLC0415
+    from glassgait.models.task.gait import gait_option, load_gait  # noqa: PLC0415
 
     # Find the file.
     machine = load_gait(gait) if isinstance(gait, str) else gait
@@ -189,8 +189,8 @@ def load_expert(
         if not path.exists():
             raise InputError(
                 f"no expert for gait {machine.name!r} of the {robot.name} ships with the project; "
-                f"train one with 'glassgait train --gait {machine.name}{robot.option}', or name "
-                "its run with --source"
+                f"train one with 'glassgait train {gait_option(machine.name)}{robot.option}', "
+                "or name its run with --source"
             )
 
     # Check that it contains a network for this gait and its RM states.

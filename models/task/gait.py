@@ -239,6 +239,11 @@ def gait_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in GAIT_DIRECTORY.glob("*.yaml")))
 
 
+def gait_option(name: str) -> str:
+    """Returns the command-line option for a gait; one that does not ship is a file."""
+    return f"--gait {name}" if name in gait_names() else f"--gait {name}.yaml"
+
+
 def load_gait(gait: str | Path) -> Gait:
     """Loads a shipped gait by name, or a gait from the path of a YAML file."""
     path = Path(gait)

@@ -30,7 +30,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.library import load_robot, robot_folder
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
-from glassgait.models.task.gait import Gait, gait_names
+from glassgait.models.task.gait import Gait, gait_names, gait_option
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.common.arguments import KINDS
 from glassgait.studies.common.console import note
@@ -87,7 +87,7 @@ class Policies:
         if path is not None:
             return path
         # `self.expert` raises an InputError if the expert is missing too.
-        options = f"--gait {self.gait.name}{self.expert.robot.option}"
+        options = f"{gait_option(self.gait.name)}{self.expert.robot.option}"
         remedy = f"; make it with 'glassgait distill {options} --students {name}'"
         raise unknown_name(
             f"{self.robot.name} {self.gait.name} policy",
@@ -221,7 +221,7 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies | None:
 
 def _no_policies(gait: Gait, folder: str, robot: Robot) -> str:
     # A gait that is not built in is given by its file.
-    of = f"--gait {gait.name}{'' if gait.name in gait_names() else '.yaml'}{robot.option}"
+    of = f"{gait_option(gait.name)}{robot.option}"
     return (
         f"{folder}: contains no policies of the {gait.name}; make an expert with 'glassgait train "
         f"{of}', students with 'glassgait distill {of}', or give the folder of a run with --source"

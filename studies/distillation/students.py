@@ -10,7 +10,7 @@ from glassgait.models.policies.library import load_student_of, policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings, checked
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait import Gait, gait_option
 from glassgait.studies.common.experiment import OneGait
 from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.run import CONFIG_NAME, read_run
@@ -119,7 +119,7 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     if not kinds:
         raise InputError(
             f"{folder}: holds no students; make them with "
-            f"'glassgait distill --gait {expert.gait}{expert.robot.option}'"
+            f"'glassgait distill {gait_option(expert.gait)}{expert.robot.option}'"
         )
     return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
@@ -149,6 +149,6 @@ def default_student(policies: Policies) -> str:
     gait, option = policies.gait.name, policies.robot.option
     raise InputError(
         f"no student of the {gait} in {policies.place} acts by a sum of terms; make one with "
-        f"'glassgait distill --gait {gait}{option} --students {sums_of_terms()[1]}', "
+        f"'glassgait distill {gait_option(gait)}{option} --students {sums_of_terms()[1]}', "
         "or name another run with --source"
     )
