@@ -18,13 +18,13 @@ QUICK = RolloutConfig(n_robots=8, n_steps=round(5.0 / CONTROL_PERIOD), seed=0, n
 
 
 def show_result(gait: str, folder: Path, robot: str) -> None:
-    """Scores every policy of a run for 5 s, and prints falls, returns and shell commands."""
+    """Scores every policy of a run for 5 s, and prints falls, return, rhythm and shell commands."""
     policies = find_policies(load_gait(gait), folder, robot, quiet=True)
     rows = []
     for policy, controller in policies.controllers([ALL]).items():
         scores = score(policies.gait, controller, Scenario(), QUICK)
-        mean = round(float(scores["return"].mean()), 1)
-        rows.append({"policy": policy, "falls of 8": scores["fell"].sum(), "return": mean})
+        means = {key: round(float(scores[key].mean()), 2) for key in ("return", "rhythm")}
+        rows.append({"policy": policy, "falls of 8": scores["fell"].sum(), **means})
     title = f"{policies.gait.name}: {QUICK.n_steps * CONTROL_PERIOD:g} s, nominal scenario"
     print_table(title, pd.DataFrame(rows))
     best = max(rows[1:] or rows, key=lambda row: row["return"])
