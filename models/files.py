@@ -76,13 +76,13 @@ def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") 
 
 
 def resolve_paths(path: Path, values: Any, key: str = "") -> Any:
-    """Resolves the paths among a file's values, which are relative to its folder."""
+    """Makes the paths among a file's values absolute; they are relative to its folder."""
     if isinstance(values, dict):
         return {name: resolve_paths(path, value, name) for name, value in values.items()}
     if isinstance(values, list):
         return [resolve_paths(path, value, key) for value in values]
     is_path = isinstance(values, str) and (key == "output" or Path(values).suffix in _SUFFIXES)
-    return str(path.parent / values) if is_path and key in _PATHS else values
+    return str((path.parent / values).resolve()) if is_path and key in _PATHS else values
 
 
 def read_yaml(path: Path) -> Any:

@@ -48,12 +48,12 @@ class SettingsFile(Settings):
     def text(self) -> str:
         """Returns the settings as YAML, with the name of the gait."""
         command: Any = self
-        values = to_record(command.config)
+        values = to_plain(command.config)
         if "gait" in values:
             values["gait"], *others = expand_gaits(command.gait)
             if others:
                 raise InputError("--print-settings: a settings file is of one gait; give one")
-        return yaml.safe_dump(values, sort_keys=False)
+        return yaml.safe_dump(to_record(values), sort_keys=False)
 
 
 def read_settings(defaults: S, path: Path) -> S:

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -77,11 +78,12 @@ def test_help_lists_the_commands(arguments, capsys):
 
 
 def test_settings_are_printed_and_read_with_their_gait(capsys, tmp_path):
-    for command in ("train", "distill"):
-        main([command, "--gait", "pace", "--print-settings"])
+    hop = str(Path("hop.yaml").resolve())
+    for command, gait, read in (("train", "pace", "pace"), ("distill", "hop.yaml", hop)):
+        main([command, "--gait", gait, "--print-settings"])
         (tmp_path / "mine.yaml").write_text(capsys.readouterr().out)
         main([command, "--settings", str(tmp_path / "mine.yaml"), "--print-settings"])
-        assert capsys.readouterr().out.startswith("gait: pace\n")
+        assert capsys.readouterr().out.startswith(f"gait: {read}\n")
 
 
 @pytest.mark.parametrize(
