@@ -38,8 +38,8 @@ class Controller:
     The alternation ratio is 1/period; with period 0 only the student acts."""
 
     def __post_init__(self) -> None:
-        for policy in (self.expert, self.student):
-            if not isinstance(policy, Policy | None):
+        for policy in (self.expert, self.expert if self.student is None else self.student):
+            if not isinstance(policy, Policy):
                 raise InputError(
                     f"the controller's policy is {shown(policy)}; give a Policy, or wrap a "
                     "function with FunctionPolicy(function, gait)"

@@ -10,16 +10,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from annotated_types import MinLen
 
+from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import parse_ratio, ratio_title
-from glassgait.studies.common.experiment import (
-    Case,
-    Experiment,
-    Report,
-    check_reported_seeds,
-    run_cases,
-)
+from glassgait.studies.common.experiment import Case, Experiment, Report, run_cases
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,7 +52,7 @@ class Alternation(Experiment):
     def cases(self) -> list[Case]:
         """Lists every student at every ratio below 1, and the expert once, at ratio 1."""
         self.require_one_scenario()
-        return [
+        cases = [
             replace(
                 case,
                 labels={**case.labels, "ratio": _share(period)},
@@ -67,6 +62,9 @@ class Alternation(Experiment):
             for period in map(parse_ratio, self.ratios)
             if (period == 1) == (case.controller.student is None)
         ]
+        if not any(case.controller.student for case in cases):
+            raise InputError(f"{self.title}: no student acts; give one, and a ratio below 1")
+        return cases
 
     def measure(self, case: Case) -> pd.DataFrame:
         from glassgait.studies.common.rollouts import RolloutConfig
@@ -89,12 +87,11 @@ def alternation_scores(
 ) -> pd.DataFrame:
     """Scores every student at every ratio, in the nominal scenario.
 
-    All have the same initial states, commands and noise. Seeds for selection are refused.
+    All have the same initial states, commands and noise.
     """
     from glassgait.diagrams.scenario import Scenario
     from glassgait.models.policies.controller import Controller, alone
 
-    check_reported_seeds(config.seeds)
     scenario = config.commanding(Scenario())
     scenario.command.check(gait)
     acting = {("expert", _share(1)): alone(expert)} | {

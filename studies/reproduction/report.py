@@ -25,6 +25,7 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experiment import check_reported_seeds
 from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.jobs import Gaits, Job, Workers, expand_gaits, run_jobs
 from glassgait.studies.common.policies import find_policies
@@ -105,6 +106,17 @@ class Report(Settings):
     resume: bool = False
     output: Path | None = None
 
+    def __post_init__(self) -> None:
+        """Refuses settings with which a table or figure of the paper would be missing."""
+        check_reported_seeds(self.rollouts.seeds)
+        missing = sorted({*paper_students()} - {*self.distillation.students})
+        if missing:
+            raise InputError(f"{self.title}: distillation.students lacks {missing[0]}; add it")
+        if self.distillation.settings.ebm.interactions == 0:
+            raise InputError(f"{self.title}: interactions of the ebm is 0; Figure 8 shows one")
+        if {*self.periods} == {1}:
+            raise InputError(f"{self.title}: no student acts at a period of 1; add another period")
+
     @property
     def study(self) -> str:
         """Name of the study in a run's record."""
@@ -133,7 +145,7 @@ class Report(Settings):
         """Returns the settings with the options --engine and --robot applied."""
         distillation, training = self.distillation, self.training
         if self.engine is not None:
-            symbolic = replace(distillation.settings.of("symbolic"), engine=self.engine)
+            symbolic = replace(distillation.settings.symbolic, engine=self.engine)
             settings = replace(distillation.settings, symbolic=symbolic)
             distillation = replace(distillation, settings=settings)
         if training is not None and self.robot is not None:
@@ -147,11 +159,9 @@ class Report(Settings):
         return report
 
     @property
-    def searches_by(self) -> str | None:
-        """Engine of symbolic regression; None without formulas."""
-        if "symbolic" not in self.distillation.students:
-            return None
-        return vars(self.distillation.settings.of("symbolic"))["engine"]
+    def searches_by(self) -> str:
+        """Engine of symbolic regression."""
+        return self.distillation.settings.symbolic.engine
 
     def rollouts_of(self, gait: Gait) -> RolloutConfig:
         """Returns the settings of a gait's rollouts, with speeds limited to the gait's range."""

@@ -89,5 +89,6 @@ def test_other_students_than_the_experts_are_refused(trot, small_expert):
         alone(trees, other)
     with pytest.raises(InputError, match="trot cannot act with an expert of the pace"):
         alone(trees, load_expert("pace"))
-    with pytest.raises(InputError, match="FunctionPolicy"):
-        Controller(expert, lambda observation: observation[..., :12], 2)
+    for pair in ((expert, lambda observation: observation[..., :12]), (None, trees)):
+        with pytest.raises(InputError, match="FunctionPolicy"):
+            Controller(*pair, period=2)

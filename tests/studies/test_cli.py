@@ -36,9 +36,11 @@ REFUSED = {
     "evaluate scenarios --scenario nominal nominal": "scenario",
     "train --gait trot pace --print-settings": "a settings file is of one gait",
     "evaluate alternation --ratios 2/3": "is not an alternation ratio",
+    "evaluate alternation --ratios 1": "no student acts; give one, and a ratio below 1",
     "evaluate pushes --speeds 2 1": "name the least first",
     "importance --n-samples 1": "n_samples",
     "reproduce nonesuch.yaml": "nonesuch.yaml",
+    "reproduce report --periods 1": "no student acts at a period of 1",
 }
 
 

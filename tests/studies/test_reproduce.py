@@ -129,7 +129,14 @@ def test_without_julia_the_papers_formulas_are_refused_at_once(tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("training: {n_robot: 5}\n", "n_robot"), ("- trot\n", "mapping")]
+    ("text", "message"),
+    [
+        ("training: {n_robot: 5}\n", "n_robot"),
+        ("- trot\n", "mapping"),
+        ("rollouts: {seed: 500}\n", "the seeds include 500"),
+        ("distillation: {students: [ebm, gbm]}\n", "students lacks symbolic"),
+        ("distillation: {settings: {ebm: {interactions: 0}}}\n", "interactions of the ebm is 0"),
+    ],
 )
 def test_settings_files_that_are_wrong_are_refused(text, message, tmp_path, refused):
     path = tmp_path / "mine.yaml"
