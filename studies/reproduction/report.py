@@ -109,8 +109,7 @@ class Report(Settings):
     def __post_init__(self) -> None:
         """Refuses settings with which a table or figure of the paper would be missing."""
         check_reported_seeds(self.rollouts.seeds)
-        missing = sorted({*paper_students()} - {*self.distillation.students})
-        if missing:
+        if missing := sorted({*paper_students()} - {*self.distillation.students}):
             raise InputError(f"{self.title}: distillation.students lacks {missing[0]}; add it")
         if self.distillation.settings.ebm.interactions == 0:
             raise InputError(f"{self.title}: interactions of the ebm is 0; Figure 8 shows one")
@@ -151,17 +150,12 @@ class Report(Settings):
         if training is not None and self.robot is not None:
             training = replace(training, robot=self.robot)
         report = replace(self, distillation=distillation, training=training, engine=None)
-        if report.searches_by == "pysr" and not pysr_starts():
+        if report.distillation.settings.symbolic.engine == "pysr" and not pysr_starts():
             raise InputError(
                 f"{self.title}: the engine 'pysr' needs Julia, which could not be started here; "
                 "install Julia, or use --engine operon"
             )
         return report
-
-    @property
-    def searches_by(self) -> str:
-        """Engine of symbolic regression."""
-        return self.distillation.settings.symbolic.engine
 
     def rollouts_of(self, gait: Gait) -> RolloutConfig:
         """Returns the settings of a gait's rollouts, with speeds limited to the gait's range."""
@@ -199,7 +193,7 @@ class Report(Settings):
         return [
             *[shipped] * (self.training is None),
             *changed,
-            *[WITHOUT_PYSR] * (self.searches_by == "operon"),
+            *[WITHOUT_PYSR] * (self.distillation.settings.symbolic.engine == "operon"),
             pages,
         ]
 

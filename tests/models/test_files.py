@@ -124,14 +124,12 @@ def test_yaml_that_is_more_than_plain_values_is_refused(tmp_path, text, why):
     path.write_text(text)
     with pytest.raises(InputError, match=why) as raised:
         read_yaml(path)
-    assert str(raised.value).startswith(f"{path}: ")
-    assert "\n" not in str(raised.value)
+    assert str(raised.value).startswith(f"{path}: ") and "\n" not in str(raised.value)
 
 
 def test_paths_in_a_file_of_settings_are_relative_to_it():
     values = {"gait": ["trot", "hop.yaml"], "title": "a.yaml", "a": {"robot": "/r.yaml"}}
-    hop = str(Path("in/hop.yaml").resolve())
-    found = {"gait": ["trot", hop], "title": "a.yaml", "a": {"robot": "/r.yaml"}}
+    found = values | {"gait": ["trot", str(Path("in/hop.yaml").resolve())]}
     assert resolve_paths(Path("here/../in/file.yaml"), values) == found
 
 
