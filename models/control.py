@@ -166,7 +166,8 @@ class ControlStep:
                 touching=contacts.touching,
             )
             begins = (last.trust.reading == UNREAD).all(axis=-1)
-            odometry = _chosen(begins, self.estimator.begin(self.robot, position), odometry)
+            if begins.any():
+                odometry = _chosen(begins, self.estimator.begin(self.robot, position), odometry)
         memory = last._replace(trust=contacts.trust, machine=machine.machine, odometry=odometry)
         return self.estimated(_chosen(sound, memory, last), sensors, command), machine
 
