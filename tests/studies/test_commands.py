@@ -73,14 +73,15 @@ PAGE_COMMANDS = sorted({*re.findall(r"^glassgait ([^>|&#\n]+)", "\n".join(BLOCKS
 def test_a_command_of_a_page_is_valid(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.yaml").write_text("{}")
-    read = cli.command_class
+    read, ran = cli.command_class, []
 
     def idle(name):
-        monkeypatch.setattr(read(name), "run", lambda self: None)
+        monkeypatch.setattr(read(name), "run", lambda self: ran.append(type(self)))
         return read(name)
 
     monkeypatch.setattr(cli, "command_class", idle)
     main(shlex.split(command))
+    assert len(ran) == 1
 
 
 def test_every_command_is_tested():
