@@ -31,6 +31,7 @@ LearningRate = Annotated[Positive, Le(1.0)]
 Switch = Annotated[bool, tyro.conf.arg(help_behavior_hint="(without the flag: {})".format)]
 Layers = Annotated[tuple[Annotated[Count, Le(4096)], ...], MinLen(1), MaxLen(16)]
 Senses = Literal["learned", "odometry", "imu"]
+Actor = Literal["dense", "local"]
 Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 
@@ -50,6 +51,7 @@ class CurriculumConfig(Settings):
         initial_hardship: Factor on the speed of pushes, and on slopes and heights, at the start.
         hardship_rise: Growth of the hardship after an update.
         most_failures: Greatest share of control steps with a failure for the hardship to grow.
+        mujoco_updates: First updates, in which groups of Drake are in MuJoCo, which is faster.
     """
 
     title: ClassVar[str] = "training: curriculum"
@@ -60,6 +62,7 @@ class CurriculumConfig(Settings):
     initial_hardship: Share = 0.2
     hardship_rise: Fraction = 0.01
     most_failures: Fraction = 0.006
+    mujoco_updates: Natural = 0
 
 
 @checked
@@ -135,6 +138,8 @@ class TrainingConfig(Settings):
         warm_start: Expert whose weights the actor starts from, of this robot and with as many RM
             states; by default the actor starts from random weights.
         n_robots: Number of robots that train in parallel.
+        actor: `dense` as in the paper, or `local`: each leg's actions depend only on that leg and
+            the body.
         friction_updates: Updates between two draws of frictions and changes of the ground.
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether actor and estimator are symmetric, if the gait's reward machine is.
@@ -153,6 +158,7 @@ class TrainingConfig(Settings):
     warm_start: str | None = None
     updates: Count = 1000
     n_robots: Count = 256
+    actor: Actor = "dense"
     worlds: Annotated[DomainRandomization, IN_FILE] = field(default_factory=DomainRandomization)
     friction_updates: Count = 20
     checkpoint_updates: Count = 50

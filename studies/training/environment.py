@@ -1,6 +1,8 @@
 """The batch simulator as an environment for PPO: observation groups, scaled rewards, resets."""
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,12 +65,12 @@ class Environment:
         self._reward_scale = config.ppo.reward_scale
         self._estimator, self.generator = estimator, generator
 
-        # Draw a station for each group.
+        # Draw a station for each group, and the same stations for early updates, without Drake.
         worlds, robot, curriculum = config.worlds, load_robot(config.robot), config.curriculum
-        self._stations, self._hardship = (
-            worlds.stations(robot, generator),
-            curriculum.initial_hardship,
-        )
+        early = replace(worlds, mujoco_share=1.0).stations(robot, deepcopy(generator))
+        stations = worlds.stations(robot, generator)
+        self._stations, self._mujoco_updates = (stations, early), curriculum.mujoco_updates
+        self._ground = curriculum.initial_hardship, self._mujoco_updates > 0
         self.simulator = BatchSimulator(
             TaskConfig(
                 gait,
@@ -89,26 +91,27 @@ class Environment:
         self.simulator.push_share = curriculum.initial_hardship
 
         # The critic observes each robot's payload and motor strength.
-        bodies = [[station.payload, station.motor_strength] for station in self._stations]
+        bodies = [[station.payload, station.motor_strength] for station in stations]
         self._body = self.simulator.physics.per_robot(bodies, config.n_robots)
 
         # Spread the ends of the first episodes, so that every update has robots of all ages.
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
         self.simulator.restore(self.simulator.state._replace(steps=ages))
 
-    def change_ground(self) -> None:
+    def change_ground(self, n_updates: int) -> None:
         """Draws new frictions for all groups, and scales the ground by the current hardship."""
         self.simulator.resample_friction()
-        self._set_ground(self.simulator.push_share)
+        self._set_ground(self.simulator.push_share, n_updates < self._mujoco_updates)
 
-    def _set_ground(self, hardship: float) -> None:
-        """Replaces the physics if the ground changes."""
-        before, self._hardship = self._scaled_stations(), hardship
+    def _set_ground(self, hardship: float, is_early: bool) -> None:
+        """Replaces the physics if the ground or an engine changes."""
+        before, self._ground = self._scaled_stations(), (hardship, is_early)
         if (stations := self._scaled_stations()) != before:
             self.simulator.change_ground(make_physics(self.simulator.task.robot, *stations))
 
     def _scaled_stations(self) -> list[StationConfig]:
-        return at_hardship(self._stations, self._hardship)
+        hardship, is_early = self._ground
+        return at_hardship(self._stations[is_early], hardship)
 
     def observe(self) -> TensorDict:
         """Returns the observation groups of all robots."""
@@ -187,13 +190,13 @@ class Environment:
         return arrays, {
             "difficulty": self.simulator.difficulty,
             "hardship": self.simulator.push_share,
-            "ground_hardship": self._hardship,
+            "ground": self._ground,
             "generator": self.generator.bit_generator.state,
         }
 
     def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
         """Continues from the results of `to_arrays`."""
-        self._set_ground(values["ground_hardship"])
+        self._set_ground(*values["ground"])
         self.simulator.restore(self.simulator.state.with_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
         self.simulator.difficulty = values["difficulty"]

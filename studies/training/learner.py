@@ -1,6 +1,7 @@
 """Trained networks and their optimizers: PPO's actor and critic, and the state estimator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from torch import nn
 
 from glassgait.models.policies.neural import Network
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import N_ESTIMATED, Reflection
+from glassgait.models.task.observation import N_ESTIMATED, Reflection, entries_of
 from glassgait.studies.training.config import EstimatorConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import OBSERVATION_GROUPS
 
@@ -42,6 +43,50 @@ class Mirrored(nn.Module):
 def _in_torch(reflection: Reflection) -> Callable[[torch.Tensor], torch.Tensor]:
     index, sign = torch.from_numpy(reflection.index), torch.from_numpy(reflection.sign).float()
     return lambda values: values[:, index] * sign
+
+
+class LegByLeg(nn.Module):
+    """Four networks, one per leg, that observe only that leg and the body.
+
+    They are blocks in the layers of a dense network, whose other weights are 0.
+    """
+
+    def __init__(self, dense: nn.Module, names: Sequence[str]) -> None:
+        """Sets the weights of a dense network outside the blocks to 0; `names` are its inputs."""
+        super().__init__()
+        self.layers = nn.ModuleList(linear_layers(dense))
+        masks = leg_masks(names, network_of(dense))
+        for layer, mask in zip(linear_layers(dense), masks, strict=True):
+            layer.weight.data *= torch.from_numpy(mask)
+        legs = np.array([entry.leg or "" for entry in entries_of(names)])
+        self._observed = [np.flatnonzero(np.isin(legs, ["", leg])) for leg in quadruped.LEGS]
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Maps observations (n, n_in) to actions (n, 12)."""
+        return torch.cat([self._of_leg(leg, x) for leg in range(quadruped.N_LEGS)], dim=1)
+
+    def _of_leg(self, leg: int, x: torch.Tensor) -> torch.Tensor:
+        for i, layer in enumerate(self.layers):
+            weight, bias = (part.tensor_split(quadruped.N_LEGS)[leg] for part in layer.parameters())
+            if i == 0:
+                x, weight = x[:, self._observed[leg]], weight[:, self._observed[leg]]
+            else:
+                x = nn.functional.elu(x)
+                weight = weight.tensor_split(quadruped.N_LEGS, dim=1)[leg]
+            x = nn.functional.linear(x, weight, bias)
+        return x
+
+
+def leg_masks(names: Sequence[str], network: Network) -> list[NDArray[np.bool_]]:
+    """Returns a mask (n_out, n_in) per layer of the weights within a leg or from the body to it."""
+    legs = [[entry.leg for entry in entries_of(names)]]
+    for bias in network.biases:
+        units = map(len, np.array_split(bias, quadruped.N_LEGS))
+        legs.append(np.repeat(quadruped.LEGS, [*units]).tolist())
+    return [
+        np.array([[source in (None, leg) for source in before] for leg in after])
+        for before, after in pairwise(legs)
+    ]
 
 
 class StateEstimator(nn.Module):

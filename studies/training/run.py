@@ -33,9 +33,11 @@ from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.environment import Environment
 from glassgait.studies.training.learner import (
     Learner,
+    LegByLeg,
     Mirrored,
     StateEstimator,
     gaussian_actor,
+    leg_masks,
     network_of,
     set_layers,
     set_network,
@@ -115,7 +117,7 @@ class LearningRun(ABC):
         """Collects steps and trains with them; returns the row of the learning curve."""
         started = time.monotonic()
         if self.n_updates and self.n_updates % self.config.friction_updates == 0:
-            self.environment.change_ground()
+            self.environment.change_ground(self.n_updates)
 
         # Collect.
         self.learner.hold_actor(self.n_updates < self.config.ppo.critic_updates)
@@ -247,6 +249,8 @@ class TrainingRun(LearningRun):
         actor = gaussian_actor(config.ppo, observations)
         if start is not None:
             set_layers(actor.mlp, start.actor)
+        if config.actor == "local":
+            set_network(actor, LegByLeg(actor.mlp, layout.names))
         if reflection is not None:
             set_network(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
         return environment, Learner(config, observations, actor, learned)
@@ -288,6 +292,11 @@ def _load_start(
             f"{path}: has layers of {widths}; set ppo.actor_layers: {[*widths]} in the "
             "settings file"
         )
+    masks = leg_masks(layout.names, start.actor)
+    others = (weight[~mask] for weight, mask in zip(start.actor.weights, masks, strict=True))
+    actor = "dense" if any(weights.any() for weights in others) else "local"
+    if actor != config.actor:
+        raise InputError(f"{path}: has a {actor} actor; train with --actor {actor}")
     if start.mirrored_states != mirrored:
         remedy = "remove --no-mirrored" if mirrored is None else "train with --no-mirrored"
         raise InputError(f"{path}: has another symmetry than this run; {remedy}")

@@ -12,9 +12,10 @@ from glassgait.diagrams.domain_randomization import GroupRanges, TerrainRanges
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
+from glassgait.models.robots.quadruped import LEGS
 from glassgait.models.robots.robot import JointLaw
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation
+from glassgait.models.task.observation import REFLECT_JOINTS, entries_of, reflect_observation
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.common.run import CHECKPOINT_NAME
 from glassgait.studies.common.settings_file import read_settings
@@ -63,16 +64,36 @@ def test_entropy_and_divergence_fall_as_scheduled(start, tiny_training, tmp_path
     assert [divergence for _, divergence in seen] == pytest.approx([0.01, 0.01, 0.006, 0.002])
 
 
-def test_a_stopped_run_resumes_to_the_same_weights(start, tmp_path):
+@pytest.mark.parametrize("actor", ["dense", "local"])
+def test_a_stopped_run_resumes_to_the_same_weights(actor, start, tmp_path):
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"
-    start(whole).run()
-    start(stopped, updates=2).run()
-    start(stopped, resume=True).run()
+    start(whole, actor=actor).run()
+    start(stopped, actor=actor, updates=2).run()
+    start(stopped, actor=actor, resume=True).run()
     assert_equal(weights(whole), weights(stopped))
     # A run may be killed after its last checkpoint and before its result.
     (stopped / "trot.safetensors").unlink()
-    start(stopped, resume=True).run()
+    start(stopped, actor=actor, resume=True).run()
     assert_equal(weights(whole), weights(stopped))
+
+
+@pytest.mark.parametrize(("gait", "mirrored"), [("trot", True), ("walk", True), ("trot", False)])
+def test_legs_of_a_local_actor_ignore_other_legs(gait, mirrored, start, tmp_path, generator):
+    ppo = PpoConfig(steps_per_update=8, actor_layers=(16, 8), critic_updates=1)
+    settings = {"gait": gait, "mirrored": mirrored, "actor": "local", "ppo": ppo}
+    updated(start(tmp_path / "first", **settings))
+    warm_start = str(tmp_path / "first" / f"{gait}.safetensors")
+    run = start(tmp_path, warm_start=warm_start, **settings)
+    run.update()
+    policy = updated(run)
+    legs = [entry.leg for entry in entries_of(policy.observation_names)]
+    seen, others = generator.normal(size=(2, len(legs)))
+    acts = run.learner.ppo.actor.mlp
+    slopes = torch.autograd.functional.jacobian(acts, torch.tensor(seen[None]).float())[0, :, 0]
+    for i, row in enumerate(slopes.numpy()):
+        ignored = [leg not in (None, LEGS[i // 3]) for leg in legs]
+        np.testing.assert_array_equal(row == 0.0, ignored)
+        assert policy(np.where(ignored, others, seen))[i] == policy(seen)[i]
 
 
 def test_checkpoints_hold_everything(start, tmp_path):
@@ -88,11 +109,17 @@ def test_checkpoints_hold_everything(start, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("gait", "mirrored", "states"),
-    [("trot", True, (1, 0)), ("walk", True, (2, 3, 0, 1)), ("trot", False, None)],
+    ("gait", "mirrored", "states", "actor"),
+    [
+        ("trot", True, (1, 0), "dense"),
+        ("walk", True, (2, 3, 0, 1), "local"),
+        ("trot", False, None, "dense"),
+    ],
 )
-def test_the_expert_acts_as_the_network_that_was_trained(gait, mirrored, states, start, tmp_path):
-    run = start(tmp_path, gait=gait, mirrored=mirrored, senses="learned")
+def test_the_expert_acts_as_the_network_that_was_trained(
+    gait, mirrored, states, actor, start, tmp_path
+):
+    run = start(tmp_path, gait=gait, mirrored=mirrored, actor=actor, senses="learned")
     policy = updated(run)
     assert policy.mirrored_states == states
     observations = run.environment.observe()
@@ -167,6 +194,19 @@ def test_the_ground_grows_with_the_hardship_and_stays_after_a_resume(
     run.save()
     assert height(run) > 2.0 * before > 0.0
     assert height(start(tmp_path, resume=True, **harder)) == height(run)
+
+
+def test_the_first_updates_may_do_without_drake(start, tiny_training, tmp_path):
+    worlds = replace(tiny_training.worlds, fine_steps=(), mujoco_share=0.5)
+    settings = {"curriculum": CurriculumConfig(mujoco_updates=3), "friction_updates": 1}
+    run, seen = start(tmp_path, worlds=worlds, **settings), []
+    for _ in range(4):
+        run.update()
+        engines = run.environment.simulator.physics._engines
+        seen.append([engine.stations[0].engine for engine in engines])
+        run.save()
+        run = start(tmp_path, resume=True, worlds=worlds, **settings)
+    assert seen == [*[["mujoco"]] * 3, ["mujoco", "drake"]]
 
 
 def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tiny_training, tmp_path):
@@ -257,6 +297,7 @@ def test_an_actor_begins_as_another_expert_while_its_critic_learns(
         ("experts/trot.safetensors", {"senses": "odometry"}, "the same senses"),
         ("experts/gallop.safetensors", {}, "gallop"),
         ("experts/trot.safetensors", {"mirrored": False, "ppo": PpoConfig()}, "--no-mirrored"),
+        ("experts/trot.safetensors", {"actor": "local", "ppo": PpoConfig()}, "--actor dense"),
     ],
 )
 def test_refuses_to_start_from_what_does_not_fit(path, settings, message, start, tmp_path):
