@@ -1,6 +1,5 @@
-"""Draws a reward machine as text and in Mermaid, and colours its states."""
+"""Draws a reward machine as text, and colours its states."""
 
-import re
 from itertools import cycle
 
 from glassgait.models.task.gait import Gait, Transition
@@ -27,22 +26,6 @@ def ink_on(color: str) -> str:
     )
     luminance = 0.2126 * red + 0.7152 * green + 0.0722 * blue
     return "#000000" if (luminance + 0.05) ** 2 > 1.05 * 0.05 else "#ffffff"
-
-
-def to_mermaid(gait: Gait) -> str:
-    """Draws a gait's reward machine in Mermaid's language."""
-    # States have numbers as their ids, because names such as "end" are keywords of Mermaid.
-    ids = {state: f"s{i}" for i, state in enumerate(gait.states)}
-    lines = ["stateDiagram-v2", "  direction LR"]
-    for state in gait.states:
-        # Escape all but letters, digits and spaces.
-        coded = re.sub(r"[^\w ]", lambda match: f"#{ord(match[0])};", state)
-        lines.append(f'  state "{coded}" as {ids[state]}')
-    lines.append(f"  [*] --> {ids[gait.initial]}")
-    for edge in gait.transitions:
-        label = ", ".join([edge.when.text, *_conditions(gait, edge)])
-        lines.append(f"  {ids[edge.source]} --> {ids[edge.target]}: {label}")
-    return "\n".join(lines) + "\n"
 
 
 def to_text(gait: Gait) -> str:

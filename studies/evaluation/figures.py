@@ -1,7 +1,7 @@
 """Figures of evaluations: the map of falls, return by alternation ratio, pushes survived."""
 
 import textwrap
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
@@ -86,12 +86,11 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
 
 
 @styled
-def fall_map(tables: Mapping[str, pd.DataFrame], outside: Collection[str] = ()) -> Figure:
+def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
     """Draws how many robots fall, by gait and policy (columns) and scenario (rows, worst first).
 
     `tables` are results of `fall_table` by gait. The order of scenarios depends only on policies
-    that all gaits have. Cells that were not measured are hatched. Titles of scenarios that are in
-    `outside`, outside of the training ranges, have a star.
+    that all gaits have. Cells that were not measured are hatched.
     """
     whole = pd.concat(list(tables.values()))
     common = set.intersection(*(set(table["policy"]) for table in tables.values()))
@@ -125,14 +124,12 @@ def fall_map(tables: Mapping[str, pd.DataFrame], outside: Collection[str] = ()) 
     # Label the rows, with the number of robots if it is smaller than in other rows.
     most, rows = int(whole["robots"].max()), whole.drop_duplicates("scenario").set_index("scenario")
     names = [
-        world + ("" if n == most else f" ({n} robots)") + "*" * (world in outside)
+        world + ("" if n == most else f" ({n} robots)")
         for world, n in zip(rows["world"][scenarios], rows["robots"][scenarios], strict=True)
     ]
     axes = panels[0, 0]
     axes.set_yticks(range(len(scenarios)), [textwrap.fill(name, 40) for name in names])
-    where = "outside of the ranges that experts learn in"
-    where = f"*: {where}." if {*whole["world"]} & {*outside} else f"No scenario lies {where}."
-    caption = f"Robots that fall, of {most}. Framed: nominal; hatched: not measured. {where}"
+    caption = f"Robots that fall, of {most}. Framed: nominal; hatched: not measured."
     figure.supxlabel(textwrap.fill(caption, round(17 * width)), fontsize=7)
     return figure
 

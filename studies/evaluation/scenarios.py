@@ -53,10 +53,8 @@ class Scenarios(Experiment):
 
         from glassgait.studies.common.tables import json_records
         from glassgait.studies.evaluation import figures, tables
-        from glassgait.studies.evaluation.training_ranges import outside_training
 
         titles = {name: scenario.title for name, scenario in self.scenarios.items()}
-        outside = [titles[name] for name, s in self.scenarios.items() if outside_training(s)]
         falls = {
             str(gait): tables.with_reading_cost(
                 tables.fall_table(scores, titles), self.acting(str(gait))
@@ -77,7 +75,7 @@ class Scenarios(Experiment):
                 "scenarios": pd.concat(titled, names=["gait"]).reset_index("gait"),
             },
             metrics={"scenarios": json_records(pd.concat(records))},
-            figures={"scenarios": figures.fall_map(falls, outside)},
+            figures={"scenarios": figures.fall_map(falls)},
             shown={f"{gait}: falls": summary for gait, summary in shown.items()},
             line=tables.significant_differences(list(falls.values())),
         )

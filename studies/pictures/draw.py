@@ -18,7 +18,7 @@ from PIL import Image
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
-from glassgait.diagrams.scenario import NOMINAL_SCENARIO, SCENARIO_GROUPS, Scenario, load_scenarios
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario
 from glassgait.diagrams.visualization import Camera
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
@@ -34,10 +34,8 @@ from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure, styled, subplots
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.figures import fall_map
-from glassgait.studies.evaluation.training_ranges import outside_training
 from glassgait.studies.training.figures import learning_curves
 from glassgait.studies.training.record import trainings
-from glassgait.studies.view.stills import gait_strip
 
 FOLDER = Path(__file__).parent
 
@@ -53,11 +51,11 @@ def draw(names: Sequence[str] = ()) -> None:
     """Draws the named pictures, by default all."""
     experts = list(shipped_experts())
     known = ["locomotion.svg", "learning_curves.png", "policies.png", "worlds.png"]
-    known += [*(f"{gait}.gif" for gait in FILMED), "trot_gait.png"]
+    known += [f"{gait}.gif" for gait in FILMED]
     for name in names or known:
         say(f"drawing {name}")
         path = FOLDER / name
-        # Diagrams of the loop, of trainings and of falls, then stills and films of a robot.
+        # Diagrams of the loop, of trainings and of falls, then films of a robot.
         if name == "locomotion.svg":
             write_atomically(path, diagram_svg())
         elif name == "learning_curves.png":
@@ -66,13 +64,7 @@ def draw(names: Sequence[str] = ()) -> None:
         elif name == "policies.png":
             save_figure(policies_figure(), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
-            scenarios = load_scenarios(tuple(SCENARIO_GROUPS)).values()
-            outside = [each.title for each in scenarios if outside_training(each)]
-            save_figure(fall_map(fall_tables(), outside), path.with_suffix(""), ("png",))
-        elif name.endswith("_gait.png"):
-            gait = load_gait(name.removesuffix("_gait.png"))
-            strip = gait_strip(load_robot(), formulas_rollout(gait.name), gait)
-            save_figure(strip, path.with_suffix(""), ("png",))
+            save_figure(fall_map(fall_tables()), path.with_suffix(""), ("png",))
         else:
             camera = Camera(load_robot(), 480, 300)
             # Every second control step is a frame: 25 frames a second.

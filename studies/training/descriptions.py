@@ -1,41 +1,30 @@
 """`glassgait gait` and `glassgait robot`: check the descriptions of gaits and robots."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import tyro
 
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.files import write_atomically
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.drawing import to_mermaid, to_text
+from glassgait.models.task.drawing import to_text
 from glassgait.models.task.gait import gait_names
 from glassgait.studies.common.console import console
-
-if TYPE_CHECKING:
-    from pydrake.multibody.tree import SpatialInertia
 
 
 @dataclass(frozen=True)
 class ShowGait:
-    """Check a gait file and draw its reward machine.
-
-    Attributes:
-        output: Markdown file for a Mermaid drawing.
-    """
+    """Check a gait file and draw its reward machine."""
 
     gait: Annotated[str, tyro.conf.Positional] = "trot"
-    output: Path | None = None
 
     def run(self) -> None:
         """Checks the gait and draws its reward machine."""
@@ -45,10 +34,7 @@ class ShowGait:
             f"{gait.max_yaw_rate:g} rad/s, {gait.dwell[0]} to {gait.dwell[1]} control steps a state"
         )
         console.print(to_text(gait), soft_wrap=True)
-        if self.output is not None:
-            write_atomically(self.output, f"```mermaid\n{to_mermaid(gait)}```\n")
-            console.print(f"drawn in {self.output}")
-        elif gait.name not in gait_names():
+        if gait.name not in gait_names():
             console.print(f"train: glassgait train --gait {quote(self.gait)}", soft_wrap=True)
 
 
@@ -70,11 +56,6 @@ MOST_SWAY = 5e-3
 MOST_LEAN = 10.0
 """Greatest lean of the trunk (°)."""
 
-TOLERANCE = 1e-6
-"""Greatest relative difference of masses and inertias between the simulators."""
-
-QUANTITIES = {"mass": slice(1), "centre": slice(1, 4), "inertia": slice(4, 13)}
-
 
 @checked
 class CheckRobot(Settings):
@@ -91,64 +72,13 @@ class CheckRobot(Settings):
         from glassgait.studies.common.tables import print_table
 
         robot = load_robot(self.robot)
-        check_inertias(robot, *inertias(robot))
-        console.print(
-            f"{robot.full_name}: {robot.mass:.3f} kg; Drake and MuJoCo agree on the mass, the "
-            f"centre and the inertia of all {1 + quadruped.N_JOINTS} links"
-        )
+        console.print(f"{robot.full_name}: {robot.mass:.3f} kg")
         rows = [stand(robot, station) for station in STATIONS]
         print_table(f"{robot.full_name}: dropped in its stance", pd.DataFrame(rows))
         for row in rows:
             if problem := standing_problem(row):
                 prefix = f"{robot.path}: the robot does not stand in {row['physics']}"
                 raise InputError(f"{prefix}: {problem}")
-
-
-def inertias(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Returns mass (kg), centre (m) and inertia about the centre (kg·m²) of each link (13 numbers),
-    in Drake and in MuJoCo."""
-    from pydrake.systems.framework import DiagramBuilder
-
-    from glassgait.diagrams.mujoco_physics import make_model
-    from glassgait.diagrams.station import AddStation
-
-    drake, mujoco = STATIONS
-    plant, _, instance = AddStation(DiagramBuilder(), robot, drake)
-    model = make_model(robot, mujoco)
-    by_drake, by_mujoco = {}, {}
-    for link in ("trunk", *quadruped.JOINTS):
-        inertia = plant.GetBodyByName(link, instance).default_spatial_inertia()
-        by_drake[link] = numbers_of(inertia)
-        body = model.body(link)
-        axes = kinematics.rotation_matrix(body.iquat)
-        moments = axes @ np.diag(body.inertia) @ axes.T
-        by_mujoco[link] = np.concatenate([body.mass, body.ipos, moments.ravel()])
-    return by_drake, by_mujoco
-
-
-def numbers_of(inertia: "SpatialInertia") -> Array:
-    """Returns mass, centre and inertia about the centre (13) of Drake's spatial inertia."""
-    centre = inertia.get_com()
-    moments = inertia.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
-    return np.concatenate([[inertia.get_mass()], centre, moments.ravel()])
-
-
-def check_inertias(robot: Robot, drake: dict[str, Array], mujoco: dict[str, Array]) -> None:
-    """Raises an InputError if a robot differs between the simulators, or from its file."""
-    for link, values in drake.items():
-        for name, entries in QUANTITIES.items():
-            difference = np.abs(values[entries] - mujoco[link][entries]).max()
-            if not difference <= TOLERANCE * np.abs(values[entries]).max():
-                raise InputError(
-                    f"{robot.urdf_path}: the {name} of link {link} differs by {difference:.3g} "
-                    "between Drake and MuJoCo; correct its inertial element"
-                )
-    total = sum(values[0] for values in drake.values())
-    if not abs(total - robot.mass) <= TOLERANCE * robot.mass:
-        raise InputError(
-            f"{robot.urdf_path}: its links have {robot.mass:g} kg, but {total:g} kg in Drake; "
-            "correct their inertial elements"
-        )
 
 
 def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:

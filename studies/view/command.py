@@ -26,7 +26,6 @@ from glassgait.studies.common.policies import EXPERT, Policies, find_policies
 from glassgait.studies.common.rollouts import CommandOverride, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
-from glassgait.studies.view.stills import gait_strip
 
 
 @checked
@@ -38,7 +37,6 @@ class View(PolicySource):
         policy: `expert`, a kind of student, or the path of a policy file.
         ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for only the student; by
             default only the policy acts.
-        stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
         live: Run in real time in Meshcat, with commands from sliders, until the button `stop and
             save` or Ctrl-C; a robot that falls restarts, and the last minute is saved.
         scenario: Name of a scenario that ships, or path of a scenario file.
@@ -55,7 +53,6 @@ class View(PolicySource):
     gait: str = "trot"
     policy: str = "expert"
     ratio: str | None = None
-    stills: bool = False
     live: bool = False
     scenario: str = NOMINAL_SCENARIO
     command: CommandOverride = field(default_factory=CommandOverride)
@@ -101,8 +98,6 @@ class View(PolicySource):
         write_atomically(Path(f"{stem}.yaml"), yaml.safe_dump(record, sort_keys=False))
         title = f"{gait.name}, {self.policy}" + f", ratio {ratio}" * (self.ratio is not None)
         save_figure(gait_figure(rollout, gait, title), stem)
-        if self.stills:
-            save_figure(gait_strip(controller.robot, rollout, gait), Path(f"{stem}_stills"))
         console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout, scenario)}")
         console.print(f"replay, gait diagram and settings written to {stem}.*")
 

@@ -6,14 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.diagrams.scenario import SCENARIO_GROUPS, load_scenarios
 from glassgait.studies.cli import main
 from glassgait.studies.common.scores import SCORES, wilson_interval
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.figures import fall_map
 from glassgait.studies.evaluation.scenarios import Scenarios
 from glassgait.studies.evaluation.tables import fall_table, worst_first, worst_table
-from glassgait.studies.evaluation.training_ranges import outside_training
 
 WORLDS = {"nominal": "home", "icy": "ice", "late": "delay", "calm": "calm"}
 
@@ -90,25 +88,15 @@ def test_one_fallen_robot_is_no_worst_world_beside_many(table):
 
 def test_the_map_has_a_cell_for_each_policy_and_scenario(table):
     other = table.drop(index=table.query("scenario == 'icy' and policy == 'gbm'").index)
-    figure = fall_map({"trot": table, "three_one": other}, ["ice"])
+    figure = fall_map({"trot": table, "three_one": other})
     first, second = figure.axes
     assert [axes.get_title() for axes in figure.axes] == ["trot", "three-one"]
     assert numbers_of(first) == [["2", "8", "3"], ["·", "1", "·"], ["·"] * 3, ["·"] * 3]
     labels = [label.get_text() for label in first.get_yticklabels()]
-    assert labels == ["ice*", "delay (1 robots)", "home", "calm"]
+    assert labels == ["ice", "delay (1 robots)", "home", "calm"]
     # A cell that was not measured is hatched.
     hatched = [sum(bool(cell.get_hatch()) for cell in axes.patches) for axes in (first, second)]
     assert hatched == [0, 1]
-
-
-def test_what_experts_do_not_learn_in_is_found_from_the_settings():
-    scenarios = load_scenarios(tuple(SCENARIO_GROUPS))
-    outside = {name: outside_training(own) for name, own in scenarios.items()}
-    inside = ("nominal", "mujoco", "push_2.0", "slope_25", "latency_30ms", "payload_4kg", "up_5cm")
-    assert not any(outside[name] for name in inside)
-    assert outside["up_10cm"] == ["height"]
-    assert outside["soft_ground"] == ["ground_stiffness"]
-    assert outside["true_body_state"] == ["true_body_state"]
 
 
 def numbers_of(axes, n_columns=3):
