@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-QUICK_SAMPLES, QUICK_REPEATS = 200, 2
-
-
 @dataclass(frozen=True)
 class SampledCase(Case):
     """A student with the samples for its importances."""
@@ -47,7 +44,6 @@ class Importance(Experiment):
         n_samples: Greatest number of samples. They are held out from the student's fit or, if the
             samples of its run are missing, collected anew.
         repeats: Shuffles of each observation.
-        quick: Use 200 samples and two shuffles, and write to runs/importance/<gait>_quick.
     """
 
     title: ClassVar[str] = "importance"
@@ -59,7 +55,6 @@ class Importance(Experiment):
     joint: str = "FL_hip"
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10
-    quick: bool = False
 
     def __post_init__(self) -> None:
         joint_index(self.joint)
@@ -91,18 +86,13 @@ class Importance(Experiment):
         _ = self.students
         return super().cases()
 
-    def default_output(self) -> Path:
-        """Returns the run's folder if none is named."""
-        folder = super().default_output()
-        return folder.with_name(f"{folder.name}_quick") if self.quick else folder
-
     @cached_property
     def samples(self) -> dict[str, Dataset]:
         """The samples of each student, shared by its measurement and figures."""
         from glassgait.studies.importance.study import held_out_samples, visited_samples
 
         gait, folder = self.gaits[0], self.fitted_to
-        n, seed = QUICK_SAMPLES if self.quick else self.n_samples, self.seed
+        n, seed = self.n_samples, self.seed
         if folder is not None:
             return {kind: held_out_samples(folder, kind, n, seed) for kind in self.students}
         expert, students = self.policies[gait.name].expert, self.students
@@ -122,9 +112,8 @@ class Importance(Experiment):
         from glassgait.studies.importance.study import measure_importances
 
         assert isinstance(case, SampledCase)
-        repeats = QUICK_REPEATS if self.quick else self.repeats
         student = case.controller.policy
-        return measure_importances(student, case.samples, seed=case.seed, repeats=repeats)
+        return measure_importances(student, case.samples, seed=case.seed, repeats=self.repeats)
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports importances as maps and tables, and draws the students' models."""

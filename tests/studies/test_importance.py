@@ -12,7 +12,7 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.dataset import Dataset
-from glassgait.studies.importance import command, study
+from glassgait.studies.importance import study
 from glassgait.studies.importance.measures import (
     PAPER_TOP,
     merge_importances,
@@ -161,8 +161,7 @@ def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     monkeypatch.setattr(
         study, "visited_samples", lambda *given: visits.append(given) or visit(*given)
     )
-    monkeypatch.setattr(command, "QUICK_SAMPLES", 20)
-    main(["importance", "--quick", "--policy", "ebm"])
-    table = pd.read_csv("runs/importance/trot_ebm_quick/importances.csv")
+    main(["importance", "--policy", "ebm", "--n-samples", "20", "--repeats", "1"])
+    table = pd.read_csv("runs/importance/trot_ebm/importances.csv")
     assert set(table["policy"]) == {"ebm"}
     assert len(visits) == 1
