@@ -8,7 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSyste
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
-from glassgait.models.task.command import Command, gamepad_velocity, limit_command, sample_commands
+from glassgait.models.task.command import Command, limit_command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import seed_of
 
@@ -59,7 +59,7 @@ def _draw(gait: Gait, speed_range: tuple[float, float] | None, seed: int, interv
 
 
 class MeshcatCommand(LeafSystem):
-    """Reads the command from sliders or a gamepad at every control step.
+    """Reads the command from sliders at every control step.
 
     .. pydrake_system::
 
@@ -68,14 +68,12 @@ class MeshcatCommand(LeafSystem):
 
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1,
     control steps).
-    A browser reports a gamepad after a button press in Meshcat's window. The gamepad's sticks then
-    replace the sliders of speed and yaw rate. If the browser disconnects, both are zero.
     State: the command and the commanded dwell, latched every 20 ms (unrestricted update).
     """
 
     def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
         super().__init__()
-        self._meshcat, self._gait = meshcat, gait
+        self._meshcat = meshcat
 
         # Before the first update, the command equals the sliders' initial values.
         velocity, dwell = [0.5 * gait.max_speed, 0.0], float(sum(gait.dwell) // 2)
@@ -95,11 +93,6 @@ class MeshcatCommand(LeafSystem):
     def _latch(self, context: Context, state: State) -> None:
         sliders = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
         *velocity, dwell = (self._meshcat.GetSliderValue(name) for name in sliders)
-        gamepad = self._meshcat.GetGamepad()
-        if gamepad.index is not None:
-            # Meshcat keeps the last report of a disconnected browser.
-            is_connected = self._meshcat.GetNumActiveConnections() > 0
-            velocity = gamepad_velocity(self._gait, gamepad.axes if is_connected else ())
         state.get_mutable_discrete_state(self._command).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._dwell).SetFromVector([dwell])
 

@@ -1,7 +1,5 @@
 """Commands: forward speed, yaw rate and rhythm."""
 
-import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +9,6 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.task.gait import Gait
 
 DEAD_BAND = 0.2  # commanded speeds below this (m/s) become 0
-DEAD_ZONE = 0.1  # deflection of a gamepad's stick up to which it commands nothing
 
 
 class Command(NamedTuple):
@@ -81,20 +78,3 @@ def sound_command(gait: Gait, command: Command) -> Command:
     """Clips a command to a gait's ranges; returns `on_the_spot` if it is not finite."""
     finite = np.isfinite([*command.velocity, command.dwell]).all()
     return limit_command(gait, command) if finite else on_the_spot(gait)
-
-
-def gamepad_velocity(gait: Gait, axes: Sequence[float]) -> Array:
-    """Returns the velocity (2; m/s, rad/s) that a gamepad commands.
-
-    The axes, -1 to 1, are in the order of the W3C's standard layout: left stick to the right and
-    back, right stick to the right and back. The left stick commands the speed and the right one the
-    yaw rate. Axes that are missing or not finite count as 0.
-    """
-    _, back, right, _ = (*axes, 0.0, 0.0, 0.0, 0.0)[:4]
-    return np.array([-_deflection(back) * gait.max_speed, -_deflection(right) * gait.max_yaw_rate])
-
-
-def _deflection(axis: float) -> float:
-    """Returns a stick's deflection beyond the dead zone, from -1 to 1."""
-    stick = min(max(axis, -1.0), 1.0) if math.isfinite(axis) else 0.0
-    return math.copysign(max(abs(stick) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE), stick)

@@ -37,7 +37,7 @@ def play_live(
     meshcat.AddButton(STOP_BUTTON, "Escape")
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
     console.print(
-        f"open {meshcat.web_url()} and move sliders under 'Open Controls', or a gamepad; "
+        f"open {meshcat.web_url()} and move sliders under 'Open Controls'; "
         f"'{STOP_BUTTON}' there, or Ctrl-C here, ends and saves the last minute"
     )
     with _first_interrupt() as interrupted:

@@ -1,6 +1,4 @@
-"""Commands: drawn, from sliders and a gamepad, and from a planner."""
-
-from types import SimpleNamespace
+"""Commands: drawn, from sliders, and from a planner."""
 
 import numpy as np
 import pytest
@@ -16,33 +14,6 @@ from glassgait.systems.commands import (
 )
 
 SLIDERS = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
-
-
-class Browsers:
-    """A Meshcat that browsers show, one of them with a gamepad."""
-
-    def __init__(self, meshcat):
-        self.meshcat, self.n_browsers = meshcat, 1
-        self.gamepad = SimpleNamespace(index=None, axes=[])
-
-    def hold(self, *axes):
-        """Has the gamepad reported, with its sticks there."""
-        self.gamepad = SimpleNamespace(index=0, axes=list(axes))
-
-    def GetGamepad(self):  # noqa: N802
-        return self.gamepad
-
-    def GetNumActiveConnections(self):  # noqa: N802
-        return self.n_browsers
-
-    def __getattr__(self, name):
-        return getattr(self.meshcat, name)
-
-
-@pytest.fixture
-def browsers(meshcat):
-    """Meshcat, shown by browsers with a gamepad."""
-    return Browsers(meshcat)
 
 
 def commanded(system, context):
@@ -88,30 +59,6 @@ def test_sliders_are_read_at_the_next_control_instant(trot, latch, meshcat):
     latch(system, context)
     np.testing.assert_allclose(commanded(system, context), [-0.25, 0.4, 7])
     assert commanded(system, clone) == [0.5, 0.0, 8]
-
-
-@pytest.mark.parametrize(
-    ("axes", "velocity"),
-    [
-        ((0.0, -1.0, -0.55, 0.0), [1.0, 0.5]),
-        ((0.0, 0.05, 0.05, 0.0), [0.0, 0.0]),
-        ((np.nan, np.nan, np.inf), [0.0, 0.0]),
-        ((0.0, -1e9, -1e9, 0.0), [1.0, 1.0]),
-    ],
-)
-def test_a_gamepad_that_is_there_commands_in_place_of_sliders(
-    trot, latch, meshcat, browsers, axes, velocity
-):
-    system = MeshcatCommand(trot, browsers)
-    context = system.CreateDefaultContext()
-    move(meshcat, -0.25, 0.4, 7)
-    browsers.hold(*axes)
-    latch(system, context)
-    np.testing.assert_allclose(commanded(system, context), [*velocity, 7])
-    # Meshcat goes on to give the last report.
-    browsers.n_browsers = 0
-    latch(system, context)
-    assert commanded(system, context) == [0.0, 0.0, 7]
 
 
 @pytest.mark.parametrize(
