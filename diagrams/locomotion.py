@@ -83,8 +83,8 @@ def MakeLocomotion(  # noqa: N802
     only if it is needed.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
-    In a default context the robot stands at rest; `SetRandomContext` draws its pose, the sensors'
-    errors and commands. The caller applies pushes with `glassgait.diagrams.rollout.push`.
+    In a default context the robot stands at rest; `SetRandomContext` draws the sensors' errors and
+    commands. The caller applies pushes with `glassgait.diagrams.rollout.push`.
 
     Args:
         gait, scenario: A `Gait` and a `Scenario`, or the name or path of a file of each.

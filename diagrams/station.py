@@ -33,7 +33,6 @@ from pydrake.multibody.tree import (
     SpatialInertia,
     UnitInertia,
 )
-from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from glassgait.models.errors import InputError, brief
@@ -42,7 +41,7 @@ from glassgait.models.robots.robot import DEFAULT_LAW, Damping, JointLaw, Robot,
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
-from glassgait.models.task.randomization import NOMINAL, Friction
+from glassgait.models.task.randomization import Friction
 from glassgait.models.task.terrain import PLANE, REACH, Terrain, grid_of
 from glassgait.systems.sensors import WorldState
 
@@ -50,10 +49,6 @@ Coordinate = Annotated[float, Ge(-1.0), Le(1.0)]
 
 ContactSolver = Literal["sap", "similar", "lagged"]
 """Drake's discrete contact approximations without TAMSI, which ignores the actuators' PD law."""
-
-RANDOM_LIFT = 0.025
-"""Height of the trunk above the standing pose in random contexts (m), enough to keep every foot out
-of the ground for all poses of the legs."""
 
 MOST_STEPS = 2000  # greatest number of plant steps in a control period, of 10 µs each
 
@@ -160,9 +155,8 @@ def AddStation(  # noqa: N802
     """Adds the finalized plant with its ground, and its scene graph, to a diagram.
 
     The joints' actuators contain the PD law, which the contact solver integrates implicitly and
-    limits to the motors' effort. In a default context the robot stands at rest. A random context
-    draws the joints as evaluations do; the trunk is level, `RANDOM_LIFT` above the standing pose.
-    Ground other than a plane reaches `reach` (m) around the middle period.
+    limits to the motors' effort. In a default context the robot stands at rest. Ground other than a
+    plane reaches `reach` (m) around the middle period.
     The returned instance's `desired_state` takes 12 joint positions (rad), then velocities (rad/s).
 
     Raises:
@@ -199,7 +193,8 @@ def AddStation(  # noqa: N802
     _set_motors(plant, robot, config)
     plant.mutable_gravity_field().set_gravity_vector(config.terrain.gravity)
     plant.Finalize()
-    _set_initial_poses(plant, robot, config.terrain)
+    standing = config.ground.stand(robot, kinematics.standing_state(robot))
+    plant.SetDefaultPositions(standing[: quadruped.N_POSITIONS])
 
     # Contact with the ground only.
     feet_only = config.feet_only or not config.terrain.is_plane
@@ -280,24 +275,6 @@ def _set_motors(plant: MultibodyPlant, robot: Robot, config: StationConfig) -> N
         actuator.set_controller_gains(gains)
         actuator.set_effort_limit(strength * effort[actuator.joint().name()])
         actuator.set_default_rotor_inertia(config.armature)
-
-
-def _set_initial_poses(plant: MultibodyPlant, robot: Robot, terrain: Terrain) -> None:
-    # In default contexts, the robot stands at rest.
-    standing = Ground([terrain]).stand(robot, kinematics.standing_state(robot))
-    positions = standing[: quadruped.N_POSITIONS]
-    plant.SetDefaultPositions(positions)
-
-    # In random contexts, each joint angle is scaled as in evaluations.
-    least, greatest = NOMINAL.joint_scale
-    for name, angle in zip(quadruped.JOINTS, robot.default_stance, strict=True):
-        uniform = Variable(name, Variable.Type.RANDOM_UNIFORM)
-        scale = least + (greatest - least) * uniform
-        plant.GetJointByName(name).set_random_angle_distribution(angle * scale)
-    # Drake draws joints separately, so the trunk's height cannot depend on the legs' pose.
-    place = positions[quadruped.POSITION] + [0.0, 0.0, RANDOM_LIFT]
-    base = plant.GetJointByName("trunk")
-    base.set_random_translation_distribution([Expression(value) for value in place])
 
 
 def _add_payload(

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from pydrake.common import RandomGenerator
 from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddStation, StationConfig, set_friction
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 
 A1 = load_robot()
@@ -92,29 +91,8 @@ def make_station(config=None):
     return builder.Build()
 
 
-def random_state(station, seed):
-    context = station.CreateDefaultContext()
-    station.SetRandomContext(context, RandomGenerator(seed))
-    return station.GetOutputPort("state").Eval(context)
-
-
 def test_the_robot_stands_in_a_default_context(standing):
     for config in (StationConfig(), StationConfig(time_step=0.0, payload=2.0)):
         station = make_station(config)
         state = station.GetOutputPort("state").Eval(station.CreateDefaultContext())
         np.testing.assert_allclose(state, standing, atol=1e-15)
-
-
-def test_random_contexts_draw_the_pose_above_the_ground(standing):
-    station = make_station()
-    states = np.array([random_state(station, seed) for seed in range(50)])
-    np.testing.assert_array_equal(states[7], random_state(station, 7))
-    scale = states[:, quadruped.JOINT_POSITION] / A1.default_stance
-    assert 0.9 <= scale.min() < 0.91
-    assert 1.09 < scale.max() <= 1.1
-    heights = kinematics.foot_heights(A1, states)
-    assert heights.min() >= 0.0
-    assert heights.min(axis=1).max() < 0.05
-    np.testing.assert_array_equal(
-        states[:, : quadruped.POSITION.stop - 1], standing[None, :6] + 0 * states[:, :6]
-    )
