@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from glassgait.diagrams.commands import DrawnCommands, FixedCommand  # noqa: F401
     from glassgait.diagrams.locomotion import MakeLocomotion  # noqa: F401
-    from glassgait.diagrams.rollout import make_simulator, push, record, stop_at_falls  # noqa: F401
+    from glassgait.diagrams.rollout import make_simulator, push, record  # noqa: F401
     from glassgait.diagrams.scenario import Scenario, load_scenario  # noqa: F401
     from glassgait.diagrams.station import StationConfig  # noqa: F401
     from glassgait.diagrams.visualization import open_meshcat, save_replay  # noqa: F401
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "commands": ("DrawnCommands", "FixedCommand"),
     "locomotion": ("MakeLocomotion",),
-    "rollout": ("make_simulator", "push", "record", "stop_at_falls"),
+    "rollout": ("make_simulator", "push", "record"),
     "scenario": ("Scenario", "load_scenario"),
     "station": ("StationConfig",),
     "visualization": ("open_meshcat", "save_replay"),

@@ -10,14 +10,13 @@ import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, EventStatus
+from pydrake.systems.framework import Context, Diagram
 
 from glassgait.diagrams.station import WORLD_STATE
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.termination import FAILURES
 from glassgait.systems.reward import FallMonitor
 from glassgait.systems.sensors import WorldState
 
@@ -117,28 +116,6 @@ def begin_anew(simulator: Simulator, *, seed: int = 0, state: Array | None = Non
     simulator.Initialize()
 
 
-def stop_at_falls(simulator: Simulator) -> None:
-    """Replaces the simulator's monitor by one that ends `AdvanceTo` at the first failure.
-
-    The simulator then stops at that control instant. The status has the reason
-    `kReachedTerminationCondition` and names the failure.
-    """
-    locomotion = find_locomotion(simulator.get_system())
-    port = locomotion.GetOutputPort("failures")
-
-    def monitor(root_context: Context) -> EventStatus:
-        # Drake calls the monitor after every plant step, also between control instants.
-        if _control_step(root_context) is None:
-            return EventStatus.DidNothing()
-        failed = port.Eval(locomotion.GetMyContextFromRoot(root_context)) > 0.5
-        if not failed.any():
-            return EventStatus.DidNothing()
-        names = ", ".join(np.array(FAILURES)[failed])
-        return EventStatus.ReachedTermination(locomotion, f"the robot shows {names}")
-
-    simulator.set_monitor(monitor)
-
-
 def record(
     simulator: Simulator,
     n_steps: int | None,
@@ -230,6 +207,7 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
     if state is None:
         standing = kinematics.standing_state(robot.monitor.robot)
         state = robot.monitor.ground.stand(robot.monitor.robot, standing)
+    _check_numbers("state", state, robot.plant.num_multibody_states())
     if robot.world is not None:
         away = robot.monitor.ground.periods(state)
         robot.world.set_away(robot.world.GetMyMutableContextFromRoot(context), away)
@@ -256,10 +234,17 @@ def recenter(diagram: Diagram, context: Context) -> None:
 
 def push(diagram: Diagram, context: Context, velocity: Array) -> None:
     """Adds a velocity (3; m/s, world frame) to a robot's trunk in the root context."""
+    _check_numbers("velocity", velocity, 3)
     robot = _Robot(diagram, context)
     state = robot.plant.GetPositionsAndVelocities(robot.plant_context)
     state[quadruped.LINEAR_VELOCITY] += velocity
     robot.plant.SetPositionsAndVelocities(robot.plant_context, state)
+
+
+def _check_numbers(name: str, values: Array, size: int) -> None:
+    # Drake would end the process.
+    if np.shape(values) != (size,) or not np.isfinite(values).all():
+        raise InputError(f"{name} is {shown(values)}; give {size} finite numbers")
 
 
 class _Robot:

@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from glassgait.diagrams import FixedCommand, MakeLocomotion, Scenario, make_simulator, stop_at_falls
+from glassgait.diagrams import FixedCommand, MakeLocomotion, Scenario, make_simulator, record
 from glassgait.models.arrays import Array
 from glassgait.models.robots.kinematics import base_velocity
 
@@ -44,9 +44,7 @@ def main() -> None:
     falls = 0
     for seed in range(3):
         simulator = make_simulator(diagram, seed=seed)
-        stop_at_falls(simulator)
-        status = simulator.AdvanceTo(5.0)
-        falls += status.reason() == status.ReturnReason.kReachedTerminationCondition
+        falls += record(simulator, n_steps=250).failed
         speed = base_velocity(log.FindLog(simulator.get_context()).data().T)[0][:, 0]
         print(f"robot {seed}: {speed[50:].mean():.3f} m/s forward")
     print(f"falls: {falls} of 3")

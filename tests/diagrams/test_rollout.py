@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator, SimulatorStatus
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 
 import glassgait.diagrams.rollout
@@ -16,7 +15,6 @@ from glassgait.diagrams.rollout import (
     push,
     record,
     set_plant_state,
-    stop_at_falls,
 )
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
@@ -113,18 +111,6 @@ def test_a_robot_in_a_larger_diagram_does_the_same(trotting):
         np.testing.assert_array_equal(part[port], values)
 
 
-@pytest.mark.parametrize("larger", [False, True])
-def test_falls_stop_the_simulator_where_a_recording_would_end(falling, larger):
-    diagram = nested(falling) if larger else falling
-    end = record(make_simulator(diagram), None).time[-1]
-    simulator = Simulator(diagram)
-    stop_at_falls(simulator)
-    status = simulator.AdvanceTo(2.0)
-    assert status.reason() == SimulatorStatus.ReturnReason.kReachedTerminationCondition
-    assert "the robot shows abrupt_action" in status.message()
-    assert simulator.get_context().get_time() == status.return_time() == end < 0.5
-
-
 def test_a_monitor_between_two_control_instants_ends_the_recording(trotting):
     simulator = make_simulator(trotting)
 
@@ -158,6 +144,16 @@ def test_the_robot_is_placed_and_pushed_in_any_diagram_that_holds_it(trot, stand
         state = diagram.GetOutputPort("state").Eval(context)
         np.testing.assert_array_equal(state[: quadruped.LINEAR_VELOCITY.start], standing[:22])
         np.testing.assert_array_equal(state[quadruped.LINEAR_VELOCITY], [0.5, 0.0, i])
+
+
+def test_states_and_pushes_that_drake_would_not_survive_are_refused(trotting):
+    context = make_simulator(trotting).get_mutable_context()
+    for state in (np.zeros(36), np.full(37, np.nan)):
+        with pytest.raises(InputError, match=r"state is .*; give 37 finite numbers"):
+            make_simulator(trotting, state=state)
+    for velocity in ([np.nan, 0.0, 0.0], np.zeros(2)):
+        with pytest.raises(InputError, match=r"velocity is .*; give 3 finite numbers"):
+            push(trotting, context, velocity)
 
 
 def test_diagrams_of_two_robots_are_refused(trot):
