@@ -29,7 +29,6 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.control import BoolArray
-from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import quadruped
@@ -46,9 +45,6 @@ ENVIRONMENT_ID: Final = "glassgait/Locomotion-v0"
 ACTION_BOUND: Final = 8.0
 """Bound of the action space, 2 rad from the default stance. Shipped experts' actions are from -4.9
 to 5.2. An episode ends if the squared change of the action in one step exceeds 60."""
-
-SENSES: Final = {"true": (False, None), "odometry": (False, Odometry()), "imu": (True, Odometry())}
-"""Whether to observe gravity and angular velocity, and the estimator of the body state."""
 
 
 class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
@@ -75,26 +71,14 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         robot: str | Path = DEFAULT_ROBOT,
         stations: Sequence[StationConfig] | None = None,
         randomization: Randomization | None = None,
-        senses: str = "imu",
         max_episode_steps: int = EPISODE_STEPS,
     ) -> None:
-        """Takes names or files of gait and robot, and one station per group of robots.
-
-        Args:
-            senses: "imu" observes what the shipped experts observe: gravity's direction, angular
-                velocity, and odometry's estimates of velocity and foot heights. "odometry" omits
-                the first two. "true" also replaces the estimates by true values.
-        """
-        if senses not in SENSES:
-            raise InputError(
-                f"environment: senses is {shown(senses)}; give one of {', '.join(SENSES)}"
-            )
-        observes_imu, estimator = SENSES[senses]
+        """Takes names or files of gait and robot, and one station per group of robots."""
         gait = gait if isinstance(gait, Gait) else find_gait(gait)
 
         # The spaces.
         self.num_envs = num_envs
-        size = ObservationLayout(gait.n_states, imu=observes_imu).size
+        size = ObservationLayout(gait.n_states, imu=True).size
         self.single_observation_space = Box(-np.inf, np.inf, (size,), np.float64)
         actions = (quadruped.N_JOINTS,)
         self.single_action_space = Box(-ACTION_BOUND, ACTION_BOUND, actions, np.float64)
@@ -108,12 +92,12 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 randomization or Randomization(),
                 episode_steps=max_episode_steps,
                 robot=load_robot(robot),
-                observes_imu=observes_imu,
+                observes_imu=True,
             ),
             make_physics(load_robot(robot), *(stations or [StationConfig()])),
             n_robots=num_envs,
             generator=self.np_random,
-            estimator=estimator,
+            estimator=Odometry(),
         )
         self._ended = np.zeros(num_envs, dtype=bool)
 
@@ -169,7 +153,7 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         station: StationConfig | None = None,
         **settings: Any,
     ) -> None:
-        """Takes `robot`, `randomization` and `senses` as `LocomotionVectorEnv` does."""
+        """Takes `robot` and `randomization` as `LocomotionVectorEnv` does."""
         stations = [station or StationConfig()]
         # Only a `TimeLimit` may truncate an episode.
         self._envs = LocomotionVectorEnv(

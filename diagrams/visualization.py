@@ -32,7 +32,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from glassgait.diagrams.rollout import FALL_MONITOR, Rollout, set_plant_state
+from glassgait.diagrams.rollout import Rollout, set_plant_state
 from glassgait.diagrams.station import AddStation, StationConfig, add_robot, ground_reach
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -44,7 +44,6 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH, GaitDisplay
-from glassgait.systems.reward import FallMonitor
 
 BOXES_PATH = f"{WORLD_PATH}/terrain"  # Meshcat path of ground boxes
 
@@ -112,7 +111,7 @@ def save_replay(
     """Writes an animation of all recorded control steps as an HTML page.
 
     The diagram comes from `MakeLocomotion` with this Meshcat. The rollout's first instant is the
-    replay's time 0. A browser without WebGL shows a drawing of the last pose.
+    replay's time 0. A browser without WebGL shows a note.
     """
     context = diagram.CreateDefaultContext()
     display = diagram.GetSubsystemByName("gait_display")
@@ -138,45 +137,20 @@ def save_replay(
     for old, new in _REPLACEMENTS:
         page = page.replace(old, new, 1)
     start = page.rindex("</body>")
-    monitor: FallMonitor = diagram.GetSubsystemByName(FALL_MONITOR)  # type: ignore[assignment]
-    still = still_page(monitor.robot, rollout["state"][-1], "This is the last pose.")
-    write_atomically(path, f"{page[:start]}{still}{_REPLAY_SCRIPT}{page[start:]}")
+    write_atomically(path, f"{page[:start]}{webgl_note()}{_REPLAY_SCRIPT}{page[start:]}")
 
 
-def still_page(robot: Robot, state: Array, caption: str, otherwise: str = "") -> str:
-    """Returns HTML that draws the robot in a state x (37) in browsers without WebGL.
-
-    Browsers with WebGL run the script `otherwise`.
-    """
-    # Project each leg's points from thigh to foot on the view from the right.
-    rotation = kinematics.rotation_matrix(state[quadruped.QUATERNION])
-    heading = rotation[:, 0] * [1.0, 1.0, 0.0]
-    view = np.stack([heading / np.linalg.norm(heading), [0.0, 0.0, -1.0]]) @ rotation
-    legs = kinematics.leg_angles(state[quadruped.JOINT_POSITION])
-    points = np.swapaxes(kinematics.leg_points(robot, legs), 0, 1) @ view.T
-    points[..., 1] -= state[quadruped.POSITION][2]
-    # Draw the left legs first, then the trunk between hind and front thighs, then the right legs.
-    trunk = [points[2:, 0].mean(axis=0), points[:2, 0].mean(axis=0)]
-    lines = [(points[0], "#9aa5b1", 4), (points[2], "#9aa5b1", 4), (trunk, "#3c4650", 12)]
-    lines += [(points[1], "#3c4650", 4), (points[3], "#3c4650", 4)]
-    polylines = "".join(
-        f'<polyline points="{" ".join(f"{100 * x:.1f},{100 * y:.1f}" for x, y in line)}" '
-        f'stroke="{color}" stroke-width="{width}"/>'
-        for line, color, width in lines
-    )
-    return _STILL.format(polylines=polylines, caption=caption, otherwise=otherwise)
+def webgl_note(otherwise: str = "") -> str:
+    """Returns HTML with a note for browsers without WebGL; others run the script `otherwise`."""
+    return _NOTE.format(otherwise=otherwise)
 
 
-_STILL = """<figure id="still" style="display: none; position: fixed; inset: 0; z-index: 9;
- margin: 0; background: #eef2f6; color: #1b1f24; font: 15px/1.4 sans-serif">
-<svg viewBox="-60 -55 120 60" role="img" aria-label="The robot from its right side" fill="none"
- stroke-linecap="round" stroke-linejoin="round" style="width: 100%; height: calc(100% - 4.5rem)">
-<path d="M-60 2H60" stroke="#9aa5b1"/>{polylines}</svg>
-<figcaption style="padding: 0 1rem">The animation needs WebGL, which is off or missing in this
-browser. {caption}</figcaption></figure>
+_NOTE = """<p id="note" style="display: none; position: fixed; inset: 0; z-index: 9; margin: 0;
+ padding: 1rem; background: #eef2f6; color: #1b1f24; font: 15px/1.4 sans-serif">The animation needs
+WebGL, which is off or missing in this browser.</p>
 <script>
 if (document.createElement("canvas").getContext("webgl2")) {{ {otherwise} }}
-else document.getElementById("still").style.display = "block";
+else document.getElementById("note").style.display = "block";
 </script>
 """
 

@@ -17,7 +17,7 @@ from nicegui import core, ui
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.visualization import still_page
+from glassgait.diagrams.visualization import webgl_note
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.robots import kinematics, quadruped
@@ -103,9 +103,7 @@ class _Page:
                     ui.label(f"Studio: {self._gait.name}")
                 scene = ui.element("iframe").style("width: 100%; height: 45vh; border: 0")
                 scene.props('title="The robot, and its ghost in grey"')
-                robot, caption = self._session.policy.robot, "The robot walks: see the plot below."
-                stance, show = kinematics.standing_state(robot), f'location.replace("{address}");'
-                scene.props["srcdoc"] = still_page(robot, stance, caption, show)
+                scene.props["srcdoc"] = webgl_note(f'location.replace("{address}");')
                 self._build_controls()
                 self._status = ui.label().props('role="status"')
                 self._chart = ui.echart(_chart_options()).style("width: 100%; height: 180px")
