@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
@@ -28,10 +28,10 @@ from glassgait.studies.common.run import default_folder, open_run
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.boosting import EbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.config import DistillationConfig, StudentsSettings
-from glassgait.studies.distillation.students import STUDENTS, load_students
+from glassgait.studies.distillation.students import load_students
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, SymbolicSettings
-from glassgait.studies.evaluation.alternation import alternation_report, alternation_scores
+from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings
+from glassgait.studies.evaluation.alternation import alternation_scores
 from glassgait.studies.evaluation.tables import TITLES, standalone_table
 from glassgait.studies.importance.figures import contribution_figure
 from glassgait.studies.reproduction.page import Section, write_page
@@ -51,21 +51,11 @@ QUICK = DistillationConfig(
         **{
             "histogram_gbm": HistogramGbmSettings(n_trees=100),
             "ebm": EbmSettings(outer_bags=1, interactions=30),
-            "symbolic": SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
             FORMULAS: SymbolicPerStateSettings(shapes=((90, 90),), start_weights=(1,)),
         }
     ),
 )
 """Few samples, and students that take seconds to fit."""
-
-FULL = replace(
-    QUICK,
-    students=tuple(name for name in STUDENTS if name != "gbm"),
-    # With one formula per joint, robots stray furthest, and their samples suit all students.
-    collector="symbolic",
-    alone_episodes=4,
-)
-"""All kinds of students except gbm, which is slow to fit."""
 
 REPLAY_STEPS, REPLAYS_IN_A_ROW = 400, 450
 """The replay lasts an hour in total, so that a page that is opened late still moves."""
@@ -82,7 +72,6 @@ class Demo(Settings):
     samples with one seed; `glassgait distill` and `evaluate` use more samples, robots and seeds.
 
     Attributes:
-        full: Distil all kinds of students except gbm, and also alternate each with the expert.
         n_robots: Number of robots in the evaluation.
         robot: Name of a robot, or path of its robot.yaml; by default the robot of the policies that
             ship. For other robots, your expert in runs/train is used.
@@ -92,7 +81,6 @@ class Demo(Settings):
 
     title: ClassVar[str] = "demo"
 
-    full: bool = False
     n_robots: Count = 26
     robot: str | None = None
     resume: bool = False
@@ -113,12 +101,9 @@ class Demo(Settings):
             shown = SHOWN if SHOWN in policies.students else EXPERT
             page.show(shown, policies.students.get(shown, expert))
             distillation = folder / "distillation"
-            config = FULL if self.full else QUICK
-            r2 = distill(config, gait, expert, distillation, resume=self.resume)
+            r2 = distill(QUICK, gait, expert, distillation, resume=self.resume)
             students = load_students(distillation, expert)
             page.compare(students, r2, self.n_robots)
-            if self.full:
-                page.alternate(students, self.n_robots)
             minutes = (time.monotonic() - started) / 60
             path = page.write(f"Computed in {minutes:.1f} minutes.")
         console.print(f"page written to {path} after {minutes:.1f} minutes")
@@ -174,7 +159,9 @@ class _Page:
     def compare(self, students: Mapping[str, Policy], r2: pd.DataFrame, n_robots: int) -> None:
         """Rolls out every student without the expert, and adds a table of R² and scores."""
         say("rolling out every student without the expert")
-        scores = self._roll_out(students, n_robots, (1, 0))
+        config = RolloutConfig(n_robots=n_robots, n_seeds=1, n_steps=500)
+        folder = self.folder / "rollouts"
+        scores = alternation_scores(self.gait, self.expert, students, config, folder, (1, 0))
         table = standalone_table(scores, {EXPERT: self.expert, **students})
         fits = {row["student"]: row["r2"] for _, row in r2.iterrows()}
         table.insert(1, "R² held out", table["policy"].map(fits).round(3))
@@ -190,25 +177,6 @@ class _Page:
             f"share of the expert's return: {best[TITLES['share']]:.2f}."
         )
         self.sections.append(Section("Students distilled here", note=note, tables=[("", table)]))
-
-    def alternate(self, students: Mapping[str, Policy], n_robots: int) -> None:
-        """Rolls out students in alternation with the expert, and adds the figure of returns."""
-        say("rolling out every student in alternation with the expert")
-        scores = self._roll_out(students, n_robots, (1, 4, 0))
-        policies = {EXPERT: self.expert, **students}
-        alternation_report(scores, self.gait.name.capitalize(), policies).write(self.folder)
-        note = "At ratio 1/4, the expert acts at every fourth step; at 0, only the student acts."
-        caption = "Return, share of the expert's return and falls against the alternation ratio"
-        figures = [(caption, self.folder / "return.png")]
-        title = "Return against the alternation ratio"
-        self.sections.append(Section(title, note=note, figures=figures))
-
-    def _roll_out(
-        self, students: Mapping[str, Policy], n_robots: int, periods: tuple[int, ...]
-    ) -> pd.DataFrame:
-        config = RolloutConfig(n_robots=n_robots, n_seeds=1, n_steps=500)
-        folder = self.folder / "rollouts"
-        return alternation_scores(self.gait, self.expert, students, config, folder, periods)
 
     def write(self, status: str) -> Path:
         """Writes the page so far, with its status."""

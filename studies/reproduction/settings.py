@@ -3,17 +3,12 @@
 from pathlib import Path
 from typing import Any, TypeVar
 
-import pandas as pd
-
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, resolve_paths
 from glassgait.models.settings import Settings
-from glassgait.studies.common.run import default_folder, to_plain
+from glassgait.studies.common.run import default_folder
 
 SETTINGS_FOLDER = Path(__file__).parent
-
-NOT_COMPARED = ("output", "resume", "workers", "quick", "engine", "robot")
-"""Settings without effect on the results, or with an effect that another setting shows."""
 
 S = TypeVar("S", bound=Settings)
 
@@ -39,17 +34,6 @@ def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
             f"{path}: has no settings under the key 'quick'; add them, or leave --quick out"
         )
     return kind.from_plain(_merged(values, quick_values) if quick else values, str(path))
-
-
-def differences(full: Settings, here: Settings) -> pd.DataFrame:
-    """Lists the settings that differ, with one row per key and both values."""
-    before, after = (pd.json_normalize(to_plain(each)).iloc[0] for each in (full, here))
-    rows = [
-        {"setting": key, "in full": str(before[key]), "here": str(after.get(key))}
-        for key in before.index
-        if key.split(".")[0] not in NOT_COMPARED and before[key] != after.get(key)
-    ]
-    return pd.DataFrame(rows, columns=pd.Index(["setting", "in full", "here"]))
 
 
 def _merged(values: Any, changes: Any) -> Any:

@@ -21,7 +21,7 @@ from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings
 from glassgait.studies.reproduction import demo, report
 from glassgait.studies.reproduction.contents import GaitResults, contents, r2_by_gait
 from glassgait.studies.reproduction.report import WITHOUT_PYSR, Report
-from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
+from glassgait.studies.reproduction.settings import load_settings, settings_file
 
 PAPER = settings_file("paper")
 
@@ -107,15 +107,10 @@ def test_policies_are_rolled_out_at_most_as_fast_as_the_gait_goes(paper):
     assert paper.rollouts_of(load_gait("trot")).speed_range == (0.0, 0.75)
 
 
-def test_differences_from_the_paper_are_listed(paper, tmp_path, monkeypatch):
-    listed = differences(paper, load_settings(Report, PAPER, quick=True)).set_index("setting")
-    assert listed.loc["training.updates", "in full"] == "1500"
-    assert differences(paper, paper).empty
+def test_differences_from_the_paper_are_listed(paper, monkeypatch):
     monkeypatch.setattr(report, "pysr_starts", lambda: True)
-    operon = replace(paper, engine="operon").settled()
-    assert list(differences(paper, operon)["setting"]) == ["distillation.settings.symbolic.engine"]
-    assert WITHOUT_PYSR in operon.deviations(tmp_path)
-    assert WITHOUT_PYSR not in paper.settled().deviations(tmp_path)
+    assert WITHOUT_PYSR in replace(paper, engine="operon").settled().deviations()
+    assert WITHOUT_PYSR not in paper.settled().deviations()
 
 
 def test_without_julia_the_papers_formulas_are_refused_at_once(tmp_path, monkeypatch, refused):
@@ -173,7 +168,7 @@ def test_the_paper_is_reproduced_in_small_and_resumed(small, tmp_path, refused):
     arguments = ["reproduce", str(small), "--quick", "--output", str(folder)]
     main(arguments)
     page = (folder / "report.html").read_text()
-    assert "training.updates: 2, not 1500." in page and page.count("data:image/png;base64") == 12
+    assert page.count("data:image/png;base64") == 12
     assert (folder / "table_i_1.csv").exists()
     students = folder / "trot" / "distillation"
     for kind in ("gbm", "ebm", "symbolic"):
@@ -190,8 +185,7 @@ def test_the_paper_is_reproduced_in_small_and_resumed(small, tmp_path, refused):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("full", [[], ["--full"]])
-def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path, monkeypatch):
+def test_the_demo_shows_a_robot_first_and_then_compares_students(tmp_path, monkeypatch):
     formulas = SymbolicPerStateSettings(shapes=((20, 20),), start_weights=(1,))
     tiny = DistillationConfig(
         students=("linear", "symbolic_per_state"),
@@ -200,7 +194,7 @@ def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path,
         episode_steps=60,
         settings=StudentsSettings(symbolic_per_state=formulas),
     )
-    for name, value in {"QUICK": tiny, "FULL": tiny, "REPLAY_STEPS": 50}.items():
+    for name, value in {"QUICK": tiny, "REPLAY_STEPS": 50}.items():
         monkeypatch.setattr(demo, name, value)
     before = []
 
@@ -210,8 +204,7 @@ def test_the_demo_shows_a_robot_first_and_then_compares_students(full, tmp_path,
 
     own_distill = demo.distill
     monkeypatch.setattr(demo, "distill", distill)
-    main(["demo", "--output", str(tmp_path / "run"), "--n-robots", "2", *full])
+    main(["demo", "--output", str(tmp_path / "run"), "--n-robots", "2"])
     assert 'src="formulas_replay.html"' in before[0] and "not complete" in before[0]
     page = (tmp_path / "run" / "report.html").read_text()
     assert "not complete" not in page and "linear" in page
-    assert (tmp_path / "run" / "return.png").exists() == bool(full)
