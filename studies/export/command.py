@@ -71,8 +71,11 @@ class Export(OneGait):
 
         # Write the files, their contract, and the tables of the comparison with Python.
         with open_run(folder, study=self.title, settings=self, inputs=inputs):
-            write = self._write_c if self.format == "c" else self._write_onnx
-            files, tables = write(gait, controller, folder / name, policy_name)
+            stem = folder / name
+            if self.format == "c":
+                files, tables = self._write_c(gait, controller, stem, policy_name)
+            else:
+                files, tables = self._write_onnx(gait, controller, stem)
             contract = contract_of(gait, controller, files[0], policy_name, self.precision)
             files.append(folder / CONTRACT)
             write_atomically(files[-1], contract_text(contract))
@@ -101,9 +104,7 @@ class Export(OneGait):
         source = write_source(written, stem.parent)
         return [source, source.with_suffix(".h")], tables
 
-    def _write_onnx(
-        self, gait: Gait, controller: Controller, stem: Path, policy_name: str
-    ) -> Written:
+    def _write_onnx(self, gait: Gait, controller: Controller, stem: Path) -> Written:
         try:
             # Imported here: ONNX and its runtime are an extra.
             from glassgait.studies.export import onnx_network  # noqa: PLC0415
@@ -111,9 +112,7 @@ class Export(OneGait):
             raise InputError(
                 "--format onnx: ONNX is not installed; run pip install 'glassgait[onnx]'"
             ) from error
-        model = onnx_network.graph_bytes(
-            gait, controller, policy_name, version("glassgait"), self.precision
-        )
+        model = onnx_network.graph_bytes(gait, controller, version("glassgait"), self.precision)
         say(f"acting on {self.n_steps} observations, in Python and by ONNX Runtime")
         table = onnx_network.compare_graph(model, gait, controller, self.n_steps, self.seed)
         path = stem.with_name(f"{stem.name}.onnx")

@@ -3,8 +3,6 @@
 ONNX is an optional package: `pip install "glassgait[onnx]"`.
 """
 
-import json
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,6 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.export.c_language import Real
 from glassgait.models.export.c_source import exported_estimator
-from glassgait.models.export.contract import robot_terms
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.robots import quadruped
@@ -82,9 +79,7 @@ class _Graph:
         return self.add("Mul", image, self.constant(reflection.sign))
 
 
-def graph_bytes(
-    gait: Gait, controller: Controller, policy_name: str, version: str, real: Real
-) -> bytes:
+def graph_bytes(gait: Gait, controller: Controller, version: str, real: Real) -> bytes:
     """Returns the bytes of an ONNX file of a network and its estimator.
 
     The graph maps `obs` (batch, 40 + n_states; 46 + n_states with an IMU) to `actions` (batch, 12)
@@ -128,51 +123,8 @@ def graph_bytes(
         producer_name="glassgait",
         producer_version=version,
     )
-    helper.set_model_props(model, _metadata(gait, controller, policy_name))
     onnx.checker.check_model(model, full_check=True)
     return model.SerializeToString(deterministic=True)
-
-
-def _metadata(gait: Gait, controller: Controller, policy_name: str) -> dict[str, str]:
-    """Returns the metadata that deployment stacks read; lists are separated by commas."""
-    # Collect the robot's numbers, and the machine that a program around the graph has to run.
-    terms, entries = robot_terms(controller.robot), controller.policy.layout.entries
-    stiffness, damping = controller.joint_law.gains_of(controller.robot)
-    machine = {
-        "states": list(gait.states),
-        "initial": gait.initial,
-        "clearance": gait.clearance,
-        "transitions": [
-            {"from": edge.source, "to": edge.target, "when": edge.when.text}
-            | {"dwell": edge.dwell, "grace": edge.grace}
-            for edge in gait.transitions
-        ],
-    }
-
-    # Write all as text. Joints share gains and scale.
-    metadata = {
-        "robot": terms["robot"],
-        "joint_names": _listed(terms["joints"]),
-        "joint_stiffness": _listed([stiffness] * quadruped.N_JOINTS),
-        "joint_damping": _listed([damping] * quadruped.N_JOINTS),
-        "default_joint_pos": _listed(terms["stance"]),
-        "action_scale": _listed([terms["action_scale"]] * quadruped.N_JOINTS),
-        "observation_entries": _listed(entry.name for entry in entries[:-N_ESTIMATED]),
-        "estimate_entries": _listed(entry.name for entry in entries[-N_ESTIMATED:]),
-        "estimate_scale": _listed(entry.factor for entry in entries[-N_ESTIMATED:]),
-        "control_period": repr(terms["control_period"]),
-        "gait": gait.name,
-        "reward_machine": json.dumps(machine),
-        "policy": policy_name,
-        "policy_digest": controller.policy.digest(),
-    }
-    if isinstance(controller.estimator, Odometry):
-        metadata["odometry_gain"] = repr(controller.estimator.gain)
-    return metadata
-
-
-def _listed(values: Iterable[object]) -> str:
-    return ",".join(map(str, values))
 
 
 def compare_graph(
