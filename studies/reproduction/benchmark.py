@@ -3,7 +3,7 @@
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -12,21 +12,14 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from pydrake.common import Parallelism
-from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
-from pydrake.systems.framework import DiagramBuilder
 
-from glassgait.diagrams.physics import PhysicsStep
-from glassgait.diagrams.station import AddStation, StationConfig
-from glassgait.models.arrays import Array
 from glassgait.models.export.binding import FLAGS, compile_c, has_compiler, write_source
 from glassgait.models.export.c_source import write_controller
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Count, checked
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import OneGait
@@ -52,8 +45,8 @@ class Benchmark(OneGait):
     """Measure training throughput and the time of one action.
 
     Attributes:
-        parts: What to measure: training beside bare physics, and actions of policies in Python and
-            in C; both by default.
+        parts: What to measure: training, and actions of policies in Python and in C; both by
+            default.
         updates: Number of updates in each timing.
         repeats: Number of timings; medians are reported.
         output: Folder of the results; runs/reproduce/benchmark by default.
@@ -140,77 +133,16 @@ def _step_times(gait: Gait, controller: Controller, kind: str, steps: int) -> di
 
 
 def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataFrame:
-    """Returns median rates (control steps/s) of PPO's updates, and of only Drake's physics for the
-    same states and targets."""
-    # Without MuJoCo's share, both time only Drake.
+    """Returns the median rate (control steps/s) of PPO's updates, with physics in Drake."""
     config = replace(config, worlds=replace(config.worlds, mujoco_share=0.0))
-    robot = load_robot(config.robot)
-    stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
     with tempfile.TemporaryDirectory() as temporary:
         run = TrainingRun(config, load_gait(config.gait), Path(temporary))
-    physics, recorded = _BarePhysics(robot, stations), _record_steps(run)
     # The first update warms caches and is not timed.
     run.update()
-
-    # Time both in turn, so that other load of the machine affects both equally.
-    n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
-    seconds = []
-    for _ in range(repeats):
-        recorded.clear()
-        training = _seconds(lambda: [run.update() for _ in range(n_updates)])
-        seconds.append((training, _seconds(lambda: [physics.step(*pair) for pair in recorded])))
-    rates = n_steps / np.array(seconds)
-    training, bare = np.median(rates, axis=0)
-    share = np.median(rates[:, 0] / rates[:, 1])
-    rows = [
-        (f"PPO training, {config.n_robots} robots", training, 1.0),
-        ("BatchEvalUniquePeriodicDiscreteUpdate only, same states", bare, round(share, 2)),
-    ]
-    table = pd.DataFrame(rows, columns=pd.Index(["what", "control steps/s", "training is (share)"]))
-    return table.round({"control steps/s": 0})
-
-
-class _BarePhysics:
-    """Calls only Drake's batch evaluation, for each group and control step."""
-
-    def __init__(self, robot: Robot, stations: Sequence[StationConfig]) -> None:
-        self._groups = []
-        for station in stations:
-            builder = DiagramBuilder()
-            plant, _, instance = AddStation(builder, robot, station)
-            builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
-            diagram = builder.Build()
-            n_steps = round(CONTROL_PERIOD / station.time_step)
-            self._groups.append((diagram, diagram.CreateDefaultContext(), n_steps))
-
-    def step(self, states: Array, targets: Array) -> None:
-        desired = np.hstack([targets, np.zeros_like(targets)])
-        n = len(self._groups)
-        rows = zip(np.array_split(states, n), np.array_split(desired, n), strict=True)
-        for (diagram, context, n_steps), (group, inputs) in zip(self._groups, rows, strict=True):
-            BatchEvalUniquePeriodicDiscreteUpdate(
-                diagram,
-                context,
-                times=np.zeros(len(group)),
-                states=group.T,
-                inputs=inputs.T,
-                num_time_steps=n_steps,
-                parallelize=Parallelism.Max(),
-            )
-
-
-def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:
-    """Returns a list that records the states and targets of the run's physics from now on."""
-    physics = run.environment.simulator.physics
-    recorded: list[tuple[Array, Array]] = []
-    step = physics.step
-
-    def recording_step(states: Array, targets: Array, **late: Array) -> PhysicsStep:
-        recorded.append((states.copy(), targets.copy()))
-        return step(states, targets, **late)
-
-    setattr(physics, "step", recording_step)  # noqa: B010
-    return recorded
+    times = [_seconds(lambda: [run.update() for _ in range(n_updates)]) for _ in range(repeats)]
+    rate = n_updates * config.steps_per_update / float(np.median(times))
+    what = f"PPO training, {config.n_robots} robots"
+    return pd.DataFrame([{"what": what, "control steps/s": round(rate)}])
 
 
 def _seconds(work: Callable[[], object]) -> float:

@@ -15,14 +15,14 @@ from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 
 @pytest.mark.slow
-def test_training_and_physics_are_timed_over_the_same_steps():
+def test_training_is_timed():
     config = TrainingConfig(
         n_robots=4,
         worlds=DomainRandomization(n_groups=1, fine_steps=()),
         ppo=PpoConfig(steps_per_update=8),
     )
-    training, physics = benchmark.throughput(config, n_updates=1, repeats=3)["control steps/s"]
-    assert physics > training > 0
+    (rate,) = benchmark.throughput(config, n_updates=1, repeats=3)["control steps/s"]
+    assert rate > 0
 
 
 @pytest.mark.slow
