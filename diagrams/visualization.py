@@ -1,26 +1,15 @@
-"""Meshcat views of a robot and its ghost, replays in HTML, and rendered pictures."""
+"""Meshcat views of a robot and its ghost, and replays in HTML."""
 
-import ctypes
 import logging
-import sys
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
-    ClippingRange,
-    ColorRenderCamera,
-    GeometryInstance,
     IllustrationProperties,
-    LightParameter,
-    MakeRenderEngineVtk,
     Meshcat,
     MeshcatParams,
     MeshcatVisualizer,
-    PerceptionProperties,
-    RenderCameraCore,
-    RenderEngineVtkParams,
     Rgba,
     Role,
     SceneGraph,
@@ -30,12 +19,10 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.sensors import CameraInfo
 
 from glassgait.diagrams.rollout import Rollout, set_plant_state
-from glassgait.diagrams.station import AddStation, StationConfig, add_robot, ground_reach
+from glassgait.diagrams.station import add_robot, ground_reach
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
@@ -53,9 +40,6 @@ PATCH_SHADE = (0.55, 0.66, 0.78)  # colour of boxes with the patches' friction
 GHOST_PATH, GHOST_COLOR = f"{WORLD_PATH}/visualizer/ghost", Rgba(0.54, 0.58, 0.64, 0.4)
 
 LANE = 0.6  # distance of the ghost to the robot's left (m)
-
-_SKY = np.array([0.93, 0.95, 0.97])
-_TILES = (Rgba(0.80, 0.82, 0.84, 1.0), Rgba(0.74, 0.76, 0.79, 1.0))
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
@@ -244,86 +228,3 @@ def _paint(plant: MultibodyPlant, scene_graph: SceneGraph, ghost: ModelInstanceI
             # Remove and assign the role, since Drake warns if a call replaces it.
             scene_graph.RemoveRole(source, geometry, Role.kIllustration)
             scene_graph.AssignRole(source, geometry, painted)
-
-
-class Camera:
-    """Renders pictures of the robot from its side.
-
-    It needs EGL (Debian: libegl1 and libgl1-mesa-dri).
-    """
-
-    def __init__(self, robot: Robot, width: int = 640, height: int = 360) -> None:
-        """Sets the size of the pictures (pixels)."""
-        _check_egl()
-        builder = DiagramBuilder()
-        self._plant, self._scene_graph, _ = AddStation(builder, robot, StationConfig())
-
-        # Two lights, so that no side is dark.
-        lights = [
-            LightParameter(type="directional", direction=[0.5, 0.6, -1.0], frame="world"),
-            LightParameter(
-                type="directional", direction=[-0.6, 0.9, -0.4], frame="world", intensity=0.6
-            ),
-        ]
-        engine = MakeRenderEngineVtk(RenderEngineVtkParams(default_clear_color=_SKY, lights=lights))
-        self._scene_graph.AddRenderer("vtk", engine)
-        self._lay_tiles()
-        self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
-
-        # The camera's lens; `take` sets its pose.
-        core = RenderCameraCore(
-            "vtk",
-            CameraInfo(width, height, np.deg2rad(34)),
-            ClippingRange(0.01, 40.0),
-            RigidTransform(),
-        )
-        self._camera = ColorRenderCamera(core, False)
-
-    def take(self, state: Array) -> NDArray[np.uint8]:
-        """Renders a plant state x (37) as a picture (height, width, 3)."""
-        plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
-        self._plant.SetPositionsAndVelocities(plant_context, state)
-
-        # Look from beside the robot, at a fixed distance and height.
-        target = np.array([*state[quadruped.POSITION][:2], 0.17])
-        eye = target + np.array([0.45, -1.25, 0.5])
-        query = self._scene_graph.get_query_output_port().Eval(
-            self._scene_graph.GetMyContextFromRoot(self._context)
-        )
-        image = query.RenderColorImage(
-            self._camera, self._scene_graph.world_frame_id(), _looking(eye, target)
-        )
-        return np.array(image.data[..., :3])
-
-    def _lay_tiles(self) -> None:
-        source = self._plant.get_source_id()
-        for i in range(-12, 40):
-            for j in range(-12, 12):
-                pose = RigidTransform([i * TILE, j * TILE, -0.006])
-                tile = GeometryInstance(pose, Box(TILE, TILE, 0.01), f"tile {i} {j}")
-                properties = PerceptionProperties()
-                properties.AddProperty("phong", "diffuse", _TILES[(i + j) % 2])
-                tile.set_perception_properties(properties)
-                self._scene_graph.RegisterAnchoredGeometry(source, tile)
-
-
-def _looking(eye: Array, target: Array) -> RigidTransform:
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
-    return RigidTransform(RotationMatrix(np.stack([right, down, forward], axis=1)), eye)
-
-
-def _check_egl() -> None:
-    if sys.platform != "linux":
-        return
-    try:
-        # Without EGL, VTK would end the process.
-        ctypes.CDLL("libEGL.so.1")
-    except OSError as error:
-        raise InputError(
-            "rendering: EGL is missing; install it and a driver (Debian: libegl1 and "
-            "libgl1-mesa-dri), or do not render"
-        ) from error

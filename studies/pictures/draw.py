@@ -1,7 +1,7 @@
 """Draws the pictures of the documentation from the policies and records that ship.
 
-`python -m glassgait.studies.pictures.draw` draws all of them; names such as `trot.gif` select some.
-The diagram needs Graphviz's `dot`, the robots need EGL. The screenshots are made by hand.
+`python -m glassgait.studies.pictures.draw` draws all of them; names such as `worlds.png` select
+some. The diagram needs Graphviz's `dot`. Screenshots and films are made by hand.
 """
 
 import re
@@ -13,22 +13,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from PIL import Image
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario
-from glassgait.diagrams.visualization import Camera
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import Controller
-from glassgait.models.policies.library import (
-    EXPERT_DIRECTORY,
-    load_expert,
-    load_student,
-    shipped_experts,
-)
-from glassgait.models.robots.library import load_robot
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure, styled, subplots
@@ -42,8 +33,6 @@ FOLDER = Path(__file__).parent
 FALLS = FOLDER / "falls.csv"
 """Falls of 26 robots in 10 s of every shipped policy and scenario."""
 
-FILMED = ("walk", "trot", "pace", "bound")
-FILMED_STEPS, SETTLING_STEPS = 96, 100
 SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 
 
@@ -51,11 +40,9 @@ def draw(names: Sequence[str] = ()) -> None:
     """Draws the named pictures, by default all."""
     experts = list(shipped_experts())
     known = ["locomotion.svg", "learning_curves.png", "policies.png", "worlds.png"]
-    known += [f"{gait}.gif" for gait in FILMED]
     for name in names or known:
         say(f"drawing {name}")
         path = FOLDER / name
-        # Diagrams of the loop, of trainings and of falls, then films of a robot.
         if name == "locomotion.svg":
             write_atomically(path, diagram_svg())
         elif name == "learning_curves.png":
@@ -65,17 +52,6 @@ def draw(names: Sequence[str] = ()) -> None:
             save_figure(policies_figure(), path.with_suffix(""), ("png",))
         elif name == "worlds.png":
             save_figure(fall_map(fall_tables()), path.with_suffix(""), ("png",))
-        else:
-            camera = Camera(load_robot(), 480, 300)
-            # Every second control step is a frame: 25 frames a second.
-            states = formulas_rollout(path.stem)["state"][SETTLING_STEPS::2]
-            save_gif([camera.take(state) for state in states], path)
-
-
-def formulas_rollout(name: str) -> Rollout:
-    """Rolls out the short formulas of a gait with one command."""
-    diagram = MakeLocomotion(load_gait(name), SCENARIO, policy=load_student(name, "formulas"))
-    return record(make_simulator(diagram), SETTLING_STEPS + FILMED_STEPS)
 
 
 def _learning_curve(name: str) -> pd.DataFrame:
@@ -125,17 +101,6 @@ def diagram_svg() -> str:
     arguments = ["dot", "-Tsvg", "-Gnodesep=0.12", "-Granksep=0.35", "-Nfontname=Helvetica"]
     drawn = subprocess.run(arguments, input=dot, text=True, check=True, capture_output=True)
     return re.sub(r"<!--.*?-->\n", "", drawn.stdout, flags=re.DOTALL)
-
-
-def save_gif(frames: list[np.ndarray], path: Path) -> None:
-    """Writes frames (height, width, 3) as an endless GIF."""
-    palette = Image.fromarray(frames[0]).quantize(96)
-    images = [
-        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
-        for frame in frames
-    ]
-    options = {"append_images": images[1:], "duration": 40, "loop": 0, "optimize": True}
-    images[0].save(path, "GIF", save_all=True, **options)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """Figures of training and of gaits."""
 
-import ctypes.util
 from pathlib import Path
 
 import numpy as np
@@ -8,21 +7,12 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from glassgait.diagrams.visualization import Camera
 from glassgait.models.policies.library import EXPERT_DIRECTORY
 from glassgait.models.policies.policy import Contributions
-from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.library import load_robot
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.evaluation.figures import fall_map, return_figure
 from glassgait.studies.importance.figures import contribution_figure, importance_map
 from glassgait.studies.training.figures import learning_curves
-
-A1 = load_robot()
-
-
-HAS_EGL = ctypes.util.find_library("EGL") is not None
-
 
 HOSTILE = r"a$\frac$b"
 
@@ -51,19 +41,6 @@ def test_dollars_in_names_are_no_mathematics(curve, tmp_path):
         assert any(HOSTILE in text.get_text() for text in figure.findobj(Text))
         save_figure(figure, tmp_path / name, ("png",))
     assert len(list(tmp_path.iterdir())) == len(figures)
-
-
-@pytest.mark.skipif(not HAS_EGL, reason="rendering needs EGL (Debian: libegl1, libgl1-mesa-dri)")
-def test_camera_sees_the_robot_and_follows_it():
-    camera = Camera(A1, 96, 64)
-    standing = kinematics.standing_state(A1)
-    further = standing.copy()
-    # Two tiles on, the ground looks the same again.
-    further[quadruped.POSITION][0] += 1.0
-    here, there = camera.take(standing), camera.take(further)
-    assert here.shape == (64, 96, 3)
-    assert (here.max(axis=2) < 60).mean() > 0.02
-    assert np.abs(here.astype(int) - there).mean() < 2.0
 
 
 @pytest.fixture
