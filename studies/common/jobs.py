@@ -1,11 +1,9 @@
-"""Parallel jobs, on this machine or a cluster, and runs of several gaits and seeds."""
+"""Parallel jobs, and runs of several gaits and seeds."""
 
-import logging
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from annotated_types import Le, MinLen
 from joblib import Parallel, delayed, parallel_config
@@ -13,7 +11,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import get_active_backend
 from threadpoolctl import threadpool_limits
 
-from glassgait.models.errors import InputError, brief
+from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings, checked
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.studies.common.console import console, say
@@ -33,54 +31,21 @@ class Workers(Settings):
     """Workers that run jobs in parallel.
 
     Attributes:
-        backend: Run jobs in processes of this machine (`loky`), or on a Ray or Dask cluster.
         n_workers: Number of jobs that run at once; by default the number of cores.
     """
 
     title: ClassVar[str] = "workers"
 
-    backend: Literal["loky", "ray", "dask"] = "loky"
     n_workers: Count | None = None
 
     @contextmanager
     def pool(self) -> Iterator[None]:
         """Makes calls of `run_parallel` in this context use these workers.
 
-        DASK_SCHEDULER_ADDRESS or RAY_ADDRESS names the cluster; by default a new one uses this
-        machine's cores. Its workers must see the run's folder under the same path.
+        They are processes of this machine, or of the joblib backend that the caller has selected.
         """
-        connect = {"loky": nullcontext, "ray": _connect_to_ray, "dask": _connect_to_dask}
-        try:
-            connected = connect[self.backend]()
-        except ImportError as error:
-            remedy = f"run pip install 'glassgait[{self.backend}]'"
-            raise InputError(f"--backend {self.backend}: is not installed; {remedy}") from error
-        except (OSError, RuntimeError, ValueError) as error:
-            problem = f"no cluster answers ({brief(str(error))}); check its address"
-            raise InputError(f"--backend {self.backend}: {problem}") from error
-        # With loky, keep a backend that the caller of a command has selected.
-        backend = {} if self.backend == "loky" else {"backend": self.backend}
-        with connected, parallel_config(n_jobs=self.n_workers or -1, **backend):
+        with parallel_config(n_jobs=self.n_workers or -1):
             yield
-
-
-def _connect_to_dask() -> Any:
-    import dask.config
-    import distributed
-
-    if dask.config.get("scheduler-address", None):
-        return distributed.Client()
-    return distributed.Client(threads_per_worker=1, dashboard_address=None)
-
-
-def _connect_to_ray() -> Any:
-    # Disable usage reports by default. Ray reads this variable when it is imported.
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    import ray
-    from ray.util.joblib import register_ray
-
-    register_ray()
-    return ray.init(log_to_driver=False, logging_level=logging.ERROR, ignore_reinit_error=True)
 
 
 def run_parallel(calls: Iterable[Any], *, in_order: bool = True) -> Iterator[Any]:

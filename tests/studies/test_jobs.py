@@ -38,30 +38,20 @@ def test_a_worker_that_is_killed_is_reported():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["dask", "ray"])
-def test_jobs_run_on_a_local_cluster(backend, tmp_path):
-    pytest.importorskip(backend)
+def test_jobs_run_on_the_callers_cluster(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    client = distributed.Client(n_workers=2, threads_per_worker=1, dashboard_address=None)
 
     def write(job):
         (tmp_path / f"{job.gait} {job.seed}").touch()
         return os.getpid()
 
     jobs = jobs_of(("trot", "walk"), range(2), Path("runs"), None)
-    with Workers(backend=backend, n_workers=2).pool():
+    with client, parallel_config("dask"), Workers(n_workers=2).pool():
         processes = run_jobs(jobs, write)
     assert os.getpid() not in processes
     written = sorted(path.name for path in tmp_path.iterdir())
     assert written == ["trot 0", "trot 1", "walk 0", "walk 1"]
-
-
-def test_a_cluster_that_does_not_answer_is_refused():
-    config = pytest.importorskip("dask.config")
-    with (
-        config.set({"scheduler-address": "nowhere://1"}),
-        pytest.raises(InputError, match="--backend dask: no cluster answers"),
-        Workers(backend="dask").pool(),
-    ):
-        pass
 
 
 def folders(names, n_seeds=1, output=None):
