@@ -62,12 +62,7 @@ class Scenarios(Experiment):
             for gait, scores in table.groupby("gait", sort=False)
         }
         titled = {gait: tables.titled_table(summary) for gait, summary in falls.items()}
-        shown = {
-            gait: tables.worst_table(summary)
-            if len(titles) > 1
-            else tables.titled_table(summary, tables.MAIN)
-            for gait, summary in falls.items()
-        }
+        shown = {gait: tables.titled_table(summary, tables.MAIN) for gait, summary in falls.items()}
         records = [summary.assign(gait=gait) for gait, summary in falls.items()]
         return Report(
             tables={

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.reading_cost import READING_COST_TITLES, reading_cost
 from glassgait.studies.common.scores import summarize, wilson_interval
@@ -72,27 +71,6 @@ def titled_table(table: pd.DataFrame, columns: Collection[str] = tuple(TITLES)) 
     other = "the expert" if reference == "expert" else reference
     titles = {k: t.replace("the expert", other).replace("s's", "s'") for k, t in TITLES.items()}
     return table[[name for name in columns if name in table]].rename(columns=titles)
-
-
-def worst_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Lists the scenario in which each policy falls most, beside the nominal scenario.
-
-    It is the one with the greatest lower end of the interval of the share of falls, since one fall
-    of one robot is weaker evidence than 20 of 26.
-    """
-    rows, scores = [], titled_table(table, SCORES).add_prefix("nominal: ")
-    for name in policies_of(table):
-        everywhere = table[table["policy"] == name]
-        worst = everywhere.iloc[everywhere["fall_rate_low"].argmax()]
-        row = {
-            "policy": name,
-            "worst scenario": worst["world"] if worst["falls"] else "–",
-            "falls there": f"{worst['falls']} of {worst['robots']}",
-        }
-        for nominal in everywhere.index[everywhere["scenario"] == NOMINAL_SCENARIO]:
-            row |= scores.loc[nominal].to_dict()
-        rows.append(row | {key: worst[key] for key in READING_COST_TITLES[:1] if key in table})
-    return pd.DataFrame(rows)
 
 
 def significant_differences(tables: Collection[pd.DataFrame]) -> str:

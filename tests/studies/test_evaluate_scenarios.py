@@ -11,7 +11,7 @@ from glassgait.studies.common.scores import SCORES, wilson_interval
 from glassgait.studies.distillation.linear import untrained_student
 from glassgait.studies.evaluation.figures import fall_map
 from glassgait.studies.evaluation.scenarios import Scenarios
-from glassgait.studies.evaluation.tables import fall_table, worst_first, worst_table
+from glassgait.studies.evaluation.tables import fall_table, worst_first
 
 WORLDS = {"nominal": "home", "icy": "ice", "late": "delay", "calm": "calm"}
 
@@ -75,15 +75,6 @@ def test_students_are_set_against_the_expert_in_the_same_world(table):
     assert row["share_ci"] > 0.0
     experts = table[table["policy"] == "expert"]
     assert (experts["share"] == 1.0).all() and (experts["points_more"] == 0.0).all()
-
-
-def test_one_fallen_robot_is_no_worst_world_beside_many(table):
-    worst = worst_table(table).set_index("policy")
-    row = worst.loc["linear"]
-    assert (row["worst scenario"], row["falls there"]) == ("ice", "8 of 10")
-    assert worst["nominal: share of the plain return"].tolist() == [1.0, 1.0, 1.0]
-    never = worst_table(fall_table(scores_of({("expert", "icy"): 0}), WORLDS))
-    assert never["worst scenario"].tolist() == ["–"] and len(never.columns) == 3
 
 
 def test_the_map_has_a_cell_for_each_policy_and_scenario(table):
