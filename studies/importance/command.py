@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from annotated_types import Ge
@@ -20,7 +19,6 @@ from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.experiment import Case, Experiment, PolicyNames, Report
 from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.distillation.dataset import Dataset
-from glassgait.studies.distillation.students import STUDENTS, samples_folder
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,8 +39,7 @@ class Importance(Experiment):
         policy: Kinds of students, and paths of their files; by default the available students of
             gbm, ebm, linear_per_state, symbolic, symbolic_per_state and formulas.
         joint: Joint whose trees and functions are drawn.
-        n_samples: Greatest number of samples. They are held out from the student's fit or, if the
-            samples of its run are missing, collected anew.
+        n_samples: Greatest number of samples, from new episodes of each student.
         repeats: Shuffles of each observation.
     """
 
@@ -69,18 +66,6 @@ class Importance(Experiment):
                 raise InputError(f"--policy {kind}: is neural; name a kind of student")
         return students
 
-    @cached_property
-    def fitted_to(self) -> Path | None:
-        """The folder with the samples that all students were fitted to; None if there is none."""
-        from glassgait.studies.common.policies import SHIPPED
-
-        place = self.policies[self.gaits[0].name].place
-        if place == SHIPPED or not {*self.students} <= {*STUDENTS}:
-            return None
-        folder = Path(place)
-        complete = all(any(samples_folder(folder, kind).glob("round_*")) for kind in self.students)
-        return folder if complete else None
-
     def cases(self) -> list[Case]:
         """Lists the students; neural policies are refused before anything is measured."""
         _ = self.students
@@ -89,12 +74,9 @@ class Importance(Experiment):
     @cached_property
     def samples(self) -> dict[str, Dataset]:
         """The samples of each student, shared by its measurement and figures."""
-        from glassgait.studies.importance.study import held_out_samples, visited_samples
+        from glassgait.studies.importance.study import visited_samples
 
-        gait, folder = self.gaits[0], self.fitted_to
-        n, seed = self.n_samples, self.seed
-        if folder is not None:
-            return {kind: held_out_samples(folder, kind, n, seed) for kind in self.students}
+        gait, n, seed = self.gaits[0], self.n_samples, self.seed
         expert, students = self.policies[gait.name].expert, self.students
         calls = (delayed(visited_samples)(gait, expert, s, n, seed) for s in students.values())
         samples = {}
