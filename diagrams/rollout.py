@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from glassgait.diagrams.station import WORLD_STATE
@@ -76,32 +76,18 @@ class Rollout(Mapping[str, Array]):
         return bool(self["failures"][-1].any())
 
 
-def make_simulator(
-    diagram: Diagram, *, seed: int = 0, state: Array | None = None, accuracy: float | None = None
-) -> Simulator:
+def make_simulator(diagram: Diagram, *, seed: int = 0, state: Array | None = None) -> Simulator:
     """Makes a simulator of a diagram with one robot, ready to advance.
 
     Args:
         diagram: The robot's diagram or a larger root diagram that contains it.
         seed: Seed of commands and sensor errors; the robot's state is not drawn.
         state: Plant state x (37); by default standing at rest.
-        accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
 
     Raises:
-        InputError: if the diagram does not contain exactly one robot, or its plant is continuous
-            and not in the root diagram.
+        InputError: if the diagram does not contain exactly one robot.
     """
     simulator = Simulator(diagram)
-    if accuracy is not None:
-        if not diagram.HasSubsystemNamed("plant"):
-            raise InputError(
-                "simulator: accuracy needs the plant in the root diagram; simulate the robot's "
-                "diagram without the larger one, or omit accuracy and use a discrete plant"
-            )
-        config = SimulatorConfig(
-            integration_scheme="cenic", accuracy=accuracy, use_error_control=True
-        )
-        ApplySimulatorConfig(config, simulator)
     begin_anew(simulator, seed=seed, state=state)
     return simulator
 

@@ -2,13 +2,12 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from annotated_types import Ge, Le, MaxLen
+from annotated_types import MaxLen
 
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
@@ -36,8 +35,7 @@ SCENARIO_GROUPS = {
 }
 """Folders of the shipped scenarios."""
 
-LONGEST_NAME = LONGEST_TITLE = 80
-"""Greatest length of a scenario's name (bytes), which is part of file names, and of a title."""
+LONGEST_TITLE = 80  # greatest length of a scenario's title
 
 
 @checked
@@ -46,10 +44,8 @@ class Scenario(Disturbances):
 
     title: str = "nominal (SAP 10 ms)"  # name in tables and errors
     station: StationConfig = field(default_factory=StationConfig)
-    # Accuracy of the error-controlled contact integrator, for a continuous plant.
-    accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
-    latency: Latency = 0.0  # from observation to joints (s), in whole steps of a discrete plant
+    latency: Latency = 0.0  # from observation to joints (s), in whole steps of the plant
     limit_targets: bool | None = None  # limit to the joints' ranges; by default as in training
     true_body_state: bool = False  # replaces the estimates, also for the reward machine
     max_robots: Count | None = None  # greatest number of robots per seed, for slow physics
@@ -75,23 +71,10 @@ class Scenario(Disturbances):
             return f"title must have 1 to {LONGEST_TITLE} printable characters"
         if legs:
             return f"stuck_open and stuck_closed both name {min(legs)}; remove it from one of them"
-        if step > 0:
-            # Other steps would let the plant and the controller drift apart.
-            self.station.plant_steps()
-            if abs(round(self.latency / step) * step - self.latency) > 1e-12:
-                return (
-                    f"latency is {self.latency:g}; give a multiple of station.time_step, {step:g}"
-                )
-            if self.accuracy is not None:
-                return "accuracy needs a continuous plant; set station.time_step to 0, or remove it"
-            return None
-        if self.accuracy is None:
-            return "station.time_step is 0; give the accuracy of the integrator, or a time_step"
-        if not self.station.terrain.is_plane:
-            kind = self.station.terrain.kind
-            return f"station.terrain.kind {kind!r} needs a discrete plant; give station.time_step"
-        if self.push_speed:
-            return "push_speed needs a discrete plant; give station.time_step"
+        # Other steps would let the plant and the controller drift apart.
+        self.station.plant_steps()
+        if abs(round(self.latency / step) * step - self.latency) > 1e-12:
+            return f"latency is {self.latency:g}; give a multiple of station.time_step, {step:g}"
         return None
 
     def robot_of(self, policy: "Controller | Policy | None" = None) -> Robot:
@@ -209,11 +192,6 @@ def _command_type(values: Any) -> type[FixedCommand | DrawnCommands | SliderComm
 def _path(scenario: str | Path) -> Path:
     path = Path(scenario)
     if path.suffix in (".yaml", ".yml"):
-        if len(os.fsencode(path.stem)) > LONGEST_NAME or not path.stem.isprintable():
-            raise InputError(
-                f"scenario file {shown(str(path))}: the file's name is the scenario's name; "
-                f"rename it to at most {LONGEST_NAME} bytes of printable characters"
-            )
         return path
     shipped = _shipped(str(scenario))
     if not shipped:

@@ -137,10 +137,10 @@ class ActionHold(LeafSystem):
     delayed action and the queue behind it, latched `latency` after each control instant.
     """
 
-    def __init__(self, latency: float = 0.0, time_step: float = 0.0) -> None:
+    def __init__(self, latency: float = 0.0, time_step: float = CONTROL_PERIOD) -> None:
         """Sets the latency (s; at most two control periods) and the plant's time step (s).
 
-        The latency is a whole number of time steps. A continuous plant has time step 0.
+        The latency is a whole number of time steps.
         """
         super().__init__()
 
@@ -164,18 +164,13 @@ class ActionHold(LeafSystem):
         self._delayed = self.DeclareDiscreteState(N)
         self._waiting = self.DeclareDiscreteState(n_waiting * N)
         self.DeclareStateOutputPort("delayed_action", self._delayed)
-        if time_step:
-            # Update with the plant's period: events of another period and offset differ from the
-            # plant's by rounding errors, so their order would be random.
-            self._step, self._phase = time_step, round(latency / time_step)
-            self._n_steps = round(CONTROL_PERIOD / time_step)
-            self.DeclarePeriodicUnrestrictedUpdateEvent(
-                period_sec=time_step, offset_sec=0.0, update=self._pass_on_in_phase
-            )
-        else:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(
-                period_sec=CONTROL_PERIOD, offset_sec=latency % CONTROL_PERIOD, update=self._pass_on
-            )
+        # Update with the plant's period: events of another period and offset differ from the
+        # plant's by rounding errors, so their order would be random.
+        self._step, self._phase = time_step, round(latency / time_step)
+        self._n_steps = round(CONTROL_PERIOD / time_step)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=time_step, offset_sec=0.0, update=self._pass_on
+        )
 
     def _declare_output(self, name: str, entries: slice) -> None:
         def calc(context: Context, output: BasicVector) -> None:
@@ -192,12 +187,10 @@ class ActionHold(LeafSystem):
         latest = np.concatenate([self._action_port.Eval(context), held, [is_sound]])
         state.get_mutable_discrete_state(self._actions).SetFromVector(latest)
 
-    def _pass_on_in_phase(self, context: Context, state: State) -> None:
-        step = round(context.get_time() / self._step)
-        if (step - self._phase) % self._n_steps == 0:
-            self._pass_on(context, state)
-
     def _pass_on(self, context: Context, state: State) -> None:
+        step = round(context.get_time() / self._step)
+        if (step - self._phase) % self._n_steps:
+            return
         held = context.get_discrete_state(self._actions).value()[:N]
         waiting = context.get_discrete_state(self._waiting).value()
         delayed, waiting = np.split(np.concatenate([waiting, held]), [N])

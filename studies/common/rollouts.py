@@ -12,13 +12,11 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, push, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task import NO_SLIDERS
 from glassgait.diagrams.visualization import save_replay
-from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.settings import Count, Range, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
@@ -27,7 +25,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import Event, Observer, episode
 from glassgait.studies.common.experiment import REPORTED_SEEDS
 from glassgait.studies.common.jobs import Seeds
-from glassgait.studies.common.observers import Log, RolloutLog, forward_and_yaw
+from glassgait.studies.common.observers import Log, RolloutLog
 from glassgait.studies.common.scores import score_rollouts
 
 
@@ -102,12 +100,9 @@ def roll_out(
 ) -> RolloutLog:
     """Rolls out the robots of the first seed, which start near the default stance.
 
-    A continuous plant ignores observers and events. Raises an InputError for slider commands.
+    Raises an InputError for slider commands.
     """
-    scenario = config.commanding(scenario)
-    if scenario.accuracy is not None:
-        return _roll_out_diagrams(gait, controller, scenario, config)
-    log = Log()
+    scenario, log = config.commanding(scenario), Log()
     episode(
         gait,
         controller,
@@ -145,7 +140,7 @@ def play(
     The seed determines noise, pushes and drawn commands.
     """
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
-    simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
+    simulator = make_simulator(diagram, seed=seed)
     pushed = pusher(simulator, scenario, seed)
     # `record` calls the pusher, which returns None and therefore never ends the rollout.
     rollout = record(simulator, n_steps, stopped=lambda: bool(pushed()))
@@ -165,34 +160,3 @@ def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], 
             push(diagram, simulator.get_mutable_context(), velocity)
 
     return pushed
-
-
-def _roll_out_diagrams(
-    gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
-) -> RolloutLog:
-    if isinstance(scenario.command, SliderCommand):
-        raise InputError(f"{scenario.error_name()}: {NO_SLIDERS}")
-    # All robots share one diagram; each has a context with its seed.
-    diagram = MakeLocomotion(gait, scenario, policy=controller)
-    n = config.robots_in(scenario)
-    generator, ground = np.random.default_rng(config.seed), scenario.station.ground
-    states = scenario.randomization().initial_states(controller.robot, n, generator, ground)
-    logs = []
-    for index, state in enumerate(states):
-        simulator = make_simulator(
-            diagram, state=state, seed=config.seed * n + index, accuracy=scenario.accuracy
-        )
-        rollout = record(simulator, config.n_steps)
-        logs.append(_to_log(rollout).padded(config.n_steps))
-    return RolloutLog.stacked(logs, axis=1)
-
-
-def _to_log(rollout: Rollout) -> RolloutLog:
-    return RolloutLog(
-        velocity=forward_and_yaw(rollout["state"])[1:],
-        command=rollout["command"][:-1],
-        reward=rollout["reward"][1:, 0],
-        plain_reward=rollout["plain_reward"][1:, 0],
-        served_dwell=rollout["served_dwell"][1:, 0],
-        failures=rollout["failures"][1:] > 0.5,
-    )

@@ -25,8 +25,7 @@ class OpenStudio(OnePolicy):
     Attributes:
         policy: A kind of student, or path of a file, whose policy is made of formulas; by default
             the student with the fewest terms.
-        scenario: Name of a scenario that ships, or path of a scenario file, with a discrete plant
-            in Drake.
+        scenario: Name of a scenario that ships, or path of a scenario file, in Drake.
         seed: Seed of the sensors' noise and of pushes.
         port: Port of the page on this machine; 0 for any free port.
         output: Folder of saved formulas; runs/studio/<gait> by default.
@@ -55,10 +54,10 @@ class OpenStudio(OnePolicy):
         policies, name = self.find()
         gait, policy = policies.gait, policies.formulas(name)
         scenario = load_scenario(self.scenario)
-        if scenario.accuracy is not None or scenario.station.engine != "drake":
+        if scenario.station.engine != "drake":
             raise InputError(
-                f"--scenario {self.scenario}: the studio simulates discrete plants of Drake; name "
-                "a scenario without accuracy and engine, such as nominal"
+                f"--scenario {self.scenario}: the studio simulates in Drake; name a scenario "
+                "without engine, such as nominal"
             )
         # This command holds until the page's sliders change it.
         dwell = sum(gait.dwell) // 2

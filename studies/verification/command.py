@@ -153,11 +153,9 @@ def measure_box(
     config: RolloutConfig,
 ) -> tuple[ObservationBox, str]:
     """Returns the box of observations of robots that do not fall, and describes the measurement."""
-    # Leave out continuous plants, which take minutes per robot.
-    discrete = [scenario for scenario in scenarios.values() if scenario.accuracy is None]
     jobs = [
         delayed(_observed_range)(gait, controller, scenario, config)
-        for scenario in discrete
+        for scenario in scenarios.values()
         for controller in controllers.values()
     ]
     corners = []
@@ -175,7 +173,7 @@ def measure_box(
     box = measured_box(gait, policy.robot, policy.observation_names, *ends)
     how = (
         f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
-        f"steps without a fall, in each of {len(discrete)} scenarios, led by each of "
+        f"steps without a fall, in each of {len(scenarios)} scenarios, led by each of "
         f"{', '.join(controllers)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
         "width on both sides; commands, counts and machine state at their true ranges"
     )

@@ -46,7 +46,7 @@ def play_live(
             return interrupted() or meshcat.GetButtonClicks(STOP_BUTTON) > 0
 
         def live(n_falls: int) -> Rollout:
-            simulator = make_simulator(diagram, seed=seed + n_falls, accuracy=scenario.accuracy)
+            simulator = make_simulator(diagram, seed=seed + n_falls)
             simulator.set_target_realtime_rate(1.0)
             pushed = pusher(simulator, scenario, seed + n_falls)
             # `pushed` applies the pushes and returns None, so that it does not end the rollout.

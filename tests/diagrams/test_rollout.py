@@ -17,7 +17,6 @@ from glassgait.diagrams.rollout import (
     set_plant_state,
 )
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
@@ -121,14 +120,6 @@ def test_a_monitor_between_two_control_instants_ends_the_recording(trotting):
 
     simulator.set_monitor(monitor)
     np.testing.assert_array_equal(record(simulator, None).time, [0.0, 0.02, 0.04])
-
-
-@pytest.mark.slow
-def test_the_error_controlled_integrator_runs_the_continuous_plant(trot, make_policy):
-    continuous = replace(CALM, station=StationConfig(time_step=0.0), accuracy=1e-3)
-    diagram = MakeLocomotion(trot, continuous, policy=make_policy(trot))
-    rollout = record(make_simulator(diagram, accuracy=1e-3), 5, stop_on_failure=False)
-    assert rollout["state"][-1][6] > 0.2
 
 
 def test_the_robot_is_placed_and_pushed_in_any_diagram_that_holds_it(trot, standing):

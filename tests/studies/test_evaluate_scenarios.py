@@ -99,12 +99,12 @@ def numbers_of(axes, n_columns=3):
 
 def test_policies_meet_the_same_robots_by_the_commands_of_the_scenario(tmp_path):
     (tmp_path / "own.yaml").write_text("command: {speed_range: [0.1, 0.2]}\n")
-    worlds = ("nominal", "cenic_1e-5", str(tmp_path / "own.yaml"))
+    worlds = ("nominal", "lagged_0.5ms", str(tmp_path / "own.yaml"))
     study = Scenarios(policy=("expert", "linear_per_state"), scenario=worlds, n_seeds=2)
     cases = study.cases()
     assert len(cases) == 3 * 2 * 2
     # The slow world comes first.
-    assert [*cases[0].labels.values()] == ["trot", "expert", "cenic_1e-5", 7000]
+    assert [*cases[0].labels.values()] == ["trot", "expert", "lagged_0.5ms", 7000]
     by_policy = [
         [(own.scenario, own.seed) for own in cases if own.labels["policy"] == policy]
         for policy in ("expert", "linear_per_state")

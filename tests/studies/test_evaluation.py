@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from glassgait.diagrams.scenario import Scenario, load_scenario
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
@@ -131,13 +131,3 @@ def test_shares_compare_robot_with_robot(generator):
     assert half == pytest.approx(1.96 * resampled.std(), rel=0.15)
     unpaired = interval(scores["return"]) / whole["return"].mean()
     assert half < 0.1 * unpaired
-
-
-@pytest.mark.slow
-def test_diagram_rollouts_score_like_batch_rollouts(expert):
-    gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100)
-    cenic = load_scenario("cenic_1e-5")
-    scores = score_rollouts(roll_out(gait, alone(expert), cenic, config))
-    assert len(scores) == 1
-    assert not scores["fell"].any()
-    assert scores["rhythm"].min() > 0.8

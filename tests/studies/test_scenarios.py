@@ -24,7 +24,6 @@ from glassgait.studies.distillation.collection import collect
 EXPERT_ALONE = ["evaluate", "scenarios", "--policy", "expert"]
 SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"]
 COMMANDED = FixedCommand(speed=0.3, yaw_rate=0.1, dwell=9)
-CONTINUOUS = Scenario("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
 TROT = load_gait("trot")
 
 
@@ -62,7 +61,6 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         ("evaluate alternation --scenario nominal sap_2ms", "takes one scenario; give one"),
         ("view --scenario bad.yaml", "bad.yaml: unknown key"),
         ("distill --scenario bad.yaml", "bad.yaml: unknown key"),
-        ("distill --scenario cenic_1e-5", "time_step is 0.0; it must divide the control"),
     ],
 )
 def test_bad_scenarios_are_refused_before_anything_is_written(
@@ -76,9 +74,8 @@ def test_bad_scenarios_are_refused_before_anything_is_written(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("scenario", [Scenario(), CONTINUOUS], ids=["batch", "diagrams"])
-def test_a_scenarios_command_reaches_every_robot(scenario, expert):
-    scenario = replace(scenario, command=COMMANDED)
+def test_a_scenarios_command_reaches_every_robot(expert):
+    scenario = Scenario(command=COMMANDED)
     config = RolloutConfig(n_robots=2, n_steps=5)
     command = roll_out(TROT, alone(expert), scenario, config).command
     np.testing.assert_array_equal(command, np.broadcast_to([0.3, 0.1], command.shape))
@@ -163,7 +160,6 @@ def test_samples_are_of_the_scenarios_ground_pushes_and_observations(expert):
 
 
 def test_commands_of_sliders_are_for_one_robot(expert):
-    for scenario in (Scenario(), CONTINUOUS):
-        watched = replace(scenario, command=SliderCommand())
-        with pytest.raises(InputError, match="command uses sliders"):
-            roll_out(TROT, alone(expert), watched, RolloutConfig(n_robots=1))
+    watched = Scenario(command=SliderCommand())
+    with pytest.raises(InputError, match="command uses sliders"):
+        roll_out(TROT, alone(expert), watched, RolloutConfig(n_robots=1))

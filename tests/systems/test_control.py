@@ -78,8 +78,8 @@ def test_actions_are_held_from_the_control_instant_on(fix_inputs):
 @pytest.mark.parametrize(
     ("latency", "time_step"),
     [
-        *((0.01, 0.01), (0.01, 0.0025), (0.0075, 0.0025), (0.013, 0.0)),
-        *((0.02, 0.01), (0.02, 0.0), (0.03, 0.01), (0.0325, 0.0025), (0.04, 0.01), (0.04, 0.0)),
+        *((0.01, 0.01), (0.01, 0.0025), (0.0075, 0.0025)),
+        *((0.02, 0.01), (0.03, 0.01), (0.0325, 0.0025), (0.04, 0.01)),
     ],
 )
 def test_actions_reach_the_joints_late_in_every_period(latency, time_step, fix_inputs):
