@@ -26,6 +26,7 @@ from glassgait.systems.action import (
     ActionHold,
     AlternationSchedule,
     JointTargets,
+    PolicyMemory,
     PolicySystem,
     TargetLimitsSystem,
 )
@@ -325,8 +326,11 @@ def _add_policies(
     indices: dict[str, InputPortIndex] = {}
     for name, policy in controller.policies.items():
         policy.check(gait=gait, observation_names=layout.names)
-        acting = PolicySystem(policy)
-        _add(builder, name, acting, observation=observation)
+        acting, seen = PolicySystem(policy), observation
+        if policy.n_memory != len(policy.observation_names):
+            memory = _add(builder, f"{name}_memory", PolicyMemory(policy), observation=observation)
+            seen = memory.get_output_port()
+        _add(builder, name, acting, observation=seen)
         port = switch.DeclareInputPort(name)
         builder.Connect(acting.get_output_port(), port)
         indices[name] = port.get_index()

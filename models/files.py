@@ -58,13 +58,13 @@ def write_atomically(path: Path, data: bytes | str) -> None:
 
 def digest(path: Path) -> str:
     """Returns the SHA-256 of a file's bytes, in hexadecimal."""
-    return hashlib.sha256(_read_bytes(path)).hexdigest()
+    return hashlib.sha256(read_bytes(path)).hexdigest()
 
 
 def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") -> str:
     """Reads a text file of at most `limit` bytes, and refuses control characters."""
     try:
-        text = _read_bytes(path, limit).decode(encoding)
+        text = read_bytes(path, limit).decode(encoding)
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: is not UTF-8 text (byte {error.start}); save it as UTF-8"
@@ -190,7 +190,7 @@ def write_record(path: Path, values: Any, of: str = "") -> None:
 
 def read_record(path: Path, of: str | None = None) -> Any:
     """Reads the values that `write_record` wrote; refuses those of another run or part."""
-    data = _read_bytes(path, RECORD_BYTES)
+    data = read_bytes(path, RECORD_BYTES)
     try:
         record = json.loads(data)
         values, written_for = record["values"], record["of"]
@@ -219,7 +219,8 @@ def _refuse_irregular(path: Path) -> None:
         raise IsADirectoryError(errno.EISDIR, "not a regular file")
 
 
-def _read_bytes(path: Path, limit: int | None = None) -> bytes:
+def read_bytes(path: Path, limit: int | None = None) -> bytes:
+    """Reads a file of at most `limit` bytes."""
     try:
         _refuse_irregular(path)
         with path.open("rb") as stream:

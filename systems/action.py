@@ -12,7 +12,7 @@ from glassgait.models.estimation.sensors import N_IMU, ImuReading
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot, TargetLimits
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.systems.base import FunctionSystem, Outputs
+from glassgait.systems.base import FunctionSystem, MealySystem, Outputs
 
 if TYPE_CHECKING:
     from glassgait.models.policies.policy import Policy
@@ -29,19 +29,46 @@ class PolicySystem(FunctionSystem):
         input_ports: [observation]
         output_ports: [action]
 
-    Inputs: observation (n), in the order of the policy's `observation_names`.
+    Inputs: observation (n), in the order of the policy's `observation_names`, or its memory of
+    observations (see `PolicyMemory`).
     Outputs: action (12), FL FR RL RR, hip thigh calf; NaN where the policy has no valid answer.
     Contexts and clones share the policy, which is immutable.
     """
 
     def __init__(self, policy: "Policy") -> None:
-        super().__init__(
-            inputs={"observation": len(policy.observation_names)}, outputs={"action": N}
-        )
+        super().__init__(inputs={"observation": policy.n_memory}, outputs={"action": N})
         self._policy = policy
 
     def evaluate(self, observation: Array) -> Outputs:
         return {"action": self._policy(observation)}
+
+
+class PolicyMemory(MealySystem):
+    """Remembers observations for a policy that acts on several.
+
+    .. pydrake_system::
+
+        name: PolicyMemory
+        input_ports: [observation]
+        output_ports: [memory]
+
+    Inputs: observation (n), in the order of the policy's `observation_names`.
+    Outputs: memory (n_memory), on which the policy acts; see `Policy.remember`.
+    State: the memory of the previous control step, latched every 20 ms.
+    """
+
+    def __init__(self, policy: "Policy") -> None:
+        size = policy.n_memory
+        super().__init__(
+            inputs={"observation": len(policy.observation_names)},
+            outputs={"memory": size},
+            memory=np.full(size, np.nan),
+        )
+        self._policy = policy
+
+    def step(self, memory: Array, observation: Array) -> tuple[Outputs, Array]:
+        after = self._policy.remember(memory, observation)
+        return {"memory": after}, after
 
 
 class AlternationSchedule(LeafSystem):

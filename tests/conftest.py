@@ -184,6 +184,63 @@ def compiled_page(
     return load_controller(written_page, tmp_path_factory.mktemp("page"))
 
 
+DESCRIPTION = """
+robot: go2
+weights: tiny.onnx
+joints: [FR_hip, FR_thigh, FR_calf, FL_hip, FL_thigh, FL_calf,
+         RR_hip, RR_thigh, RR_calf, RL_hip, RL_thigh, RL_calf]
+observation:
+  - {term: angular_velocity, scale: 0.25}
+  - {term: gravity}
+  - {term: command, scale: [2.0, 2.0, 0.25]}
+  - {term: joint_position}
+  - {term: joint_velocity, scale: 0.05}
+  - {term: last_action}
+  - {term: clock, period: 0.5}
+history: {length: 3, order: newest_first, by: term, start: zeros}
+clip: {observation: 10.0, action: 4.0}
+default: {hip: 0.0, thigh: 0.8, calf: -1.5}
+action_scale: {hip: 0.125, thigh: 0.25, calf: 0.25}
+gains: {stiffness: 30.0, damping: 0.7}
+commands: {forward: [-0.6, 1.0], yaw: [-1.0, 1.0]}
+"""
+"""A description of a network for the Go2, with 47 numbers a frame."""
+
+
+@pytest.fixture
+def describe(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a description, some words replaced, with the ONNX file of a linear network."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+
+    def write(*changes: tuple[str, str], weights: Array | None = None, size: int = 141) -> Path:
+        if weights is None:
+            weights = 0.05 * np.random.default_rng(5).normal(size=(size, quadruped.N_JOINTS))
+        shapes = [
+            onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["n", count])
+            for name, count in zip(("given", "answer"), weights.shape, strict=True)
+        ]
+        graph = onnx.helper.make_graph(
+            [onnx.helper.make_node("MatMul", ["given", "weights"], ["answer"])],
+            "tiny",
+            shapes[:1],
+            shapes[1:],
+            [onnx.numpy_helper.from_array(weights.astype(np.float32), "weights")],
+        )
+        model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)])
+        model.ir_version = 8
+        onnx.save(model, tmp_path / "tiny.onnx")
+        text = DESCRIPTION
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "mine.yaml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
 @pytest.fixture
 def fix_inputs() -> Callable[..., Context]:
     """Makes a context whose input ports hold the given values."""

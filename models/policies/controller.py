@@ -21,10 +21,11 @@ Estimator = Callable[[Array], Array] | Odometry
 
 
 class ControllerOutput(NamedTuple):
-    """Actions (n, 12) at a control step, and whether they are the expert's (n,)."""
+    """Actions (n, 12) at a control step, whether they are the expert's (n,), and its memory."""
 
     action: Array
     expert_acts: NDArray[np.bool_]
+    memory: Array  # (n, n_memory), for the next control step
 
 
 @dataclass(frozen=True)
@@ -87,12 +88,24 @@ class Controller:
         for policy in self.policies.values():
             policy.refuse_other_machine(gait)
 
-    def advance(self, step: int, observation: Array) -> ControllerOutput:
-        """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
-        # The same policy acts on all robots.
+    def begin(self, n_robots: int) -> Array:
+        """Returns the expert's memory (n, n_memory) before the first step."""
+        return np.full((n_robots, self.expert.n_memory), np.nan)
+
+    def advance(
+        self, step: int, observation: Array, memory: Array | None = None
+    ) -> ControllerOutput:
+        """Acts on observations (n, n_obs) at a control step, counted from the episode's start.
+
+        `memory` is that of the previous step, by default that before the first one.
+        """
+        # The same policy acts on all robots. The expert remembers also what students act on.
         by_expert = self.student is None or bool(expert_acts(step, self.period))
+        before = self.begin(len(observation)) if memory is None else memory
+        memory = self.expert.remember(before, observation)
         policy = self.expert if self.student is None or by_expert else self.student
-        return ControllerOutput(policy(observation), np.full(len(observation), by_expert))
+        action = policy(memory if policy is self.expert else observation)
+        return ControllerOutput(action, np.full(len(observation), by_expert), memory)
 
 
 def controller_of(
@@ -145,6 +158,8 @@ def estimator_in_loop(
 def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
     # A student needs the estimator that it was distilled with.
     name = f"this {student.kind} student of the {student.gait}"
+    if student.n_memory != len(student.observation_names):
+        raise InputError(f"{name} remembers observations, which only experts do; give another one")
     if student.gait != expert.gait:
         raise InputError(f"{name} cannot act with an expert of the {expert.gait}; give another one")
     if student.observes_by not in (None, expert.digest()):

@@ -15,7 +15,6 @@ from glassgait.models.task.observation import ObservationLayout
 
 if TYPE_CHECKING:
     from glassgait.models.formulas.file import FormulaFile
-    from glassgait.models.policies.neural import NeuralPolicy
     from glassgait.models.task.gait import Gait
 
 FORMULAS = ".formulas"
@@ -26,12 +25,15 @@ STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
 
 _CLASSES = {
     "neural": ("neural", "NeuralPolicy"),
+    "described": ("described", "DescribedPolicy"),
     "linear": ("linear", "LinearPolicy"),
     "linear_per_state": ("linear", "LinearPerStatePolicy"),
     "boosted_trees": ("boosting", "BoostedTreesPolicy"),
     "additive": ("additive", "AdditivePolicy"),
 }
 """Module and class of each kind, so that loading one kind does not import the others."""
+
+EXPERTS = ("neural", "described")  # kinds of experts, which act without another policy's estimator
 
 RECORDS = ("distillation.yaml", "config.yaml")
 """Files beside students that may name their expert: in the package, and in a run's folder."""
@@ -174,11 +176,8 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
     return load_student_of(expert, policy_path(folder, kind))
 
 
-def load_expert(
-    gait: "str | Gait", path: Path | None = None, robot: Robot | None = None
-) -> "NeuralPolicy":
+def load_expert(gait: "str | Gait", path: Path | None = None, robot: Robot | None = None) -> Policy:
     """Loads the expert of a gait, by default from the shipped file."""
-    from glassgait.models.policies.neural import NeuralPolicy  # noqa: PLC0415
     from glassgait.models.task.gait import gait_option, load_gait  # noqa: PLC0415
 
     # Find the file.
@@ -195,7 +194,7 @@ def load_expert(
 
     # Check that it contains a network for this gait and its RM states.
     policy = load_policy(path, robot)
-    if not isinstance(policy, NeuralPolicy):
+    if policy.kind not in EXPERTS:
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
     if policy.gait != machine.name:
         raise InputError(

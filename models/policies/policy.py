@@ -240,6 +240,18 @@ class Policy(ABC):
         """Maps finite observations (..., n) to actions (..., 12)."""
 
     @property
+    def n_memory(self) -> int:
+        """Length of the memory that the policy acts on."""
+        return len(self.observation_names)
+
+    def remember(self, memory: Array, observation: Array) -> Array:
+        """Returns the memory (..., n_memory) after an observation (..., n); the policy acts on it.
+
+        It is NaN before an episode's first observation. By default it is the latest observation.
+        """
+        return observation
+
+    @property
     def layout(self) -> ObservationLayout:
         return ObservationLayout.of(self.observation_names)
 

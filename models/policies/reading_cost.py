@@ -36,7 +36,7 @@ class ReadingCost(NamedTuple):
 
 @singledispatch
 def reading_cost(policy: Policy) -> ReadingCost:
-    """Counts operations per action and numbers to read; NaN for a Python function."""
+    """Counts operations per action and numbers to read; NaN for a function and an ONNX network."""
     return ReadingCost(np.nan, np.nan)
 
 

@@ -31,6 +31,7 @@ from glassgait.models.settings import DISTINCT, IN_ORDER, Settings, checked
 from glassgait.models.task import MOST_STATES
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
+FREE = "free"  # name of the gait without transitions, in which policies of any rhythm act
 
 # Greatest lengths, of the name in bytes, of the others in characters. Every formula over four feet
 # can be written shorter.
@@ -167,7 +168,7 @@ class Gait(Settings):
     name: Annotated[str, AfterValidator(_name)]
     description: Description  # One sentence on the footfall.
     # Names of the machine's states; the one-hot observation follows this order.
-    states: Annotated[tuple[StateName, ...], MinLen(2), MaxLen(MOST_STATES), DISTINCT]
+    states: Annotated[tuple[StateName, ...], MinLen(1), MaxLen(MOST_STATES), DISTINCT]
     initial: str
     # States without reward; entering or leaving one earns nothing either.
     faults: Annotated[tuple[str, ...], MaxLen(MOST_STATES), DISTINCT]
@@ -235,20 +236,20 @@ class Gait(Settings):
 
 
 def gait_names() -> tuple[str, ...]:
-    """Lists the gaits that ship with the project."""
-    return tuple(sorted(path.stem for path in GAIT_DIRECTORY.glob("*.yaml")))
+    """Lists the gaits that ship with the project, except `FREE`."""
+    return tuple(sorted({path.stem for path in GAIT_DIRECTORY.glob("*.yaml")} - {FREE}))
 
 
 def gait_option(name: str) -> str:
     """Returns the command-line option for a gait; one that does not ship is a file."""
-    return f"--gait {name}" if name in gait_names() else f"--gait {name}.yaml"
+    return f"--gait {name}" if name in (*gait_names(), FREE) else f"--gait {name}.yaml"
 
 
 def load_gait(gait: str | Path) -> Gait:
     """Loads a shipped gait by name, or a gait from the path of a YAML file."""
     path = Path(gait)
     if path.suffix not in (".yaml", ".yml"):
-        if str(gait) not in gait_names():
+        if str(gait) not in (*gait_names(), FREE):
             remedy = ", or give the path of a gait file ending in .yaml"
             raise unknown_name("gait", gait, gait_names(), remedy)
         path = GAIT_DIRECTORY / f"{gait}.yaml"
@@ -291,7 +292,7 @@ def gait_lines(gait: Gait) -> list[str]:
         f"states: {_yaml([*gait.states])}",
         f"initial: {_yaml(gait.initial)}",
         *([f"faults: {_yaml([*gait.faults])}"] if gait.faults else []),
-        "transitions:",
+        "transitions:" if gait.transitions else "transitions: []",
         *(f"  - {_edge(transition)}" for transition in gait.transitions),
     ]
 

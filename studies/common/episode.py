@@ -147,13 +147,14 @@ def episode(
     simulator, robots = make(n_robots=n_robots), np.arange(n_robots)
     if start is not None:
         simulator.restore(start)
-    fell = np.full(n_robots, n_steps)
+    fell, memory = np.full(n_robots, n_steps), controller.begin(n_robots)
     for step in range(n_steps):
         # Remove fallen robots.
         fallen = fell[robots] < n_steps
         if leave_out_every and step % leave_out_every == 0 and fallen.any():
             up, state = np.flatnonzero(~fallen), simulator.state
             simulator, robots, fallen = make(n_robots=len(up)), robots[up], fallen[up]
+            memory = memory[up]
             simulator.restore(state.of_robots(up))
         if len(robots) == 0:
             break
@@ -162,8 +163,8 @@ def episode(
         for event in events:
             event(step, simulator)
         before, observation = simulator.state, simulator.observe()
-        output = controller.advance(step, observation)
-        action = output.action
+        output = controller.advance(step, observation, memory)
+        action, memory = output.action, output.memory
         if when_fallen == "rest":
             action = np.where(fallen[:, None], 0.0, action)
 
@@ -181,6 +182,7 @@ def episode(
             break
         if when_fallen == "restart" and outcome.terminated.any():
             simulator.reset(np.flatnonzero(outcome.terminated))
+            memory = np.where(outcome.terminated[:, None], np.nan, memory)
     return EpisodeEnd(fell, simulator.state)
 
 

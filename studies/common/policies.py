@@ -14,7 +14,9 @@ from glassgait.models.errors import InputError, unknown_name
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import Controller, alone
+from glassgait.models.policies.described import load_described
 from glassgait.models.policies.library import (
+    EXPERTS,
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
     load_expert,
@@ -25,7 +27,6 @@ from glassgait.models.policies.library import (
     shipped_expert,
     shipped_experts,
 )
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.library import load_robot, robot_folder
@@ -56,11 +57,11 @@ class Policies:
     robot: Robot
     place: str
     files: dict[str, Path]
-    optional_expert: NeuralPolicy | None = None
+    optional_expert: Policy | None = None
     expert_file: Path | None = None
 
     @property
-    def expert(self) -> NeuralPolicy:
+    def expert(self) -> Policy:
         """The expert, whose estimator students use; raises an InputError if there is none."""
         if self.optional_expert is None:
             raise InputError(_no_policies(self.gait, self.place, self.robot))
@@ -83,7 +84,8 @@ class Policies:
 
     def file(self, name: str) -> Path:
         """Returns the file of `expert` or of a kind of student; a path is returned as it is."""
-        path = Path(name) if is_file(name) else {EXPERT: self.expert_file, **self.files}.get(name)
+        is_path = is_file(name) or is_description(name)
+        path = Path(name) if is_path else {EXPERT: self.expert_file, **self.files}.get(name)
         if path is not None:
             return path
         # `self.expert` raises an InputError if the expert is missing too.
@@ -94,11 +96,13 @@ class Policies:
             name,
             (EXPERT, *self.files),
             f" ({self.place}){remedy if name in KINDS else ''}; or give a policy's file "
-            f"ending in {' or '.join(POLICY_SUFFIXES)}, or another run with --source",
+            f"ending in {', '.join(POLICY_SUFFIXES)} or .yaml, or another run with --source",
         )
 
     def policy(self, name: str) -> Policy:
         """Loads a policy by its name (see `file`); raises an InputError if the gait differs."""
+        if is_description(name):
+            return load_described(name, self.gait)
         path, expert = self.file(name), self.expert_of(name)
         if name == EXPERT:
             policy = self.expert
@@ -129,9 +133,9 @@ class Policies:
     def controller(self, name: str) -> Controller:
         """Loads a controller of one policy that acts without the expert, with its estimator."""
         policy = self.policy(name)
-        return alone(policy, None if isinstance(policy, NeuralPolicy) else self.expert_of(name))
+        return alone(policy, None if policy.kind in EXPERTS else self.expert_of(name))
 
-    def expert_of(self, name: str) -> NeuralPolicy | None:
+    def expert_of(self, name: str) -> Policy | None:
         """Returns the expert beside a policy's file, otherwise the gait's; None without one."""
         path = policy_path(self.file(name).parent, EXPERT)
         if name == EXPERT or path == self.expert_file or not path.exists():
@@ -142,7 +146,7 @@ class Policies:
         """Loads a controller of each policy that acts without the expert, by name in tables."""
         controllers: dict[str, Controller] = {}
         for name in self.expanded(names):
-            stem = Path(name).stem if is_file(name) else name
+            stem = Path(name).stem if is_file(name) or is_description(name) else name
             # If two files have the same stem, the second is named by its path.
             controllers[name if stem in controllers else stem] = self.controller(name)
         return controllers
@@ -156,6 +160,11 @@ class Policies:
 def is_file(name: str) -> bool:
     """Returns whether a name is the path of a policy file, rather than a kind."""
     return Path(name).suffix in POLICY_SUFFIXES
+
+
+def is_description(name: str) -> bool:
+    """Returns whether a name is the path of a description of a network; see `load_described`."""
+    return Path(name).suffix in (".yaml", ".yml")
 
 
 def find_policies(
@@ -190,7 +199,7 @@ def find_policies(
     return policies
 
 
-def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None) -> NeuralPolicy:
+def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None) -> Policy:
     """Finds the expert for distillation, like `find_policies`.
 
     The expert of a gait that is not built in comes from runs/train/<gait>, even if students were

@@ -119,8 +119,12 @@ def roll_out(
 def score(
     gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig
 ) -> pd.DataFrame:
-    """Rolls out the robots of the first seed and returns their scores, one row per robot."""
-    return score_rollouts(roll_out(gait, controller, scenario, config))
+    """Rolls out the robots of the first seed and returns their scores, one row per robot.
+
+    The rhythm of a gait without transitions is NaN.
+    """
+    scores = score_rollouts(roll_out(gait, controller, scenario, config))
+    return scores if gait.transitions else scores.assign(rhythm=np.nan)
 
 
 def play(

@@ -111,7 +111,7 @@ class _Samples(Observer):
     def observe(self, step: ControlStep) -> None:
         # The expert's action is known at steps at which it acts.
         by_expert = step.output.expert_acts.all()
-        label = step.output.action if by_expert else self._expert(step.observation)
+        label = step.output.action if by_expert else self._expert(step.output.memory)
         invalid = first_not_finite(np.concatenate([step.observation, label], axis=1))
         if invalid is not None:
             actions = (f"the action of {joint}" for joint in quadruped.JOINTS)

@@ -12,7 +12,6 @@ from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
@@ -40,7 +39,7 @@ class RefinementRun(LearningRun):
         self,
         config: RefinementConfig,
         gait: Gait,
-        expert: NeuralPolicy,
+        expert: Policy,
         policy: FormulaPolicy,
         folder: Path,
         *,
@@ -112,6 +111,7 @@ class RefinementRun(LearningRun):
     def _begin(self) -> tuple[Environment, Learner]:
         # The expert's estimator is not trained further.
         estimator = self._expert.estimator
+        assert estimator is not None  # An expert has one.
         if not isinstance(estimator, Odometry):
             estimator = _in_torch(estimator)
         generator = np.random.default_rng(self.config.seed)

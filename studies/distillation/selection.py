@@ -10,7 +10,6 @@ from joblib import delayed
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
@@ -41,7 +40,7 @@ SELECTION = tuple(zip(SELECTION_SEEDS, (Scenario(), ROUGH), strict=False))
 
 
 def rank_candidates(
-    candidates: Mapping[str, Policy], gait: Gait, expert: NeuralPolicy, n_steps: int = EPISODE_STEPS
+    candidates: Mapping[str, Policy], gait: Gait, expert: Policy, n_steps: int = EPISODE_STEPS
 ) -> pd.DataFrame:
     """Ranks the candidates by their mean return without the expert, best first.
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_student_of, policy_path
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task.gait import Gait, gait_option
@@ -113,7 +112,7 @@ def samples_folder(folder: Path, kind: str) -> Path:
     return folder / (kind if collector == ITSELF else str(collector))
 
 
-def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
+def load_students(folder: Path, expert: Policy) -> dict[str, Policy]:
     """Loads the students of a run, by kind."""
     kinds = [kind for kind in STUDENTS if policy_path(folder, kind).exists()]
     if not kinds:

@@ -19,7 +19,6 @@ from glassgait.models.files import digest, read_record, write_atomically, write_
 from glassgait.models.formulas.latex import to_latex
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import policy_path
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.reading_cost import READING_COST_TITLES, reading_cost
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -82,7 +81,7 @@ def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
 def distill(
     config: DistillationConfig,
     gait: Gait,
-    expert: NeuralPolicy,
+    expert: Policy,
     folder: Path,
     *,
     resume: bool = False,
@@ -135,7 +134,7 @@ class _Distillation:
 
     config: DistillationConfig
     gait: Gait
-    expert: NeuralPolicy
+    expert: Policy
     worlds: DomainRandomization | Scenario
     folder: Path
 

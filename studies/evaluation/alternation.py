@@ -19,7 +19,6 @@ from glassgait.studies.common.experiment import Case, Experiment, Report, run_ca
 if TYPE_CHECKING:
     import pandas as pd
 
-    from glassgait.models.policies.neural import NeuralPolicy
     from glassgait.models.policies.policy import Policy
     from glassgait.models.task.gait import Gait
     from glassgait.studies.common.rollouts import RolloutConfig
@@ -79,7 +78,7 @@ class Alternation(Experiment):
 
 def alternation_scores(
     gait: Gait,
-    expert: NeuralPolicy,
+    expert: Policy,
     students: Mapping[str, Policy],
     config: RolloutConfig,
     folder: Path,

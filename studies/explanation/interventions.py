@@ -21,7 +21,7 @@ from glassgait.models.formulas.expression import canonical, plus
 from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count, Seed, checked
 from glassgait.models.task.gait import Gait
@@ -93,9 +93,7 @@ class ExplainInterventions(OnePolicy):
         console.print(f"{n_holding} of {len(table)} claims hold; written to {folder}")
 
 
-def walk(
-    gait: Gait, expert: NeuralPolicy | None, policy: FormulaPolicy, rollouts: RolloutConfig
-) -> Walk:
+def walk(gait: Gait, expert: Policy | None, policy: FormulaPolicy, rollouts: RolloutConfig) -> Walk:
     """Rolls out a policy without the expert, whose estimator it needs unless it has odometry."""
     observations = Observations()
     log = roll_out(gait, alone(policy, expert), Scenario(), rollouts, observers=[observations])

@@ -11,7 +11,7 @@ from joblib import delayed
 
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO
 from glassgait.models.errors import InputError
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.library import EXPERTS
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Count, checked
@@ -62,7 +62,7 @@ class Importance(Experiment):
         controllers = self.controllers[self.gaits[0].name]
         students = {kind: controller.policy for kind, controller in controllers.items()}
         for kind, student in students.items():
-            if isinstance(student, NeuralPolicy):
+            if student.kind in EXPERTS:
                 raise InputError(f"--policy {kind}: is neural; name a kind of student")
         return students
 

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task import EPISODE_STEPS
@@ -41,7 +40,7 @@ def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int)
 
 
 def visited_samples(
-    gait: Gait, expert: NeuralPolicy, student: Policy, n_samples: int, seed: int
+    gait: Gait, expert: Policy, student: Policy, n_samples: int, seed: int
 ) -> Dataset:
     """Draws samples from new episodes of a student without the expert, in the nominal scenario."""
     data = collect(

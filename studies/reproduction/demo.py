@@ -13,7 +13,6 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -114,7 +113,7 @@ class _Page:
     """The page of one run: sentences of results, sections, and explanations after them."""
 
     gait: Gait
-    expert: NeuralPolicy
+    expert: Policy
     folder: Path
     results: list[str] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)

@@ -19,7 +19,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings, checked
@@ -163,7 +163,7 @@ class Report(Settings):
         slowest, fastest = np.clip(self.rollouts.speed_range, -gait.max_speed, gait.max_speed)
         return replace(self.rollouts, speed_range=(float(slowest), float(fastest)))
 
-    def expert(self, name: str, folder: Path) -> NeuralPolicy:
+    def expert(self, name: str, folder: Path) -> Policy:
         """Trains the expert of a gait if there are settings for it; otherwise loads it."""
         gait = load_gait(name)
         if self.training is None:

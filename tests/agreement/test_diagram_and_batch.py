@@ -15,7 +15,8 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task import TaskConfig
 from glassgait.models.estimation.sensors import IMU_NOISE, ImuErrors
-from glassgait.models.policies.controller import estimator_in_loop
+from glassgait.models.policies.controller import Controller, estimator_in_loop
+from glassgait.models.policies.described import load_described
 from glassgait.models.policies.function import FunctionPolicy
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
@@ -142,7 +143,7 @@ def batch_beside(gait, policy, scenario, drawn, state):
         generator=np.random.default_rng(0),
         estimator=estimator_in_loop(policy, true_body_state=scenario.true_body_state),
     )
-    simulator.start_at(state[None], COMMAND.of_robots(1))
+    simulator.start_at(state[None], scenario.command.of_robots(1))
     return simulator
 
 
@@ -156,10 +157,11 @@ def assert_agreement(gait, policy, scenario=QUIET, *, n_steps=70, seed=3, pushed
     drawn = Replayed(scenario, diagram, context)
     spoil(diagram, context, dict(spoiled).get(0))
     simulator = batch_beside(gait, policy, scenario, drawn, state)
-    fired = 0
+    fired, controller = 0, policy if isinstance(policy, Controller) else Controller(policy)
+    memory = controller.begin(1)
     for step in range(1, n_steps + 1):
         observation = simulator.observe()
-        action = policy(observation)
+        action, _, memory = controller.advance(step - 1, observation, memory)
         machine = simulator.state.memory.machine
         found = {
             "state": simulator.state.plant[0],
@@ -259,6 +261,28 @@ def test_they_agree_with_a_learned_estimator(trot, learned_expert):
 
 def test_they_agree_with_formulas(trot):
     assert assert_agreement(trot, load_student("trot", "formulas")) > 3
+
+
+@pytest.mark.parametrize("scenario", ["quiet", "all at once"])
+def test_they_agree_with_a_described_network_and_its_history(scenario, describe):
+    scenario = replace(SCENARIOS[scenario], command=FixedCommand(0.4, 0.2))
+    assert_agreement(load_gait("free"), load_described(describe()), scenario)
+
+
+def test_a_described_network_remembers_what_its_student_acted_on(trot, describe):
+    expert = load_described(describe(), trot)
+    weights = np.full((12, len(expert.observation_names)), 0.01)
+    student = LinearPolicy(
+        "trot", expert.observation_names, weights, np.zeros(12), robot=expert.robot
+    )
+    student = student.with_joint_law(expert.joint_law)
+    assert_agreement(trot, Controller(expert, student.with_estimator_of(expert), 3))
+
+
+@pytest.mark.parametrize("bad", [np.nan, 1e300])
+def test_a_described_network_begins_again_after_an_unsound_reading(describe, bad):
+    spoiled, trot = dict.fromkeys((0, 30), bad), load_gait("trot")
+    assert_agreement(trot, load_described(describe(), trot), SCENARIOS["noise"], spoiled=spoiled)
 
 
 @pytest.mark.parametrize("limited", [True, False])

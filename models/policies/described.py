@@ -1,0 +1,384 @@
+"""Policies of other projects: an ONNX network, and a YAML file that describes its interface.
+
+The description says what the network observes, in which order, and what its actions mean. The
+policy takes this project's observation, converts it to the network's frame, remembers as many
+frames as the network observes, and converts the network's answer to an action.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from numpy.typing import NDArray
+
+from glassgait.models import BASE_VELOCITY_SCALE
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError, brief, shown, unknown_name
+from glassgait.models.estimation.odometry import Odometry
+from glassgait.models.files import read_bytes, read_yaml
+from glassgait.models.policies.policy import ArraySpec, Indices, Policy
+from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.quadruped import JOINTS, N_JOINTS
+from glassgait.models.robots.robot import Damping, JointLaw, Robot, Stiffness
+from glassgait.models.settings import FEW, Positive, Range, Settings, checked
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import FREE, Gait, shipped_gait
+from glassgait.models.task.observation import (
+    ANGULAR_VELOCITY_SCALE,
+    JOINT_VELOCITY_SCALE,
+    LARGEST_SOUND,
+    Group,
+    ObservationLayout,
+    indices_of,
+)
+
+WEIGHT_BYTES = 100_000_000  # greatest size of a weights file
+
+TERMS = {
+    "angular_velocity": 3,  # rad/s, in the trunk's frame
+    "gravity": 3,  # a unit vector in the trunk's frame
+    "command": 3,  # forward and left (m/s), yaw rate (rad/s)
+    "joint_position": N_JOINTS,  # rad from the default
+    "joint_velocity": N_JOINTS,  # rad/s
+    "last_action": N_JOINTS,  # as the network gave it
+    "base_velocity": 3,  # m/s in the trunk's frame, by odometry
+    "clock": 2,  # sine and cosine
+    "constant": 0,  # as many as it has values
+}
+"""Terms of a frame with their lengths."""
+
+PerJoint = float | Annotated[dict[str, float], MaxLen(N_JOINTS)]
+"""A number for all joints, or numbers by kind of joint (hip, thigh, calf) or by joint (FL_hip)."""
+
+
+@checked
+class Term(Settings):
+    """A part of the frame that a network observes at a control step."""
+
+    title: ClassVar[str] = "observation term"
+
+    term: str  # one of `TERMS`
+    scale: float | Annotated[tuple[float, ...], FEW] = 1.0  # factors of the term's entries
+    period: Positive | None = None  # the clock's period (s)
+    values: Annotated[tuple[float, ...], FEW] = ()  # the constant's values
+
+    def __post_init__(self) -> None:
+        if "height" in self.term or "scan" in self.term:
+            raise InputError(
+                f"term {shown(self.term)} is a scan of the ground; give a blind policy, since no "
+                "robot here measures the ground"
+            )
+        if self.term not in TERMS:
+            raise unknown_name("observation term", self.term, TERMS)
+        for key, term in (("period", "clock"), ("values", "constant")):
+            if bool(getattr(self, key)) != (self.term == term):
+                raise InputError(f"key {key!r} belongs to the term {term!r}, and only to it")
+        if isinstance(self.scale, tuple) and len(self.scale) != self.size:
+            raise InputError(
+                f"scale of the term {self.term!r} has {len(self.scale)} numbers; give one, or "
+                f"{self.size}"
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of the term's entries."""
+        return TERMS[self.term] or len(self.values)
+
+
+@checked
+class History(Settings):
+    """The frames that a network observes at once."""
+
+    title: ClassVar[str] = "history"
+
+    length: Annotated[int, Ge(1), Le(100)] = 1  # control steps, with the present one
+    order: Literal["oldest_first", "newest_first"] = "oldest_first"
+    # Whether entries are sorted by frame, or by term and then by frame.
+    by: Literal["frame", "term"] = "frame"
+    start: Literal["zeros", "repeat"] = "repeat"  # frames from before the first step
+
+
+@checked
+class Clip(Settings):
+    """Greatest magnitudes of a frame's entries and of actions; by default without limit."""
+
+    title: ClassVar[str] = "clip"
+
+    observation: Positive | None = None
+    action: Positive | None = None
+
+
+@checked
+class DescribedGains(Settings):
+    """Gains of the joints' position and velocity control, the same for all joints."""
+
+    title: ClassVar[str] = "gains"
+
+    stiffness: Stiffness  # N·m/rad
+    damping: Damping  # N·m·s/rad
+
+
+@checked
+class Commands(Settings):
+    """Ranges of the commands (m/s, m/s, rad/s); a policy's command is clipped to them."""
+
+    title: ClassVar[str] = "commands"
+
+    forward: Range = (-1.0, 1.0)
+    left: Range = (0.0, 0.0)
+    yaw: Range = (-1.0, 1.0)
+
+
+@checked
+class Description(Settings):
+    """The interface of a network: see `models/README.md`."""
+
+    title: ClassVar[str] = "description"
+
+    robot: str
+    weights: str  # ONNX file, in the description's folder
+    observation: Annotated[tuple[Term, ...], MinLen(1), FEW]  # one frame, in order
+    default: PerJoint  # angles for an action of 0 (rad)
+    action_scale: PerJoint  # change of a target for an action of 1 (rad)
+    gains: DescribedGains
+    joints: tuple[str, ...] = JOINTS  # order of joints, also of actions
+    period: Annotated[float, Gt(0.0)] = CONTROL_PERIOD  # s
+    history: History = History()
+    clip: Clip = Clip()
+    commands: Commands = Commands()
+
+    def __post_init__(self) -> None:
+        if sorted(self.joints) != sorted(JOINTS):
+            raise InputError(
+                f"joints is {shown(self.joints)}; list these, in the network's order: "
+                f"{', '.join(JOINTS)}"
+            )
+        if abs(self.period - CONTROL_PERIOD) > 1e-9:
+            raise InputError(
+                f"period is {self.period:g} s; give a network for {CONTROL_PERIOD} s, the period "
+                "of this project's control step"
+            )
+        for key in ("default", "action_scale"):
+            self.by_joint(key)
+        if not self.by_joint("action_scale").all():
+            raise InputError("action_scale is 0 for a joint; give other numbers")
+
+    @property
+    def frame_size(self) -> int:
+        """Number of entries of one frame."""
+        return sum(term.size for term in self.observation)
+
+    def by_joint(self, key: str) -> Array:
+        """Returns a value of each joint (12), in the order of `JOINTS`."""
+        given = getattr(self, key)
+        if not isinstance(given, dict):
+            return np.full(N_JOINTS, given)
+        kinds = [joint.partition("_")[2] for joint in JOINTS]
+        for name in given:
+            if name not in (*kinds, *JOINTS):
+                raise InputError(f"key {f'{key}.{name}'!r} names no joint; name hip or FL_hip")
+        pairs = zip(JOINTS, kinds, strict=True)
+        values = [given.get(joint, given.get(kind)) for joint, kind in pairs]
+        if None in values:
+            raise InputError(f"{key} lacks {JOINTS[values.index(None)]}; add it")
+        return np.array(values, dtype=float)
+
+
+class DescribedPolicy(Policy):
+    """A network of another project, which acts through its description.
+
+    It reads the IMU, the joints and its previous action. Its memory (see `Policy.remember`) holds
+    the number of past control steps and the frames, oldest first.
+    """
+
+    kind = "described"
+    array_specs: ClassVar[Mapping[str, ArraySpec]] = {"weights": Indices("bytes", of="values")}
+    weights: NDArray[np.uint8]
+    """The bytes of the ONNX file."""
+
+    def __init__(
+        self,
+        gait: str,
+        observation_names: Sequence[str],
+        *arrays: NDArray[Any],
+        robot: Robot | None = None,
+        description: Description,
+        **named: NDArray[Any],
+    ) -> None:
+        super().__init__(gait, observation_names, *arrays, robot=robot, **named)
+        self.description, self._estimator = description, Odometry()
+        gains = description.gains
+        self.joint_law = JointLaw((gains.stiffness, gains.damping))
+        self._order = np.array([JOINTS.index(joint) for joint in description.joints])
+        self._default = description.by_joint("default")
+        self._scale = description.by_joint("action_scale")
+        # Entries of the observation by quantity.
+        groups: tuple[Group, ...] = (
+            *("commanded velocity", "joint position", "joint velocity", "gravity"),
+            *("angular velocity", "previous action", "base velocity"),
+        )
+        self._entries = {name: [*indices_of(name, self.observation_names)] for name in groups}
+
+    @classmethod
+    def _sizes(cls, observation_names: Sequence[str]) -> dict[str, int]:
+        return super()._sizes(observation_names) | {"values": 256}
+
+    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        arrays, values = super().to_arrays()
+        return arrays, values | {"description": asdict(self.description)}
+
+    @classmethod
+    def from_arrays(
+        cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
+    ) -> "DescribedPolicy":
+        arguments: dict[str, Any] = names | dict(arrays)
+        return cls(**arguments, description=Description.from_plain(values.get("description")))
+
+    @property
+    def n_memory(self) -> int:
+        return 1 + self.description.history.length * self.description.frame_size
+
+    def remember(self, memory: Array, observation: Array) -> Array:
+        begins = np.isnan(memory[..., :1])
+        count = np.where(begins, 0.0, memory[..., :1] + 1.0)
+        frame = self._frame(observation, begins, count)
+
+        # The oldest frame makes place for the new one.
+        start = np.zeros_like(frame) if self.description.history.start == "zeros" else frame
+        n_older = self.description.history.length - 1
+        older = np.where(begins, np.tile(start, n_older), memory[..., 1 + frame.shape[-1] :])
+        after = np.concatenate([count, older, frame], axis=-1)
+
+        # A robot without a sound observation begins again.
+        sound = (np.abs(observation) <= LARGEST_SOUND).all(axis=-1, keepdims=True)
+        return np.where(sound, after, np.nan)
+
+    def _frame(self, observation: Array, begins: NDArray[np.bool_], count: Array) -> Array:
+        """Returns the network's frames (..., frame_size) of observations (..., n)."""
+        told = {name: observation[..., index] for name, index in self._entries.items()}
+        robot, commands = self.robot, self.description.commands
+        forward, yaw = np.split(told["commanded velocity"], 2, axis=-1)
+        wanted = np.concatenate([forward, np.zeros_like(forward), yaw], axis=-1)
+        ranges = np.array([commands.forward, commands.left, commands.yaw])
+        position = told["joint position"] + robot.default_stance
+        target = robot.joint_targets(told["previous action"])
+        action = np.where(begins, 0.0, (target - self._default) / self._scale)
+        quantities = {
+            "angular_velocity": told["angular velocity"] / ANGULAR_VELOCITY_SCALE,
+            "gravity": told["gravity"],
+            "command": np.clip(wanted, *ranges.T),
+            "joint_position": (position - self._default)[..., self._order],
+            "joint_velocity": told["joint velocity"][..., self._order] / JOINT_VELOCITY_SCALE,
+            "last_action": action[..., self._order],
+            "base_velocity": told["base velocity"] / BASE_VELOCITY_SCALE,
+        }
+        parts = []
+        for term in self.description.observation:
+            if term.term == "constant":
+                values = np.broadcast_to(term.values, (*count.shape[:-1], term.size))
+            elif term.period:
+                phase = 2.0 * np.pi * CONTROL_PERIOD / term.period * count
+                values = np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
+            else:
+                values = quantities[term.term]
+            parts.append(values * np.asarray(term.scale))
+        frame = np.concatenate(parts, axis=-1)
+        limit = self.description.clip.observation
+        return frame if limit is None else np.clip(frame, -limit, limit)
+
+    def act(self, observation: Array) -> Array:
+        """Maps memories (..., n_memory) to actions (..., 12)."""
+        answer = self._network(observation[..., self._input_order]).astype(float)
+        limit = self.description.clip.action
+        answer = answer if limit is None else np.clip(answer, -limit, limit)
+        action = np.empty_like(answer)
+        action[..., self._order] = answer
+        target = self._default + self._scale * action
+        return (target - self.robot.default_stance) / self.robot.action_scale
+
+    @cached_property
+    def _input_order(self) -> NDArray[np.intp]:
+        """Indices of the network's inputs in its memory."""
+        history, sizes = self.description.history, [t.size for t in self.description.observation]
+        order = np.arange(1, self.n_memory).reshape(history.length, -1)
+        order = order[::-1] if history.order == "newest_first" else order
+        parts = np.split(order, np.cumsum(sizes)[:-1], axis=1) if history.by == "term" else [order]
+        return np.concatenate([part.ravel() for part in parts])
+
+    def _network(self, seen: Array) -> Array:
+        (given,) = self._session.get_inputs()
+        rows = seen.reshape(-1, seen.shape[-1]).astype(np.float32)
+        # Most exported networks take one row, others any number.
+        parts = np.split(rows, len(rows)) if isinstance(given.shape[0], int) else [rows]
+        answers = [self._session.run(None, {given.name: part})[0] for part in parts]
+        return np.concatenate(answers).reshape(*seen.shape[:-1], N_JOINTS)
+
+    @cached_property
+    def _session(self) -> Any:
+        import onnxruntime  # noqa: PLC0415
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        return onnxruntime.InferenceSession(self.weights.tobytes(), options)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A session cannot be sent to another process; that opens the network again.
+        return {name: value for name, value in vars(self).items() if name != "_session"}
+
+
+def load_described(path: str | Path, gait: Gait | None = None) -> DescribedPolicy:
+    """Loads a description and its network, for a gait that is `free` by default."""
+    path = Path(path)
+    description = Description.from_plain(read_yaml(path), str(path))
+    gait = shipped_gait(FREE) if gait is None else gait
+    weights = path.parent / description.weights
+    if weights.suffix != ".onnx":
+        size = description.history.length * description.frame_size
+        raise InputError(
+            f"{path}: weights is {shown(weights.name)}; give an ONNX file, as written by "
+            f"'torch.onnx.export(torch.jit.load({weights.name!r}), torch.zeros(1, {size}), "
+            "'policy.onnx')'"
+        )
+    data = np.frombuffer(read_bytes(weights, WEIGHT_BYTES), dtype=np.uint8)
+    names = ObservationLayout(gait.n_states, imu=True).names
+    try:
+        robot = load_robot(description.robot)
+        policy = DescribedPolicy(gait.name, names, data, robot=robot, description=description)
+        _check_network(policy)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return policy
+
+
+def _check_network(policy: DescribedPolicy) -> None:
+    """Refuses a network that cannot be read, has NaN weights or another size."""
+    name, size = policy.description.weights, policy.n_memory - 1
+    try:
+        import onnx  # noqa: PLC0415
+
+        graph = onnx.load_from_string(policy.weights.tobytes()).graph
+        session = policy._session
+    except ImportError as error:
+        raise InputError("ONNX is not installed; run pip install 'glassgait[onnx]'") from error
+    except Exception as error:
+        raise InputError(f"{name} is no ONNX network ({brief(str(error))}); export it") from error
+    for weight in graph.initializer:
+        values = onnx.numpy_helper.to_array(weight)
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise InputError(f"{name}: {weight.name!r} is not finite; export the network again")
+    (given, *others), answers = session.get_inputs(), session.get_outputs()[0].shape
+    if others or len(given.shape) != 2 or answers[-1] != N_JOINTS:
+        raise InputError(
+            f"{name} maps {shown(given.shape)} to {shown(answers)}; give a network from one array "
+            f"(robots, {size}) to actions (robots, {N_JOINTS})"
+        )
+    if isinstance(given.shape[1], int) and given.shape[1] != size:
+        frames = f"{policy.description.history.length} × {policy.description.frame_size}"
+        raise InputError(
+            f"{name} takes {given.shape[1]} numbers, but history and observation are {frames}; "
+            "correct one of them"
+        )

@@ -1,0 +1,81 @@
+"""Networks of other projects: descriptions, frames, history and actions."""
+
+import numpy as np
+import pytest
+
+from glassgait.models.policies.described import load_described
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import gait_lines, load_gait, parse_gait
+from glassgait.models.task.observation import proprioception
+
+ORDER = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+
+
+def observe(policy, generator, *, action=None, command=(0.5, 0.3)):
+    """Returns the policy's observation of two robots, and the quantities in it."""
+    told = {
+        "joint_position": generator.normal(size=(2, 12)),
+        "joint_velocity": generator.normal(size=(2, 12)),
+        "previous_action": generator.normal(size=(2, 12)) if action is None else action,
+        "imu": generator.normal(size=(2, 9)),
+    }
+    rest = {"rm_state": np.ones((2, 1)), "rm_iterations": np.zeros(2)}
+    command = Command(np.tile(command, (2, 1)), np.full(2, 8.0))
+    observed = proprioception(
+        policy.robot, command=command.velocity, commanded_dwell=command.dwell, **told, **rest
+    )
+    return np.concatenate([observed, np.zeros((2, 7))], axis=1), told
+
+
+def test_a_frame_has_the_terms_in_order_with_their_scales_and_the_network_s_joints(
+    describe, generator
+):
+    policy = load_described(describe(("length: 3", "length: 1"), size=47))
+    start = np.full((2, policy.n_memory), np.nan)
+    first, _ = observe(policy, generator)
+    observation, told = observe(policy, generator, command=(-0.9, 0.4))
+    memory = policy.remember(policy.remember(start, first), observation)
+    default = np.tile([0.0, 0.8, -1.5], 4)
+    target = policy.robot.default_stance + 0.25 * told["previous_action"]
+    last = (target - default) / np.tile([0.125, 0.25, 0.25], 4)
+    phase = 2.0 * np.pi * 0.02 / 0.5
+    expected = [
+        0.25 * told["imu"][:, :3],
+        told["imu"][:, 6:],
+        np.tile([2.0 * -0.6, 0.0, 0.25 * 0.4], (2, 1)),  # within the range of commands
+        (told["joint_position"] - default)[:, ORDER],
+        0.05 * told["joint_velocity"][:, ORDER],
+        last[:, ORDER],
+        np.tile([np.sin(phase), np.cos(phase)], (2, 1)),
+    ]
+    np.testing.assert_allclose(
+        memory[:, 1:], np.clip(np.concatenate(expected, axis=1), -10.0, 10.0), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("start", ["zeros", "repeat"])
+@pytest.mark.parametrize("order", ["newest_first", "oldest_first"])
+@pytest.mark.parametrize("by", ["frame", "term"])
+def test_a_history_begins_and_is_ordered_as_described(describe, generator, start, order, by):
+    changes = (
+        ("start: zeros", f"start: {start}"),
+        ("newest_first", order),
+        ("by: term", f"by: {by}"),
+    )
+    policy = load_described(describe(*changes))
+    memory, frames = np.full((2, policy.n_memory), np.nan), []
+    for _ in range(2):
+        memory = policy.remember(memory, observe(policy, generator)[0])
+        frames.append(memory[:, -47:])
+    frames.insert(0, np.zeros_like(frames[0]) if start == "zeros" else frames[0])
+    frames = frames[::-1] if order == "newest_first" else frames
+    cuts = [3, 6, 9, 21, 33, 45] if by == "term" else []
+    terms = zip(*(np.split(frame, cuts, axis=1) for frame in frames), strict=True)
+    expected = np.concatenate([part for term in terms for part in term], axis=1)
+    np.testing.assert_array_equal(memory[:, policy._input_order], expected)
+
+
+def test_a_gait_without_transitions_is_a_machine_of_one_state():
+    free = load_gait("free")
+    assert (free.n_states, free.transitions) == (1, ())
+    assert parse_gait("\n".join(gait_lines(free)), name="free") == free
