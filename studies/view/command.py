@@ -8,21 +8,19 @@ import yaml
 
 from glassgait.diagrams.commands import DrawnCommands, SliderCommand
 from glassgait.diagrams.rollout import Rollout
-from glassgait.diagrams.scenario import NOMINAL_SCENARIO, Scenario, load_scenario, scenario_name
+from glassgait.diagrams.scenario import NOMINAL_SCENARIO, load_scenario, scenario_name
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.studies.common.console import console
 from glassgait.studies.common.experiment import PolicySource
 from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.jobs import Steps
-from glassgait.studies.common.policies import EXPERT, Policies, find_policies
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import CommandOverride, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
@@ -35,8 +33,6 @@ class View(PolicySource):
     Attributes:
         gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
-        ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for only the student; by
-            default only the policy acts.
         live: Run in real time in Meshcat, with commands from sliders, until the button `stop and
             save` or Ctrl-C; a robot that falls restarts, and the last minute is saved.
         scenario: Name of a scenario that ships, or path of a scenario file.
@@ -52,7 +48,6 @@ class View(PolicySource):
 
     gait: str = "trot"
     policy: str = "expert"
-    ratio: str | None = None
     live: bool = False
     scenario: str = NOMINAL_SCENARIO
     command: CommandOverride = field(default_factory=CommandOverride)
@@ -65,19 +60,18 @@ class View(PolicySource):
             raise InputError("view: --live runs until it is stopped; leave --n-steps out")
 
     def run(self) -> None:
-        # Load the policy, or expert and student in alternation, and the scenario.
+        # Load the policy and the scenario.
         policies = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
-        gait, controller = policies.gait, self._controller(policies)
-        ratio = "alone" if self.ratio is None else ratio_title(controller.period)
+        gait, controller = policies.gait, policies.controller(self.policy)
         scenario = load_scenario(self.scenario)
         if self.live:
             scenario = replace(scenario, command=SliderCommand())
         elif self.command != CommandOverride() or scenario.command == DrawnCommands():
             scenario = replace(scenario, command=self.command.override(gait, scenario.command))
 
-        # File names contain the policy, the ratio and the scenario.
+        # File names contain the policy and the scenario.
         folder = self.output or default_folder(self.title, controller.robot.name) / gait.name
-        parts = [Path(self.policy).stem, ratio.replace("/", "-"), scenario_name(self.scenario)]
+        parts = [Path(self.policy).stem, scenario_name(self.scenario)]
         stem = folder / "_".join(part for part in parts if part != NOMINAL_SCENARIO)
         if folder.suffix == ".html":
             folder, stem = folder.parent, folder.with_suffix("")
@@ -96,29 +90,18 @@ class View(PolicySource):
         # Write the settings beside the replay, so that it can be repeated.
         record = {**to_plain(self), "scenario": to_plain(scenario)}
         write_atomically(Path(f"{stem}.yaml"), yaml.safe_dump(record, sort_keys=False))
-        title = f"{gait.name}, {self.policy}" + f", ratio {ratio}" * (self.ratio is not None)
-        save_figure(gait_figure(rollout, gait, title), stem)
-        console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout, scenario)}")
+        save_figure(gait_figure(rollout, gait, f"{gait.name}, {self.policy}"), stem)
+        console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout)}")
         console.print(f"replay, gait diagram and settings written to {stem}.*")
 
-    def _controller(self, policies: Policies) -> Controller:
-        controller = policies.controller(self.policy)
-        if self.ratio is None:
-            return controller
-        if self.policy == EXPERT:
-            raise InputError("--ratio shares steps with a student; name one with --policy")
-        return Controller(controller.expert, controller.policy, parse_ratio(self.ratio))
 
-
-def _summary(rollout: Rollout, scenario: Scenario) -> str:
+def _summary(rollout: Rollout) -> str:
     speed = kinematics.base_velocity(rollout["state"])[0][:, 0].mean()
     commanded = rollout["command"][:, 0].mean()
     n_steps = len(rollout.time) - 1
     rhythm = rollout["served_dwell"][1:].sum() / max(n_steps, 1)
-    measured = "true" if scenario.true_body_state else "estimated"
     reward = rollout["reward"][1:].sum()
     return (
         f"return {reward:.0f}, mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
-        f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded; "
-        f"observed: {measured} velocity and foot heights"
+        f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded"
     )

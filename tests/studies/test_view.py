@@ -87,7 +87,7 @@ def test_live_robot_moves_and_follows_the_sliders_until_it_is_stopped(live, brow
     assert process.wait(timeout=60) == 0
     assert seconds > 2.0
     assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".png", ".pdf", ".yaml"}
-    replay = (tmp_path / "expert_alone.html").read_text()
+    replay = (tmp_path / "expert.html").read_text()
     assert "yaw rate" not in replay
 
 
@@ -126,7 +126,6 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
         (["--n-steps", "180001"], "n_steps"),
         (["--seed", "-1"], "seed"),
         (["--seed", "99999999999999999999"], "seed"),
-        (["--policy", "symbolic", "--ratio", ""], "alternation ratio"),
         (["--live", "--n-steps", "150"], "--n-steps"),
         (["--gait", "gallop"], "gait 'gallop'"),
         (["--robot", "."], "is a folder"),
