@@ -59,8 +59,7 @@ class Importance(Experiment):
     @cached_property
     def students(self) -> dict[str, Policy]:
         """The students by kind; neural policies are refused."""
-        controllers = self.controllers[self.gaits[0].name]
-        students = {kind: controller.policy for kind, controller in controllers.items()}
+        students = self.acting(self.gaits[0].name)
         for kind, student in students.items():
             if student.kind in EXPERTS:
                 raise InputError(f"--policy {kind}: is neural; name a kind of student")

@@ -38,7 +38,6 @@ SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 
 def draw(names: Sequence[str] = ()) -> None:
     """Draws the named pictures, by default all."""
-    experts = list(shipped_experts())
     known = ["locomotion.svg", "learning_curves.png", "policies.png", "worlds.png"]
     for name in names or known:
         say(f"drawing {name}")
@@ -46,7 +45,7 @@ def draw(names: Sequence[str] = ()) -> None:
         if name == "locomotion.svg":
             write_atomically(path, diagram_svg())
         elif name == "learning_curves.png":
-            curves = {gait: _learning_curve(gait) for gait in experts}
+            curves = {gait: _learning_curve(gait) for gait in shipped_experts()}
             save_figure(learning_curves(curves), path.with_suffix(""), ("png",))
         elif name == "policies.png":
             save_figure(policies_figure(), path.with_suffix(""), ("png",))

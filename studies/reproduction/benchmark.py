@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -32,11 +32,6 @@ from glassgait.studies.reproduction.page import TEMPLATES
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.run import TrainingRun
 
-Part = Literal["throughput", "actions"]
-
-PARTS: dict[Part, str] = {"throughput": "Throughput", "actions": "One action, one robot"}
-"""The parts of the benchmark, with the headings of their tables."""
-
 STEPS = 20_000  # steps of a controller in C that are timed
 
 
@@ -45,8 +40,6 @@ class Benchmark(OneGait):
     """Measure training throughput and the time of one action.
 
     Attributes:
-        parts: What to measure: training, and actions of policies in Python and in C; both by
-            default.
         updates: Number of updates in each timing.
         repeats: Number of timings; medians are reported.
         output: Folder of the results; runs/reproduce/benchmark by default.
@@ -54,7 +47,6 @@ class Benchmark(OneGait):
 
     title: ClassVar[str] = "reproduce benchmark"
 
-    parts: tuple[Part, ...] = tuple(PARTS)
     updates: Count = 4
     repeats: Count = 5
     output: Path | None = None
@@ -63,17 +55,16 @@ class Benchmark(OneGait):
         robot = self.robot or DEFAULT_ROBOT
         folder = self.output or default_folder(self.title, load_robot(robot).name)
         refuse_run(folder)
-        metrics: dict[str, Any] = {}
-        for part in dict.fromkeys(self.parts):
-            say(f"timing {part}")
-            if part == "throughput":
-                config = TrainingConfig(gait=self.gait, robot=robot)
-                table = throughput(config, self.updates, self.repeats)
-            else:
-                table = action_times(self.policies())
+        say("timing training, then actions")
+        config = TrainingConfig(gait=self.gait, robot=robot)
+        tables = {
+            "throughput": throughput(config, self.updates, self.repeats),
+            "actions": action_times(self.policies()),
+        }
+        for part, table in tables.items():
             write_table(table, folder / part)
-            print_table(PARTS[part], table)
-            metrics[part] = json_records(table)
+            print_table(part.capitalize(), table)
+        metrics = {part: json_records(table) for part, table in tables.items()}
         write_metrics(metrics, folder / "metrics.json")
         console.print(f"written to {folder}")
 

@@ -33,11 +33,11 @@ def test_actions_are_timed_in_python_and_in_c():
     assert (times > 0).all(axis=None)
 
 
-def test_only_the_named_parts_are_measured(tmp_path, monkeypatch):
+def test_both_parts_are_written(tmp_path, monkeypatch):
     table = pd.DataFrame({"policy": ["expert"], "action in Python (µs)": [1.0]})
-    monkeypatch.setattr(benchmark, "action_times", lambda found: table)
+    for part in ("throughput", "action_times"):
+        monkeypatch.setattr(benchmark, part, lambda *given: table)
     folder = tmp_path / "run"
-    main(["reproduce", "benchmark", "--parts", "actions", "--output", str(folder)])
-    metrics = json.loads((folder / "metrics.json").read_text())
-    assert set(metrics) == {"actions"}
+    main(["reproduce", "benchmark", "--output", str(folder)])
+    assert set(json.loads((folder / "metrics.json").read_text())) == {"throughput", "actions"}
     assert (folder / "actions.csv").exists()
