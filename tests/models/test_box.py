@@ -24,13 +24,6 @@ def box(low: float = -1.0, high: float = 1.0) -> ObservationBox:
     return ObservationBox(A1, NAMES, np.full(len(NAMES), low), np.full(len(NAMES), high))
 
 
-def test_takes_ranges_from_another():
-    index = NAMES.index("Foot Height FL")
-    mixed = box().updated([index], box(-3.0, 4.0))
-    assert (mixed.lower[index], mixed.upper[index]) == (-3.0, 4.0)
-    assert np.delete(mixed.upper, index).max() == 1.0
-
-
 def test_draws_whole_counts_and_one_state():
     whole = operating_box(TROT, A1)
     quantities = whole.random(200, np.random.default_rng(0))

@@ -9,9 +9,7 @@ import pytest
 from glassgait.models.control import Sensors
 from glassgait.models.errors import InputError
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.estimation.sensors import UNCHANGED_STEPS
 from glassgait.models.export.binding import (
-    OK,
     LoadedController,
     has_compiler,
     load_controller,
@@ -28,7 +26,7 @@ from glassgait.models.export.contract import (
 from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.library import load_student
 from glassgait.models.policies.linear import LinearPerStatePolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -139,18 +137,6 @@ def test_c_with_an_imu_does_what_python_does(mirrored, odometry, trot, small_exp
 
 
 @needs_compiler
-@pytest.mark.parametrize(
-    "ranges", [{"q.hip": (-0.1, 0.2)}, {"cmd.v": (-0.2, 0.2), "v.x": (-0.1, 0.3)}]
-)
-def test_c_reads_within_ranges(trot, ranges, agree):
-    readings = Readings(tuple(ranges.items()))
-    policy = load_student("trot", "formulas").with_readings(readings)
-    found = agree(trot, policy, load_expert("trot"), n_steps=60)
-    assert found.machine == 0
-    assert found.target < 1e-12
-
-
-@needs_compiler
 @pytest.mark.parametrize("limited", [True, False])
 def test_targets_stay_within_the_joints_ranges_if_the_policy_has_them_so(
     limited, trot, small_expert, make_policy, tmp_path
@@ -255,30 +241,6 @@ def test_formulas_that_are_left_out_act_in_the_mirror(text, n_written, agree, sm
     found = agree(gait, policy, small_expert(gait))
     assert found.target < 1e-12
     assert found.changes > 0
-
-
-@needs_compiler
-def test_stuck_contact_sensors_are_not_believed(trot, compiled_page):
-    controller = alone(load_student("trot", "formulas"))
-    (moments, *_) = random_sequences(A1, trot, 200, 3)
-    stuck = [
-        moment._replace(
-            sensors=moment.sensors._replace(
-                touching=np.array([True, False, *moment.sensors.touching[2:]])
-            )
-        )
-        for moment in moments
-    ]
-    found = compare_controllers(trot, controller, compiled_page, [stuck])
-    assert found.machine == 0
-    assert found.target < 1e-12
-    memory, disbelieved = compiled_page.initial(), 0
-    for moment in stuck:
-        memory = compiled_page.step(memory, *moment).memory
-        disbelieved += memory["touching"][:2].tolist() != [1, 0]
-    assert compiled_page.step(memory, *stuck[0]).status == OK
-    assert memory["unchanged"].tolist()[:2] == [UNCHANGED_STEPS] * 2
-    assert disbelieved > 0
 
 
 @needs_compiler

@@ -189,32 +189,6 @@ def imu_policy(folder, of_gravity=0.1):
     return text
 
 
-IMU_CLAIMS = """
-claims:
-  - name: A lean moves no hip by more than 0.11 rad
-    kind: effect
-    joints: [FL_hip, RR_hip]
-    observations: [g.y]
-    most: 0.11
-  - name: Turning moves no thigh by more than 0.07 rad
-    kind: effect
-    joints: [FL_thigh]
-    observations: [w.x]
-    most: 0.07
-  - name: The hip rises nowhere with a lean
-    kind: never
-    joints: [FL_hip]
-    observations: [g.y]
-    never: rises
-  - name: A stuck gyroscope leaves the thigh within 1.3 rad
-    kind: limits
-    joints: [FL_thigh]
-    least: 0
-    most: 1.3
-    stuck: [w.x]
-"""
-
-
 def test_noise_of_the_imu_breaks_a_claim_that_noise_of_joints_does_not(policy):
     imu_policy(policy.parent, of_gravity=8)
     main(["verify", "prove", "--policy", "imu.formulas", "--box", "imu.yaml", "--output", "out"])
@@ -226,25 +200,6 @@ def test_noise_of_the_imu_breaks_a_claim_that_noise_of_joints_does_not(policy):
 
 
 ABRUPT_BY_IMU = "Noise of joint sensors and of the IMU together is never an abrupt action"
-
-
-def test_claims_of_an_imu_are_proved_refuted_and_checked(policy, capsys):
-    imu_policy(policy.parent)
-    (policy.parent / "imu_claims.yaml").write_text(IMU_CLAIMS)
-    options = ["--policy", "imu.formulas", "--box", "imu.yaml", "--claims", "imu_claims.yaml"]
-    main(["verify", "prove", *options, "--output", "out"])
-    content = json.loads((policy.parent / "out" / "certificate.json").read_text())
-    by_name = {claim["name"]: claim for claim in content["claims"]}
-    own = [by_name[line[10:]]["outcome"] for line in IMU_CLAIMS.split("\n") if "- name" in line]
-    assert own == ["proved", "refuted", "refuted", "proved"]
-    assert by_name["Left and right are treated alike"]["outcome"] == "proved"
-    claims = pd.read_csv(policy.parent / "out" / "claims.csv", index_col="claim")
-    noise = claims.loc[ABRUPT_BY_IMU]
-    assert noise["outcome"] == "proved"
-    # Of 12 joints, each by 0.1 of gravity's 0.1 and 0.01 of the turn's 0.4 rad/s.
-    assert noise["worst"] == pytest.approx(12 * ((0.1 * 0.1 + 0.01 * 0.4) / A1.action_scale) ** 2)
-    main(["verify", "check", "out", "--policy", "imu.formulas"])
-    assert "proved: A lean moves no hip" in capsys.readouterr().out
 
 
 def test_a_machine_that_favours_a_side_is_proved_of_without_its_mirror(policy, capsys):
