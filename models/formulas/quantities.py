@@ -236,17 +236,24 @@ class Vocabulary:
 def known_definitions(robot: Robot, names: tuple[str, ...]) -> tuple[Definition, ...]:
     """Returns the definitions that fits may use, for observations of the given names."""
     symbols = symbols_of(names)
+    imu = _OF_THE_IMU if "w.z" in symbols else ()
     legs = (statement for leg in quadruped.LEGS for statement in _of_leg(robot, leg))
     return tuple(
         Definition(symbol, parse_formula(text, symbols), note)
-        for symbol, text, note in (*_OF_THE_TRUNK, *legs)
+        for symbol, text, note in (*_OF_THE_TRUNK, *imu, *legs)
     )
 
 
 _OF_THE_TRUNK = (
     ("late", "tanh(0.5*t - 2)", "-1 as a state begins, 0 after 4 control steps, 1 late in it"),
     ("phase", "t/cmd.t", "share of the commanded time in the state that is over"),
+    ("wave", "sin(3.14*t/cmd.t)", "0 as a state begins, 1 in its middle, 0 when it should end"),
+    ("wait", "0.5 + 0.5*tanh(4*(t - cmd.t) - 6)", "1 two control steps late or more, otherwise 0"),
     ("e.v", "cmd.v - v.x", "m/s, by how much the robot is slower than it should be"),
+)
+
+_OF_THE_IMU = (
+    ("e.yaw", "cmd.yaw - w.z", "rad/s, by how much the robot turns too little to the left"),
 )
 
 
@@ -276,3 +283,6 @@ GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
 
 A product with the time itself would grow without bound while a robot stays in a state.
 """
+
+PHASES = ("phase", "wave", "wait")
+"""Definitions of the time in an RM state."""

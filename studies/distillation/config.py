@@ -19,13 +19,14 @@ from glassgait.models.robots.robot import JointLaw
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, checked
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.reward import RewardWeights
 from glassgait.studies.common.settings_file import IN_FILE
 from glassgait.studies.distillation.boosting import EbmSettings, GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.dataset import HELD_OUT_EVERY
 from glassgait.studies.distillation.short_formulas import FormulasSettings
 from glassgait.studies.distillation.students import ITSELF, STUDENTS, StudentKind, StudentSettings
 from glassgait.studies.distillation.symbolic import SymbolicPerStateSettings, SymbolicSettings
-from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
+from glassgait.studies.training.config import EXACT, CurriculumConfig, PpoConfig, TrainingConfig
 
 Steps = Annotated[Count, Ge(2)]
 """Control steps of an episode; R² needs two samples of a held-out episode."""
@@ -207,6 +208,7 @@ class RefinementConfig(Settings):
     candidate_steps: Count = EPISODE_STEPS
     n_robots: Count = 256
     worlds: Annotated[DomainRandomization, IN_FILE] = MILD
+    weights: Annotated[RewardWeights, IN_FILE] = EXACT
     ppo: Annotated[PpoConfig, IN_FILE] = REFINING
 
     def training(self, gait: str, robot: str, law: JointLaw) -> TrainingConfig:
@@ -221,5 +223,6 @@ class RefinementConfig(Settings):
             updates=self.updates,
             checkpoint_updates=self.candidate_updates,
             n_robots=self.n_robots,
+            weights=self.weights,
             ppo=self.ppo,
         )

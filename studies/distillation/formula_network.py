@@ -24,7 +24,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import REFLECT_JOINTS, indices_of, reflect_observation
 
-UNIT_EFFECT = 0.1
+UNIT_EFFECT = 0.3
 """Mean effect of a unit change on a target (rad), chosen for PPO's usual learning rates."""
 
 LEAST_EFFECT = 1e-3

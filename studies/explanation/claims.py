@@ -12,7 +12,7 @@ from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.grammar import write_formula
 from glassgait.models.formulas.mirror import Place
-from glassgait.models.formulas.quantities import GATES
+from glassgait.models.formulas.quantities import GATES, PHASES
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import Group, entries_of
 
@@ -106,13 +106,13 @@ def readable_terms(file: FormulaFile) -> list[Term]:
     """
     entries, symbols = entries_of(file.vocabulary.names), file.vocabulary.symbols
     gates = {i for i, entry in enumerate(entries) if entry.group == "machine state"}
-    gates |= {symbols.index(gate) for gate in GATES if gate in symbols}
+    gates |= {symbols.index(gate) for gate in (*GATES, *PHASES) if gate in symbols}
 
     # A definition is an input unless it depends on the gait's progress.
     inputs = {i for i, entry in enumerate(entries) if entry.group in INPUTS}
     clocks = {i for i, entry in enumerate(entries) if entry.group in CLOCKS}
     for i, definition in enumerate(file.vocabulary.definitions, start=len(entries)):
-        if definition.symbol not in GATES and not definition.formula.variables & clocks:
+        if definition.symbol not in (*GATES, *PHASES) and not definition.formula.variables & clocks:
             inputs.add(i)
     return [
         term
