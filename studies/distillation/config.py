@@ -171,8 +171,15 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
     return planned
 
 
-REFINING = PpoConfig(critic_updates=10, entropy=0.0, final_entropy=0.0, initial_std=0.1)
-"""PPO settings for a policy that walks already, with little exploration."""
+REFINING = PpoConfig(
+    critic_updates=10,
+    entropy=0.002,
+    entropy_decay=(50, 500),
+    desired_kl=0.015,
+    kl_decay=(500, 680),
+    initial_std=0.4,
+)
+"""PPO settings for a policy that walks. With an `initial_std` of 0.1, formulas hardly changed."""
 
 MILD = DomainRandomization(
     groups=GroupRanges(
@@ -203,8 +210,8 @@ class RefinementConfig(Settings):
     title: ClassVar[str] = "refinement"
 
     seed: Seed = 0
-    updates: Count = 150
-    candidate_updates: Count = 20
+    updates: Count = 700
+    candidate_updates: Count = 50
     candidate_steps: Count = EPISODE_STEPS
     n_robots: Count = 256
     worlds: Annotated[DomainRandomization, IN_FILE] = MILD

@@ -1,12 +1,12 @@
 """Short formula files: formulas with a limited total number of terms, short enough to read.
 
-The formulas of a leg use only quantities of that leg and the trunk. Each term goes to the formula
-that it improves most. If the gait is symmetric, only the formulas of one side are written.
+By default, the formulas of a leg use only quantities of that leg and the trunk. Each term goes to
+the formula that it improves most. If the gait is symmetric, only the formulas of one side are
+written.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -29,6 +29,7 @@ from glassgait.studies.distillation.formulas import (
     FormulaSamples,
     FormulaVariables,
     formula_policy,
+    gates,
     readable,
     samples_by_state,
     settled,
@@ -36,9 +37,6 @@ from glassgait.studies.distillation.formulas import (
 )
 from glassgait.studies.distillation.gated_sum import PossibleTerms, gated_expression, weight_paths
 from glassgait.studies.distillation.students import StudentSettings
-
-LONGEST = 13
-"""Greatest number of terms of a formula, without its constant."""
 
 OF_THE_TRUNK = (
     *("cmd.v", "cmd.yaw", "cmd.t", "v.x", "v.y", "v.z", "g.x", "g.y", "g.z", "w.x", "w.y", "w.z"),
@@ -65,6 +63,9 @@ class FormulasSettings(StudentSettings):
 
     Attributes:
         terms: Number of terms of all formulas, with constants; mirror images do not count.
+        longest: Greatest number of terms of a formula, with its constant.
+        local: Whether the formulas of a leg use only this leg and the trunk. Otherwise they use all
+            legs, and products with foot contacts and with sides of previous targets.
         mirrored: Whether formulas of one side are mirror images of the other's, if the gait's
             machine has a mirror image.
         alone_episodes: Episodes per round without the expert.
@@ -73,6 +74,8 @@ class FormulasSettings(StudentSettings):
     title: ClassVar[str] = "distillation: formulas"
 
     terms: Annotated[Count, Ge(12)] = 100
+    longest: Count = 14
+    local: bool = True
     mirrored: bool = True
     alone_episodes: Count = 13  # type: ignore[assignment]
 
@@ -81,11 +84,11 @@ class FormulasSettings(StudentSettings):
         names = ObservationLayout(gait.n_states).names
         mirror = mirrored_states(gait) if self.mirrored else None
         n_formulas = len(written_places(Vocabulary(names), mirror))
-        most = n_formulas * (1 + LONGEST)
+        most = n_formulas * self.longest
         if not n_formulas <= self.terms <= most:
             raise InputError(
                 f"formulas: terms is {self.terms}; the {gait.name} has {n_formulas} formulas "
-                f"of 1 to {1 + LONGEST} terms, so set {n_formulas} to {most}"
+                f"of 1 to {self.longest} terms, so set {n_formulas} to {most}"
             )
 
 
@@ -105,11 +108,21 @@ def fit_short_formulas(
     mirror = samples.mirror if settings.mirrored else None
     variables = FormulaVariables(samples.robot, samples.observation_names)
     vocabulary = variables.vocabulary
+    legs: Sequence[str | None] = quadruped.LEGS
     factors = [vocabulary.variable(symbol) for symbol in FACTORS if symbol in vocabulary.symbols]
+    if not settings.local:
+        legs, factors = (None,), [*gates(vocabulary)]
 
     # Fit all formulas at every length, then allot the terms.
     groups = samples_by_state(samples, vocabulary, mirror)
-    grown = [_grow(group, variables(group.observations), vocabulary, factors) for group in groups]
+    grown = [
+        [
+            growth
+            for leg in legs
+            for growth in _grow(group, variables, factors, leg, settings.longest - 1)
+        ]
+        for group in groups
+    ]
     errors = [growth.errors for growths in grown for growth in growths]
     counts = iter(allot(errors, settings.terms))
 
@@ -158,22 +171,29 @@ def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
 
 
 def _grow(
-    group: FormulaSamples, values: Array, vocabulary: Vocabulary, factors: Sequence[Expression]
+    group: FormulaSamples,
+    variables: FormulaVariables,
+    gates: Sequence[Expression],
+    leg: str | None,
+    most: int,
 ) -> list[_Growth]:
-    """Fits the formulas of an RM state term by term; those of a leg share their variables."""
-    gates, grown = Tape(factors, values.shape[1])(values), list[_Growth]()
-    for leg, places in groupby(enumerate(group.places), lambda place: _leg(place[1])):
-        # Choose the terms, and the constant for each number of terms.
-        local = local_variables(vocabulary, leg)
-        terms = PossibleTerms(values[:, local], gates)
-        targets = group.targets[:, [column for column, _ in places]]
-        for target, path in zip(targets.T, weight_paths(terms, targets, LONGEST), strict=True):
-            bias, squares = target.mean() - path @ terms.moments[0], np.zeros(len(path))
-            for rows, block in terms.blocks():
-                squares += ((block @ path.T + bias - target[rows, None]) ** 2).sum(axis=0)
-            weights = np.zeros((len(path), 1 + len(factors), values.shape[1]))
-            weights[..., local] = path.reshape(len(path), -1, len(local))
-            grown.append(_Growth(weights, bias, squares / len(values)))
+    """Fits the formulas of an RM state, or only of one leg, term by term, up to `most` terms."""
+    # The possible terms.
+    values = variables(group.observations)
+    used = variables_of(leg, variables.vocabulary)
+    terms = PossibleTerms(values[:, used], Tape(gates, values.shape[1])(values))
+    columns = [i for i, place in enumerate(group.places) if leg in (None, _leg(place))]
+    targets = group.targets[:, columns]
+
+    # Choose terms, and compute the constant and the mean squared error for each number of them.
+    grown = []
+    for target, path in zip(targets.T, weight_paths(terms, targets, most), strict=True):
+        bias, squares = target.mean() - path @ terms.moments[0], np.zeros(len(path))
+        for rows, block in terms.blocks():
+            squares += ((block @ path.T + bias - target[rows, None]) ** 2).sum(axis=0)
+        weights = np.zeros((len(path), 1 + len(gates), values.shape[1]))
+        weights[..., used] = path.reshape(len(path), -1, len(used))
+        grown.append(_Growth(weights, bias, squares / len(values)))
     return grown
 
 
@@ -181,11 +201,12 @@ def _leg(place: Place) -> str:
     return quadruped.LEGS[place[-1] // len(quadruped.LEG_JOINTS)]
 
 
-def local_variables(vocabulary: Vocabulary, leg: str) -> list[int]:
-    """Returns the indices of the variables that the formulas of a leg may use."""
+def variables_of(leg: str | None, vocabulary: Vocabulary) -> list[int]:
+    """Returns the indices of the variables that formulas of a leg may use; all without a leg."""
 
     def allowed(symbol: str) -> bool:
         kind, _, part = symbol.partition(".")
         return symbol in OF_THE_TRUNK or (kind in OF_A_LEG and part.partition("_")[0] == leg)
 
-    return [index for index, symbol in enumerate(vocabulary.symbols) if allowed(symbol)]
+    symbols = vocabulary.symbols
+    return [i for i, symbol in enumerate(symbols) if leg is None or allowed(symbol)]

@@ -62,8 +62,8 @@ def samples_of(actions_at, generator, count=400, mirror=None, scale=1.0):
 def sparse_law(observations, state):
     """Three observations determine a joint, and a fourth moves another a little."""
     actions = np.zeros((len(observations), quadruped.N_JOINTS))
-    actions[:, 2] = 2.0 * observations[:, 0] + observations[:, 5] - 0.5 * observations[:, 20]
-    actions[:, 7] = 0.01 * observations[:, 30]
+    actions[:, 2] = 2.0 * observations[:, 0] + observations[:, 3] - 0.5 * observations[:, 15]
+    actions[:, 7] = 0.01 * observations[:, 33]
     return actions
 
 
@@ -171,14 +171,25 @@ def test_a_term_goes_where_it_helps_most():
     assert allot([np.array([1.0, 1.0, 1.0])], 3) == [0]
 
 
-def test_a_sparse_law_is_found_in_few_terms(generator):
+@pytest.mark.parametrize("local", [True, False])
+def test_a_sparse_law_is_found_in_few_terms(local, generator):
     # In few samples, products of the speed with a calf's last target look like the speed alone.
     samples = samples_of(sparse_law, generator, count=2000, scale=0.3)
-    policy = fit_short_formulas(samples, FormulasSettings(terms=24 + 6), seed=0)
+    policy = fit_short_formulas(samples, FormulasSettings(terms=30, local=local), seed=0)
     assert policy.n_terms() == 30
     lengths = [[len(formula.terms()) for formula in own] for own in policy.formulas_by_state]
     assert [own[2] for own in lengths] == [4, 4]
     np.testing.assert_allclose(policy(samples.observations), samples.actions, atol=0.05)
+
+
+def test_formulas_of_a_leg_use_no_other_leg(generator):
+    # The other front leg decides a calf's target.
+    samples = samples_of(lambda x, _: np.outer(x[:, 5], np.arange(12) == 2), generator, scale=0.3)
+    policy = fit_short_formulas(samples, FormulasSettings(terms=100), seed=0)
+    for joint, formula in enumerate(policy.formulas_by_state[0]):
+        used = policy.vocabulary.expanded(formula).variables
+        legs = {ObservationLayout(2).entries[index].leg for index in used}
+        assert legs <= {None, quadruped.LEGS[joint // 3]}
 
 
 # Search engines.
