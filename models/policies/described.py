@@ -20,6 +20,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, brief, shown, unknown_name
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.files import read_bytes, read_yaml
+from glassgait.models.policies.library import naming
 from glassgait.models.policies.policy import ArraySpec, Indices, Policy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.quadruped import JOINTS, N_JOINTS
@@ -211,8 +212,7 @@ class DescribedPolicy(Policy):
     ) -> None:
         super().__init__(gait, observation_names, *arrays, robot=robot, **named)
         self.description, self._estimator = description, Odometry()
-        gains = description.gains
-        self.joint_law = JointLaw((gains.stiffness, gains.damping))
+        self.joint_law = JointLaw((description.gains.stiffness, description.gains.damping))
         self._order = np.array([JOINTS.index(joint) for joint in description.joints])
         self._default = description.by_joint("default")
         self._scale = description.by_joint("action_scale")
@@ -237,6 +237,11 @@ class DescribedPolicy(Policy):
     ) -> "DescribedPolicy":
         arguments: dict[str, Any] = names | dict(arrays)
         return cls(**arguments, description=Description.from_plain(values.get("description")))
+
+    def with_description(self, description: Description) -> "DescribedPolicy":
+        """Returns the same network with another description."""
+        names = self.observation_names
+        return type(self)(self.gait, names, self.weights, robot=self.robot, description=description)
 
     @property
     def n_memory(self) -> int:
@@ -345,12 +350,10 @@ def load_described(path: str | Path, gait: Gait | None = None) -> DescribedPolic
         )
     data = np.frombuffer(read_bytes(weights, WEIGHT_BYTES), dtype=np.uint8)
     names = ObservationLayout(gait.n_states, imu=True).names
-    try:
+    with naming(path):
         robot = load_robot(description.robot)
         policy = DescribedPolicy(gait.name, names, data, robot=robot, description=description)
         _check_network(policy)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     return policy
 
 

@@ -40,6 +40,7 @@ from glassgait.studies.common.run import CHECKPOINT_NAME, CONFIG_NAME, default_f
 EXPERT = "expert"
 ALL = "all"
 SHIPPED = "shipped"
+DESCRIPTION_SUFFIXES = (".yaml", ".yml")  # of descriptions of networks; see `load_described`
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,7 @@ class Policies:
 
     def file(self, name: str) -> Path:
         """Returns the file of `expert` or of a kind of student; a path is returned as it is."""
-        is_path = is_file(name) or is_description(name)
-        path = Path(name) if is_path else {EXPERT: self.expert_file, **self.files}.get(name)
+        path = Path(name) if is_file(name) else {EXPERT: self.expert_file, **self.files}.get(name)
         if path is not None:
             return path
         # `self.expert` raises an InputError if the expert is missing too.
@@ -101,7 +101,7 @@ class Policies:
 
     def policy(self, name: str) -> Policy:
         """Loads a policy by its name (see `file`); raises an InputError if the gait differs."""
-        if is_description(name):
+        if Path(name).suffix in DESCRIPTION_SUFFIXES:
             return load_described(name, self.gait)
         path, expert = self.file(name), self.expert_of(name)
         if name == EXPERT:
@@ -146,7 +146,7 @@ class Policies:
         """Loads a controller of each policy that acts without the expert, by name in tables."""
         controllers: dict[str, Controller] = {}
         for name in self.expanded(names):
-            stem = Path(name).stem if is_file(name) or is_description(name) else name
+            stem = Path(name).stem if is_file(name) else name
             # If two files have the same stem, the second is named by its path.
             controllers[name if stem in controllers else stem] = self.controller(name)
         return controllers
@@ -158,13 +158,8 @@ class Policies:
 
 
 def is_file(name: str) -> bool:
-    """Returns whether a name is the path of a policy file, rather than a kind."""
-    return Path(name).suffix in POLICY_SUFFIXES
-
-
-def is_description(name: str) -> bool:
-    """Returns whether a name is the path of a description of a network; see `load_described`."""
-    return Path(name).suffix in (".yaml", ".yml")
+    """Returns whether a name is the path of a policy or a description, rather than a kind."""
+    return Path(name).suffix in (*POLICY_SUFFIXES, *DESCRIPTION_SUFFIXES)
 
 
 def find_policies(
@@ -203,8 +198,10 @@ def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None
     """Finds the expert for distillation, like `find_policies`.
 
     The expert of a gait that is not built in comes from runs/train/<gait>, even if students were
-    distilled from an earlier expert.
+    distilled from an earlier expert. The source may also be the description of a network.
     """
+    if source is not None and source.suffix in DESCRIPTION_SUFFIXES:
+        return load_described(source, gait)
     body = load_robot(robot or DEFAULT_ROBOT)
     if source is None and gait.name not in shipped_experts(body.name):
         source = default_folder("train", body.name) / gait.name
@@ -252,6 +249,6 @@ def _refuse_other_gait(gait: Gait, folder: Path) -> None:
 def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Returns a folder's student files by kind, in the order of tables."""
     files = (path for path in folder.glob("*") if path.name != CHECKPOINT_NAME)
-    kinds = {path.stem for path in files if is_file(path.name)} - {gait, EXPERT}
+    kinds = {path.stem for path in files if path.suffix in POLICY_SUFFIXES} - {gait, EXPERT}
     known = [kind for kind in KINDS if kind in kinds]
     return {kind: policy_path(folder, kind) for kind in (*known, *sorted(kinds.difference(known)))}

@@ -41,6 +41,7 @@ class Distill(SettingsFile):
         robot: Name of a robot, or path of its robot.yaml; by default the expert's.
         source: Folder of a run of train that contains the expert; by default, the expert that
             ships is used or, for other gaits, the one in runs/train/<gait>.
+        expert: Description of a network of another project, in place of --source.
         output: Folder of the run; runs/distill/<gait> by default. Each of several gaits has a
             subfolder <gait>, and each of several seeds a subfolder seed_<seed> in it.
         resume: Continue the run that the folder holds.
@@ -56,6 +57,7 @@ class Distill(SettingsFile):
     workers: Annotated[Workers, tyro.conf.arg(name="")] = field(default_factory=Workers)
     robot: str | None = None
     source: Path | None = None
+    expert: Path | None = None
     output: Path | None = None
     resume: bool = False
 
@@ -66,11 +68,12 @@ class Distill(SettingsFile):
         gaits = [load_gait(name) for name in expand_gaits(self.gait)]
         for gait in gaits:
             self.config.for_gait(gait)
-        experts = [find_expert(gait, self.source, self.robot) for gait in gaits]
+        source = self.expert or self.source
+        experts = [find_expert(gait, source, self.robot) for gait in gaits]
         root = default_folder(self.title, experts[0].robot.name)
         seeds = range(self.config.seed, self.config.seed + self.n_seeds)
         jobs = jobs_of(self.gait, seeds, root, self.output)
-        run = partial(_distill_job, self.config, self.source, self.robot, resume=self.resume)
+        run = partial(_distill_job, self.config, source, self.robot, resume=self.resume)
         with self.workers.pool():
             tables = run_jobs(jobs, run)
         if len(jobs) == 1:

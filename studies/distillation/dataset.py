@@ -98,14 +98,17 @@ class Dataset:
         )
 
     def training_set(self, gait: Gait, expert: Policy) -> TrainingSet:
-        """Returns the samples in the form that students are fitted to."""
+        """Returns the samples in the form that students are fitted to.
+
+        A network of another project need not treat left and right alike.
+        """
         return TrainingSet(
             gait.name,
             expert.observation_names,
             self.observations,
             self.actions,
             self.starts,
-            mirrored_states(gait),
+            None if expert.kind == "described" else mirrored_states(gait),
             expert.robot,
         )
 

@@ -1,9 +1,13 @@
 """Networks of other projects: descriptions, frames, history and actions."""
 
+import pickle
+
 import numpy as np
 import pytest
 
+from glassgait.models.errors import InputError
 from glassgait.models.policies.described import load_described
+from glassgait.models.policies.library import load_policy
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_lines, load_gait, parse_gait
 from glassgait.models.task.observation import proprioception
@@ -73,6 +77,74 @@ def test_a_history_begins_and_is_ordered_as_described(describe, generator, start
     terms = zip(*(np.split(frame, cuts, axis=1) for frame in frames), strict=True)
     expected = np.concatenate([part for term in terms for part in term], axis=1)
     np.testing.assert_array_equal(memory[:, policy._input_order], expected)
+
+
+def test_a_network_that_repeats_its_action_repeats_the_joints_targets(describe, generator):
+    weights = np.zeros((47, 12))
+    weights[33:45] = np.eye(12)
+    path = describe(("length: 3", "length: 1"), ("action: 4.0", "action: 9.0"), weights=weights)
+    policy = load_described(path)
+    action = 0.5 * generator.normal(size=(2, 12))
+    memory = np.full((2, policy.n_memory), np.nan)
+    for _ in range(2):
+        memory = policy.remember(memory, observe(policy, generator, action=action)[0])
+    np.testing.assert_allclose(policy(memory), action, atol=1e-6)
+    # At the first step, the last action is the network's zero.
+    first = policy.remember(np.full_like(memory, np.nan), observe(policy, generator)[0])
+    targets = policy.robot.joint_targets(policy(first))
+    np.testing.assert_allclose(targets, np.tile([0.0, 0.8, -1.5], (2, 4)), atol=1e-6)
+
+
+def test_it_is_kept_in_a_file_and_sent_to_another_process(describe, generator, tmp_path):
+    policy = load_described(describe())
+    memory = policy.remember(np.full((2, policy.n_memory), np.nan), observe(policy, generator)[0])
+    expected = policy(memory)
+    policy.save(tmp_path / "expert.safetensors")
+    for other in (load_policy(tmp_path / "expert.safetensors"), pickle.loads(pickle.dumps(policy))):
+        assert (other.digest(), other.joint_law) == (policy.digest(), policy.joint_law)
+        assert other.joint_law.gains == (30.0, 0.7)
+        np.testing.assert_array_equal(other(memory), expected)
+    changed = load_described(describe(("scale: 0.25", "scale: 0.26")))
+    assert changed.digest() != policy.digest()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("term: gravity", "term: height_scan", "'height_scan' is a scan of the ground; give"),
+        ("term: gravity", "term: gravty", "unknown observation term 'gravty', perhaps 'gravity'"),
+        ("{term: gravity}", "{term: gravity, scale: [1.0, 2.0]}", "'gravity' has 2 numbers"),
+        ("period: 0.5", "scale: 1.0", "'period' belongs to the term 'clock'"),
+        ("length: 3", "length: 2", "takes 141 numbers, but .* are 2 × 47; correct"),
+        ("robot: go2", "robot: spot", "unknown robot 'spot'"),
+        ("weights:", "period: 0.01\nweights:", "period is 0.01 s; give"),
+        ("FR_hip, ", "FL_hip, ", "joints is .*; list these"),
+        ("hip: 0.0, ", "", "default lacks FL_hip; add it"),
+        ("hip: 0.0", "knee: 0.0", "'default.knee' names no joint"),
+        ("hip: 0.125", "hip: 0", "action_scale is 0"),
+        ("tiny.onnx", "tiny.pt", r"give an ONNX file, .*jit.load\('tiny.pt'\)"),
+        ("tiny.onnx", "mine.onnx", "no such file"),
+        ("robot: go2", "robot: go2\nheight: 1", "unknown key 'height'"),
+    ],
+)
+def test_bad_descriptions_are_refused_in_one_sentence(describe, old, new, message):
+    path = describe((old, new))
+    with pytest.raises(InputError, match=message) as raised:
+        load_described(path)
+    assert str(path.parent) in str(raised.value)
+    assert len(str(raised.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        (np.full((141, 12), np.nan), "'weights' is not finite"),
+        (np.ones((141, 10)), r"to actions .robots, 12"),
+    ],
+)
+def test_bad_weights_are_refused(describe, weights, message):
+    with pytest.raises(InputError, match=message):
+        load_described(describe(weights=weights))
 
 
 def test_a_gait_without_transitions_is_a_machine_of_one_state():

@@ -51,6 +51,8 @@ SLOW = {
 
 ELSEWHERE = {
     "demo": "test_reproduce.py",
+    "policy check": "test_described_policies.py",
+    "policy convert": "test_described_policies.py",
     "studio": "test_browser.py",
     "verify check": "test_certification.py",
     "reproduce paper": "test_reproduce.py",

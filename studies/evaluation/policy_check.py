@@ -1,0 +1,220 @@
+"""`glassgait policy check`: lets a network of another project walk, and looks for mistakes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import numpy as np
+import tyro
+
+from glassgait.models.arrays import Array
+from glassgait.models.policies.described import DescribedPolicy, Description, load_described
+from glassgait.models.robots import kinematics
+from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
+from glassgait.models.settings import Count, Settings, checked
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.termination import PHYSICAL_FALL
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experiment import REPORTED_SEEDS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from glassgait.diagrams.station import StationConfig
+    from glassgait.models.task.reward_machine import BoolArray
+
+COMMANDS = {
+    "forward 0.5 m/s": (0.5, 0.0),
+    "forward 1.0 m/s": (1.0, 0.0),
+    "backward 0.5 m/s": (-0.5, 0.0),
+    "yaw 0.8 rad/s": (0.0, 0.8),
+    "0.5 m/s and 0.5 rad/s": (0.5, 0.5),
+    "0.5 m/s up 10°": (0.5, 0.0),
+}
+"""Commanded forward speed (m/s) and yaw rate (rad/s) of each row; the last one is on a slope."""
+
+PAIRS = {"trot": ("FL RR", "FR RL"), "pace": ("FL RL", "FR RR"), "bound": ("FL FR", "RL RR")}
+"""Legs that step together."""
+
+LEAST_TOGETHER = 0.5  # least correlation of the contacts of legs that step together
+LEAST_THREES = 0.5  # least share of control steps of a walk on exactly three feet
+STEPS = 500  # control steps of each robot
+SETTLED = 100  # control steps after which speeds are measured
+TRIED_ROBOTS, TRIED_STEPS = 8, 250  # size of the rollouts that try mistakes
+BETTER = 0.1  # difference of errors (m/s and rad/s, added) from which a variant walks better
+
+
+@checked
+class CheckPolicy(Settings):
+    """Check the description of a network, let robots walk with it, and look for mistakes.
+
+    Prints commanded and measured speeds, falls, drift to the left, the share of time that each foot
+    is on the ground, and the gait that this is. Then tries the description with frequent mistakes
+    undone, and says which of them walks better.
+
+    Attributes:
+        n_robots: Number of robots of each command.
+    """
+
+    title: ClassVar[str] = "policy check"
+
+    description: Annotated[Path, tyro.conf.Positional]
+    n_robots: Count = 26
+
+    def run(self) -> None:
+        """Checks the description, and prints a table for both engines."""
+        import pandas as pd
+
+        from glassgait.diagrams.station import StationConfig
+        from glassgait.studies.common.tables import print_table
+
+        policy = load_described(self.description)
+        length, size = policy.description.history.length, policy.description.frame_size
+        console.print(
+            f"{self.description}: valid, {length} × {size} numbers, digest {policy.digest()}"
+        )
+        stations = StationConfig(engine="mujoco", time_step=0.002), StationConfig()
+        tables = [walked(policy, station, self.n_robots) for station in stations]
+        print_table(f"{self.n_robots} robots, {STEPS * CONTROL_PERIOD:g} s", pd.concat(tables))
+        for sentence in found_mistakes(policy, stations[0]):
+            say(sentence)
+
+
+def walked(
+    policy: DescribedPolicy, station: StationConfig, n_robots: int, n_steps: int = STEPS
+) -> pd.DataFrame:
+    """Lets robots follow each command in one engine, and returns one row per command.
+
+    Speeds are means over the robots that do not fall, after the first two seconds.
+    """
+    import pandas as pd
+
+    from glassgait.models.task.terrain import Terrain
+
+    slope = replace(station, terrain=Terrain(slope=10.0))
+    stations = [*[station] * (len(COMMANDS) - 1), slope]
+    commands = np.repeat(list(COMMANDS.values()), n_robots, axis=0)
+    fell, velocity, contact = _rolled_out(policy, stations, commands, n_steps)
+    rows = []
+    for i, (title, (speed, yaw_rate)) in enumerate(COMMANDS.items()):
+        robots = np.arange(i * n_robots, (i + 1) * n_robots)
+        up = robots[~fell[robots]]
+        stance = contact[:, robots].mean(axis=(0, 1))
+        forward, left, turning = velocity[:, up].mean(axis=(0, 1)) if len(up) else [np.nan] * 3
+        rows.append(
+            {
+                "physics": station.engine,
+                "command": title,
+                "speed (m/s)": f"{speed:.2f} → {forward:.2f}",
+                "yaw (rad/s)": f"{yaw_rate:.2f} → {turning:.2f}",
+                "falls": int(fell[robots].sum()),
+                "drift (m/s)": round(float(left), 2),
+                f"stance {' '.join(LEGS)}": " ".join(f"{share:.2f}" for share in stance),
+                "gait": recognized(contact[:, up]) if len(up) else "none",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def recognized(contact: BoolArray) -> str:
+    """Returns trot, pace, bound, walk or none, from contacts (T, n, 4) of n robots."""
+    stance = contact.reshape(-1, len(LEGS)).astype(float)
+    if (stance.std(axis=0) == 0.0).any():
+        return "none"  # A foot never steps.
+    together = np.corrcoef(stance.T)
+    for gait, pairs in PAIRS.items():
+        feet = [[LEGS.index(pair[:2]), LEGS.index(pair[3:])] for pair in pairs]
+        if all(together[one, other] >= LEAST_TOGETHER for one, other in feet):
+            return gait
+    return "walk" if (stance.sum(axis=1) == len(LEGS) - 1).mean() >= LEAST_THREES else "none"
+
+
+def found_mistakes(policy: DescribedPolicy, station: StationConfig) -> list[str]:
+    """Lets robots walk in a curve with each variant, and returns sentences on the better ones."""
+    described, sentences = _curve_error(policy, station), []
+    for mistake, variant in variants(policy.description):
+        error = _curve_error(policy.with_description(variant), station)
+        if error < described - BETTER:
+            better = f"error {error:.2f} instead of {described:.2f} (m/s and rad/s, added)"
+            sentences.append(f"{mistake} walks better: {better}; check the description")
+    return sentences or [f"the description walks best: error {described:.2f}"]
+
+
+def variants(description: Description) -> Iterator[tuple[str, Description]]:
+    """Yields descriptions with one frequent mistake undone, and their titles.
+
+    The mistakes are the order of joints, gravity's sign, the scale of yaw and the history's order.
+    """
+    unitree = tuple(f"{leg}_{joint}" for leg in ("FR", "FL", "RR", "RL") for joint in LEG_JOINTS)
+    by_kind = tuple(f"{leg}_{joint}" for joint in LEG_JOINTS for leg in LEGS)
+    for joints in (JOINTS, unitree, by_kind):
+        if joints != description.joints:
+            yield f"the order {', '.join(joints[:4])}, …", replace(description, joints=joints)
+    for i, term in enumerate(description.observation):
+        scale = np.broadcast_to(np.asarray(term.scale, dtype=float), term.size)
+        others = {"gravity of the other sign": -scale} if term.term == "gravity" else {}
+        if term.term == "command":
+            factors = [factor for factor in (0.25, 1.0, 2.0) if factor != scale[-1]]
+            others = {f"a yaw command scaled by {f:g}": [*scale[:2], f] for f in factors}
+        for title, other in others.items():
+            terms = [*description.observation]
+            terms[i] = replace(term, scale=tuple(map(float, other)))
+            yield title, replace(description, observation=tuple(terms))
+    history = description.history
+    if history.length > 1:
+        order = "newest_first" if history.order == "oldest_first" else "oldest_first"
+        by = "term" if history.by == "frame" else "frame"
+        for changed in (replace(history, order=order), replace(history, by=by)):
+            title = f"a history {changed.order} by {changed.by}"
+            yield title, replace(description, history=changed)
+
+
+def _curve_error(policy: DescribedPolicy, station: StationConfig) -> float:
+    """Returns the error of robots in a curve; a robot that falls counts as standing still."""
+    command = np.array([0.5, 0.5])
+    commands = np.tile(command, (TRIED_ROBOTS, 1))
+    fell, velocity, _ = _rolled_out(policy, [station], commands, TRIED_STEPS)
+    reached = np.where(fell[:, None], 0.0, velocity[..., [0, 2]].mean(axis=0))
+    return float(np.abs(reached - command).sum(axis=1).mean())
+
+
+def _rolled_out(
+    policy: DescribedPolicy, stations: list[StationConfig], commands: Array, n_steps: int
+) -> tuple[BoolArray, Array, BoolArray]:
+    """Rolls out robots with constant commands (n, 2; m/s, rad/s), split evenly among stations.
+
+    Returns which fell (n,), and after the first two seconds the trunks' forward speed, speed to the
+    left and yaw rate (T, n, 3; m/s, rad/s) and the feet's contacts (T, n, 4).
+    """
+    from glassgait.diagrams.batch import BatchSimulator
+    from glassgait.diagrams.commands import FixedCommand
+    from glassgait.diagrams.physics import make_physics
+    from glassgait.diagrams.scenario import Scenario
+    from glassgait.models.policies.controller import Controller
+    from glassgait.models.task.command import Command
+    from glassgait.studies.common.episode import PreparedTask, episode
+
+    gait, controller, n = load_gait(policy.gait), Controller(policy), len(commands)
+    scenario = Scenario(
+        station=stations[0], command=FixedCommand(), sensor_noise=0.0, limits=PHYSICAL_FALL
+    )
+    driven = (station.with_gains(policy.robot, policy.joint_law) for station in stations)
+    world = PreparedTask.of(gait, scenario, controller)
+    world = world._replace(physics=make_physics(policy.robot, *driven))
+    velocity, contact = [], []
+
+    def command_and_record(step: int, simulator: BatchSimulator) -> None:
+        if step == 0:
+            simulator.set_command(Command(commands, np.full(n, float(gait.dwell[0]))))
+        if step >= SETTLED:
+            linear, angular = kinematics.base_velocity(simulator.state.plant)
+            velocity.append(np.concatenate([linear[:, :2], angular[:, 2:]], axis=1))
+            contact.append(simulator.state.touching)
+
+    seed, events = REPORTED_SEEDS[0], [command_and_record]
+    end = episode(gait, controller, world, n_robots=n, n_steps=n_steps, seed=seed, events=events)
+    return end.fell < n_steps, np.array(velocity), np.array(contact)

@@ -1,0 +1,117 @@
+"""Networks of other projects: conversion of their files, and the check."""
+
+import re
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.policies.described import load_described
+from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS
+from glassgait.studies.cli import main
+from glassgait.studies.evaluation.policy_check import recognized, variants, walked
+
+NAMES = [f"{leg}_{kind}_joint" for leg in ("FR", "FL", "RR", "RL") for kind in LEG_JOINTS]
+BASE = f"go2: {{dt: 0.005, decimation: 4, joint_names: [{', '.join(NAMES)}]}}"
+RL_SAR = f"""
+go2/lab:
+  model_name: policy.pt
+  observations: [commands, ang_vel, gravity_vec, dof_pos, dof_vel, actions]
+  observations_history: [0, 1, 2]
+  observations_history_priority: time
+  clip_obs: 100.0
+  clip_actions_upper: {[50.0] * 12}
+  rl_kp: {[40, 40, 40] * 4}
+  rl_kd: {[1, 1, 1] * 4}
+  action_scale: {[0.125, 0.25, 0.25] * 4}
+  ang_vel_scale: 0.25
+  dof_pos_scale: 1.0
+  dof_vel_scale: 0.05
+  commands_scale: [2.0, 2.0, 0.25]
+  default_dof_pos: {[0.1, 0.8, -1.5, -0.1, 0.8, -1.5] * 2}
+  joint_mapping: [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+"""
+
+
+def write(folder, name, text):
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.fixture
+def converted(describe, tmp_path):
+    def convert(name, text, *options):
+        describe(size=135)
+        output = str(tmp_path / "converted.yaml")
+        given = ["--weights", str(tmp_path / "tiny.onnx"), "--description", output, *options]
+        main(["policy", "convert", write(tmp_path, name, text), *given])
+        return load_described(output).description
+
+    return convert
+
+
+def test_a_config_of_rl_sar_becomes_a_description(converted, tmp_path):
+    write(tmp_path, "go2/base.yaml", BASE)
+    description = converted("go2/lab/config.yaml", RL_SAR)
+    assert (description.robot, description.period) == ("go2", 0.02)
+    assert description.joints[:4] == ("FL_hip", "FL_thigh", "FL_calf", "FR_hip")
+    assert description.observation[0].scale == (2.0, 2.0, 0.25)
+    assert (description.history.order, description.history.by) == ("newest_first", "frame")
+    assert description.by_joint("default")[:4].tolist() == [0.1, 0.8, -1.5, -0.1]
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        (RL_SAR, ["--period", "0.02", "--joints", *JOINTS], "give an ONNX file, as written by"),
+        (RL_SAR, ["--weights", "{tiny}"], "does not name the period; give --period"),
+        (RL_SAR.replace("go2/", ""), [], "does not name the robot; give --robot"),
+        (RL_SAR.replace("[40, 40", "[40, 20"), ["--weights", "{tiny}", "--period", "0.02"],
+         "rl_kp is .*; give one number"),
+        (RL_SAR.replace("gravity_vec", "phase"), [], "unknown observation 'phase'"),
+        ("[1, 2]", [], "no config of a quadruped"),
+        (RL_SAR.replace("rl_kp", "kp"), ["--weights", "{tiny}", "--period", "0.02"],
+         "lacks the key 'rl_kp'"),
+    ],
+)  # fmt: skip
+def test_what_a_config_leaves_out_is_asked_for(describe, tmp_path, refused, text, options, message):
+    describe()
+    config = write(tmp_path, "config.yaml", text)
+    options = [option.format(tiny=tmp_path / "tiny.onnx") for option in options]
+    assert re.search(message, refused(["policy", "convert", config, *options]))
+
+
+def steps(*feet):
+    """Returns contacts (T, 1, 4) that repeat stances, each written as in FL FR RL RR order."""
+    return np.array([[[foot == "1" for foot in stance]] for stance in feet * 20])
+
+
+@pytest.mark.parametrize(
+    ("contact", "gait"),
+    [
+        (steps("1001", "1001", "1111", "0110", "0110"), "trot"),
+        (steps("1010", "1010", "0101", "0101"), "pace"),
+        (steps("1100", "1100", "0011", "0011"), "bound"),
+        (steps("0111", "1110", "1011", "1101"), "walk"),
+        (steps("1001", "0101", "1100", "0011", "1010", "0110"), "none"),
+    ],
+)
+def test_gaits_are_recognized_by_their_contacts(contact, gait):
+    assert recognized(contact) == gait
+
+
+def test_every_frequent_mistake_is_tried_once(describe):
+    description = load_described(describe()).description
+    titles = [title for title, _ in variants(description)]
+    assert len({repr(variant) for _, variant in variants(description)}) == len(titles) == 7
+    assert {"gravity of the other sign", "a yaw command scaled by 1"} <= {*titles}
+
+
+def test_a_robot_that_stands_is_not_said_to_walk(describe):
+    weights = np.zeros((141, 12))
+    policy = load_described(describe(weights=weights))
+    table = walked(policy, StationConfig(engine="mujoco", time_step=0.005), 1, 200)
+    assert table["falls"].tolist()[:5] == [0] * 5
+    assert {*table["gait"]} == {"none"}
