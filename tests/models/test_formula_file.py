@@ -230,7 +230,7 @@ HEADERS = [
     ("clearance: 0.03", "clearance: 0", 17, "clearance is 0"),
     ("clearance: 0.03", "clearance: [", None, "is not valid YAML"),
     ("dwell: [6", "dwell: &a [6", 16, "anchors"),
-    ("states: [q0, q1]", "states: [q0]", 18, "machine: states"),
+    ("states: [q0, q1]", "states: [q0]", 20, "names unknown state 'q1'"),
     ("from: q0, to: q1", "from: q0, to: q0", None, "machine: state 'q1' cannot be reached"),
     ("  initial: q0\n", "", 9, "machine: lacks the key 'initial'"),
     ("states: 2", "states: 3", None, "mirror"),

@@ -119,7 +119,7 @@ def test_a_rollout_records_its_world(icy, tmp_path):
     shown = tmp_path / "shown"
     command = ["view", "--scenario", str(icy), "--n-steps", "5", "--command.speed", "0.2"]
     main([*command, "--output", str(shown)])
-    kept = yaml.safe_load((shown / "expert_alone_icy.yaml").read_text())["scenario"]
+    kept = yaml.safe_load((shown / "expert_icy.yaml").read_text())["scenario"]
     assert kept["station"]["friction"] == 0.3
     assert kept["command"] == {"speed": 0.2, "yaw_rate": 0.0, "dwell": 8}
 

@@ -27,6 +27,7 @@ from glassgait.systems.action import (
     ActionHold,
     AlternationSchedule,
     JointTargets,
+    PolicyMemory,
     PolicySystem,
     TargetLimitsSystem,
 )
@@ -67,6 +68,7 @@ SYSTEMS: dict[Any, Callable[..., LeafSystem]] = {
     JointTargets: lambda: JointTargets(A1, quadruped.JOINTS),
     MeshcatCommand: lambda meshcat: MeshcatCommand(TROT, meshcat),
     OdometrySystem: lambda: OdometrySystem(A1, Odometry()),
+    PolicyMemory: lambda: PolicyMemory(POLICY),
     PolicySystem: lambda: PolicySystem(POLICY),
     Proprioception: lambda: Proprioception(A1, ObservationLayout(2, imu=True)),
     RandomCommand: lambda: RandomCommand(TROT),
