@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import tyro
+from joblib import delayed
 
 from glassgait.models.arrays import Array
 from glassgait.models.policies.described import DescribedPolicy, Description, load_described
@@ -20,6 +21,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import REPORTED_SEEDS
+from glassgait.studies.common.jobs import Workers, run_parallel
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,9 +80,14 @@ class CheckPolicy(Settings):
             f"{self.description}: valid, {length} × {size} numbers, digest {policy.digest()}"
         )
         stations = StationConfig(engine="mujoco", time_step=0.002), StationConfig()
-        tables = [walked(policy, station, self.n_robots) for station in stations]
-        print_table(f"{self.n_robots} robots, {STEPS * CONTROL_PERIOD:g} s", pd.concat(tables))
-        for sentence in found_mistakes(policy, stations[0]):
+        mujoco, drake = (delayed(walked)(policy, station, self.n_robots) for station in stations)
+        # Drake takes longest and begins first.
+        work: list[Any] = [drake, mujoco, delayed(found_mistakes)(policy, stations[0])]
+        with Workers().pool():
+            *tables, sentences = run_parallel(work)
+        table = pd.concat(reversed(tables))
+        print_table(f"{self.n_robots} robots, {STEPS * CONTROL_PERIOD:g} s", table)
+        for sentence in sentences:
             say(sentence)
 
 
