@@ -179,7 +179,7 @@ REFINING = PpoConfig(
     kl_decay=(500, 680),
     initial_std=0.4,
 )
-"""PPO settings for a policy that walks. With an `initial_std` of 0.1, formulas hardly changed."""
+"""PPO settings for a policy that walks. With an `initial_std` of 0.15, formulas hardly changed."""
 
 MILD = DomainRandomization(
     groups=GroupRanges(
