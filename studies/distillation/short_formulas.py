@@ -7,6 +7,7 @@ written.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -108,21 +109,13 @@ def fit_short_formulas(
     mirror = samples.mirror if settings.mirrored else None
     variables = FormulaVariables(samples.robot, samples.observation_names)
     vocabulary = variables.vocabulary
-    legs: Sequence[str | None] = quadruped.LEGS
     factors = [vocabulary.variable(symbol) for symbol in FACTORS if symbol in vocabulary.symbols]
     if not settings.local:
-        legs, factors = (None,), [*gates(vocabulary)]
+        factors = [*gates(vocabulary)]
 
     # Fit all formulas at every length, then allot the terms.
     groups = samples_by_state(samples, vocabulary, mirror)
-    grown = [
-        [
-            growth
-            for leg in legs
-            for growth in _grow(group, variables, factors, leg, settings.longest - 1)
-        ]
-        for group in groups
-    ]
+    grown = [_grow(group, variables, factors, settings) for group in groups]
     errors = [growth.errors for growths in grown for growth in growths]
     counts = iter(allot(errors, settings.terms))
 
@@ -173,27 +166,32 @@ def allot(errors: Sequence[Array], n_terms: int) -> list[int]:
 def _grow(
     group: FormulaSamples,
     variables: FormulaVariables,
-    gates: Sequence[Expression],
-    leg: str | None,
-    most: int,
+    factors: Sequence[Expression],
+    settings: FormulasSettings,
 ) -> list[_Growth]:
-    """Fits the formulas of an RM state, or only of one leg, term by term, up to `most` terms."""
-    # The possible terms.
+    """Fits the formulas of an RM state term by term; those of a leg share their possible terms."""
     values = variables(group.observations)
-    used = variables_of(leg, variables.vocabulary)
-    terms = PossibleTerms(values[:, used], Tape(gates, values.shape[1])(values))
-    columns = [i for i, place in enumerate(group.places) if leg in (None, _leg(place))]
-    targets = group.targets[:, columns]
+    gates, grown = Tape(factors, values.shape[1])(values), list[_Growth]()
+    for leg, places in groupby(group.places, lambda place: _leg(place) if settings.local else None):
+        # Choose the terms, and the constant for each number of terms.
+        used = variables_of(leg, variables.vocabulary)
+        terms = PossibleTerms(values[:, used], gates)
+        targets = group.targets[:, len(grown) : len(grown) + len([*places])]
+        paths, mean = weight_paths(terms, targets, settings.longest - 1), terms.moments[0]
+        biases = [
+            target.mean() - path @ mean for target, path in zip(targets.T, paths, strict=True)
+        ]
 
-    # Choose terms, and compute the constant and the mean squared error for each number of them.
-    grown = []
-    for target, path in zip(targets.T, weight_paths(terms, targets, most), strict=True):
-        bias, squares = target.mean() - path @ terms.moments[0], np.zeros(len(path))
+        # Sum the squared errors for each number of terms, block by block.
+        squares = [np.zeros(len(path)) for path in paths]
         for rows, block in terms.blocks():
-            squares += ((block @ path.T + bias - target[rows, None]) ** 2).sum(axis=0)
-        weights = np.zeros((len(path), 1 + len(gates), values.shape[1]))
-        weights[..., used] = path.reshape(len(path), -1, len(used))
-        grown.append(_Growth(weights, bias, squares / len(values)))
+            fits = zip(paths, biases, targets[rows].T, strict=True)
+            for i, (path, bias, target) in enumerate(fits):
+                squares[i] += ((block @ path.T + bias - target[:, None]) ** 2).sum(axis=0)
+        for path, bias, total in zip(paths, biases, squares, strict=True):
+            weights = np.zeros((len(path), 1 + len(factors), values.shape[1]))
+            weights[..., used] = path.reshape(len(path), -1, len(used))
+            grown.append(_Growth(weights, bias, total / len(values)))
     return grown
 
 
