@@ -99,7 +99,7 @@ class Controller:
 
         `memory` is that of the previous step, by default that before the first one.
         """
-        # The same policy acts on all robots. The expert remembers also what students act on.
+        # The same policy acts on all robots. The expert also remembers steps at which students act.
         by_expert = self.student is None or bool(expert_acts(step, self.period))
         before = self.begin(len(observation)) if memory is None else memory
         memory = self.expert.remember(before, observation)

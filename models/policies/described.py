@@ -264,22 +264,22 @@ class DescribedPolicy(Policy):
 
     def _frame(self, observation: Array, begins: NDArray[np.bool_], count: Array) -> Array:
         """Returns the network's frames (..., frame_size) of observations (..., n)."""
-        told = {name: observation[..., index] for name, index in self._entries.items()}
+        observed = {name: observation[..., index] for name, index in self._entries.items()}
         robot, commands = self.robot, self.description.commands
-        forward, yaw = np.split(told["commanded velocity"], 2, axis=-1)
-        wanted = np.concatenate([forward, np.zeros_like(forward), yaw], axis=-1)
+        forward, yaw = np.split(observed["commanded velocity"], 2, axis=-1)
+        command = np.concatenate([forward, np.zeros_like(forward), yaw], axis=-1)
         ranges = np.array([commands.forward, commands.left, commands.yaw])
-        position = told["joint position"] + robot.default_stance
-        target = robot.joint_targets(told["previous action"])
+        position = observed["joint position"] + robot.default_stance
+        target = robot.joint_targets(observed["previous action"])
         action = np.where(begins, 0.0, (target - self._default) / self._scale)
         quantities = {
-            "angular_velocity": told["angular velocity"] / ANGULAR_VELOCITY_SCALE,
-            "gravity": told["gravity"],
-            "command": np.clip(wanted, *ranges.T),
+            "angular_velocity": observed["angular velocity"] / ANGULAR_VELOCITY_SCALE,
+            "gravity": observed["gravity"],
+            "command": np.clip(command, *ranges.T),
             "joint_position": (position - self._default)[..., self._order],
-            "joint_velocity": told["joint velocity"][..., self._order] / JOINT_VELOCITY_SCALE,
+            "joint_velocity": observed["joint velocity"][..., self._order] / JOINT_VELOCITY_SCALE,
             "last_action": action[..., self._order],
-            "base_velocity": told["base velocity"] / BASE_VELOCITY_SCALE,
+            "base_velocity": observed["base velocity"] / BASE_VELOCITY_SCALE,
         }
         parts = []
         for term in self.description.observation:
