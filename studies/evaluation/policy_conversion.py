@@ -64,7 +64,11 @@ class ConvertPolicy(Settings):
         except (TypeError, ValueError, IndexError, AttributeError) as error:
             raise InputError(f"{self.config}: is no config of a quadruped; give another") from error
         write_atomically(self.description, yaml.safe_dump(plain, sort_keys=False))
-        load_described(self.description)
+        try:
+            load_described(self.description)
+        except InputError:
+            self.description.unlink()
+            raise
         console.print(f"description written to {self.description}")
         if self.check:
             CheckPolicy(self.description).run()
