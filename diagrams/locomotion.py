@@ -327,7 +327,7 @@ def _add_policies(
     for name, policy in controller.policies.items():
         policy.check(gait=gait, observation_names=layout.names)
         acting, seen = PolicySystem(policy), observation
-        if policy.n_memory != len(policy.observation_names):
+        if policy.remembers:
             memory = _add(builder, f"{name}_memory", PolicyMemory(policy), observation=observation)
             seen = memory.get_output_port()
         _add(builder, name, acting, observation=seen)

@@ -158,7 +158,7 @@ def estimator_in_loop(
 def _refuse_other_expert(expert: Policy, student: Policy, *, both_act: bool) -> None:
     # A student needs the estimator that it was distilled with.
     name = f"this {student.kind} student of the {student.gait}"
-    if student.n_memory != len(student.observation_names):
+    if student.remembers:
         raise InputError(f"{name} remembers observations, which only experts do; give another one")
     if student.gait != expert.gait:
         raise InputError(f"{name} cannot act with an expert of the {expert.gait}; give another one")

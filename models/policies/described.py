@@ -197,6 +197,7 @@ class DescribedPolicy(Policy):
     """
 
     kind = "described"
+    remembers, symmetric = True, False
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {"weights": Indices("bytes", of="values")}
     weights: NDArray[np.uint8]
     """The bytes of the ONNX file."""

@@ -176,6 +176,11 @@ class Policy(ABC):
     suffix: ClassVar[str] = ".safetensors"
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
 
+    remembers: ClassVar[bool] = False
+    """Whether the policy acts on a memory of observations instead of the latest one."""
+    symmetric: ClassVar[bool] = True
+    """Whether the policy treats left and right alike where its gait does."""
+
     joint_law: JointLaw = DEFAULT_LAW
     observes_by: str | None = None
     """Digest of the expert whose estimator the policy uses, if any."""

@@ -98,17 +98,14 @@ class Dataset:
         )
 
     def training_set(self, gait: Gait, expert: Policy) -> TrainingSet:
-        """Returns the samples in the form that students are fitted to.
-
-        A network of another project need not treat left and right alike.
-        """
+        """Returns the samples in the form that students are fitted to."""
         return TrainingSet(
             gait.name,
             expert.observation_names,
             self.observations,
             self.actions,
             self.starts,
-            None if expert.kind == "described" else mirrored_states(gait),
+            mirrored_states(gait) if expert.symmetric else None,
             expert.robot,
         )
 

@@ -102,7 +102,7 @@ def test_it_is_kept_in_a_file_and_sent_to_another_process(describe, generator, t
     policy.save(tmp_path / "expert.safetensors")
     for other in (load_policy(tmp_path / "expert.safetensors"), pickle.loads(pickle.dumps(policy))):
         assert (other.digest(), other.joint_law) == (policy.digest(), policy.joint_law)
-        assert other.joint_law.gains == (30.0, 0.7)
+        assert (other.joint_law.gains, other.remembers, other.symmetric) == ((30.0, 0.7), 1, 0)
         np.testing.assert_array_equal(other(memory), expected)
     changed = load_described(describe(("scale: 0.25", "scale: 0.26")))
     assert changed.digest() != policy.digest()
