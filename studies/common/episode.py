@@ -122,6 +122,7 @@ def episode(
     observers: Sequence[Observer] = (),
     events: Sequence[Event] = (),
     start: TaskState | None = None,
+    memory: Array | None = None,
     when_fallen: Literal["rest", "restart", "go on"] = "rest",
     leave_out_every: int | None = None,
 ) -> EpisodeEnd:
@@ -132,6 +133,7 @@ def episode(
     Args:
         controller: A controller, a policy, or a function from observations (n, n_obs) to actions.
         start: Initial state; by default drawn near the default stance.
+        memory: The controller's memory at the start (n, n_memory); by default as it begins.
         when_fallen: What a fallen robot does: `rest` with actions of 0, since a policy may diverge
             on the ground, `restart` its episode, or `go on` with the controller.
         leave_out_every: Control steps between removals of fallen robots, which save time; by
@@ -147,7 +149,8 @@ def episode(
     simulator, robots = make(n_robots=n_robots), np.arange(n_robots)
     if start is not None:
         simulator.restore(start)
-    fell, memory = np.full(n_robots, n_steps), controller.begin(n_robots)
+    fell = np.full(n_robots, n_steps)
+    memory = controller.begin(n_robots) if memory is None else memory
     for step in range(n_steps):
         # Remove fallen robots.
         fallen = fell[robots] < n_steps

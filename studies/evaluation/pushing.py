@@ -19,6 +19,7 @@ from glassgait.studies.common.episode import ControlStep, Observer, PreparedTask
 FIRST_STEPS = 150  # control steps from standing to the first stride that is timed
 MOST_STEPS = 450  # control steps to reach the phases in; later, a new command may come
 LAST_STEPS = round(1.0 / CONTROL_PERIOD)  # last control steps, in which survivors must walk
+FREE_STRIDE = 25  # control steps that count as a stride of a gait without transitions
 WALKS = 0.5  # share of the commanded rhythm that counts as walking
 LEAVE_OUT_EVERY = 25  # control steps after which fallen robots are left out, to save time
 
@@ -37,7 +38,8 @@ def push_everywhere(
     """Pushes each walking robot once, and checks whether it walks `n_steps` later.
 
     One robot per phase walks from near the default stance. It is copied at the instant of its
-    phase, so that all its pushes start from the same state; sensor noise differs from then on.
+    phase, so that all its pushes start from the same state; sensor noise differs from then on. A
+    gait without transitions has no rhythm to keep: its robots survive if they do not fall.
 
     Returns one row per direction (from straight ahead, to the left), speed and phase. The `end` of
     a robot that does not survive is its first failure, or `no_rhythm`.
@@ -45,7 +47,7 @@ def push_everywhere(
     world = PreparedTask.of(gait, scenario, controller)
     walk = partial(episode, gait, controller, world, seed=np.random.default_rng(seed))
     # Let one robot per phase walk until the instant of its phase.
-    phases = _PhaseStates(gait.states.index(gait.initial), n_phases)
+    phases = _PhaseStates(gait, n_phases)
     walk(n_robots=n_phases, n_steps=MOST_STEPS, observers=[phases])
     shape = n_directions, len(speeds), n_phases
     direction, speed, phase = np.unravel_index(np.arange(np.prod(shape)), shape)
@@ -71,11 +73,13 @@ def push_everywhere(
             n_steps=n_steps,
             observers=[survival],
             start=state.pushed(push),
+            memory=phases.memory[phase[rows]],
             leave_out_every=LEAVE_OUT_EVERY,
         )
         fell = survival.failure >= 0
         table.loc[rows[fell], "end"] = np.array(FAILURES)[survival.failure[fell]]
-        walks = rows[~fell & (survival.served / min(n_steps, LAST_STEPS) >= WALKS)]
+        rhythmic = survival.served / min(n_steps, LAST_STEPS) >= WALKS
+        walks = rows[~fell & (rhythmic | (not gait.transitions))]
         table.loc[walks, "survived"], table.loc[walks, "end"] = True, ""
     return table
 
@@ -86,13 +90,17 @@ class _PhaseStates(Observer):
     Attributes:
         reached: True for robots that reached their phase (n,). The others fell before, or never
             completed a stride.
+        memory: The controller's memory at these instants (n, n_memory).
     """
 
-    def __init__(self, initial: int, n_phases: int) -> None:
+    def __init__(self, gait: Gait, n_phases: int) -> None:
         self.reached = np.zeros(n_phases, dtype=bool)
-        self._initial = initial
+        self.memory = np.full((n_phases, 1), np.nan)
+        self._initial = gait.states.index(gait.initial)
         self._phases = np.arange(n_phases) / n_phases
         self._entries = np.full((n_phases, 2), -1)
+        if not gait.transitions:
+            self._entries[:] = FIRST_STEPS, FIRST_STEPS + FREE_STRIDE
         self._state: TaskState | None = None
 
     def observe(self, step: ControlStep) -> None:
@@ -109,6 +117,7 @@ class _PhaseStates(Observer):
         robots = np.flatnonzero(now)
         before = step.before if self._state is None else self._state
         self._state = before.with_robots(robots, step.after.of_robots(robots))
+        self.memory = np.where(now[:, None], step.output.memory, self.memory)
         self.reached |= now
         self.done = bool((self.reached | step.fallen).all())
 

@@ -10,6 +10,7 @@ import pytest
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
+from glassgait.models.policies.function import FunctionPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.cli import main
@@ -21,8 +22,8 @@ WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
 GRID = {"n_directions": 4, "speeds": (0.2, 8.0), "n_phases": 2}
 
 
-def pushed(policy, world=WORLD, **grid):
-    return push_everywhere(TROT, policy, world, **{**GRID, **grid}, n_steps=60, seed=3)
+def pushed(policy, world=WORLD, gait=TROT, **grid):
+    return push_everywhere(gait, policy, world, **{**GRID, **grid}, n_steps=60, seed=3)
 
 
 def test_a_light_push_is_survived_and_a_train_is_not(expert):
@@ -49,6 +50,27 @@ def test_what_ends_by_a_high_foot_alone_is_no_physical_fall(expert):
 
 def test_a_policy_that_stands_does_not_walk(other_expert):
     assert set(pushed(alone(other_expert))["end"]) == {"no_rhythm"}
+
+
+def test_without_a_rhythm_robots_survive_that_do_not_fall_and_remember_their_frames():
+    class Standing(FunctionPolicy):
+        @property
+        def n_memory(self):
+            return 1  # the number of control steps
+
+        def remember(self, memory, observation):
+            counts.append(np.nan_to_num(memory + 1.0))
+            return counts[-1]
+
+        def act(self, observation):
+            return np.zeros((len(observation), 12))
+
+    counts = []
+    table = pushed(alone(Standing(np.zeros_like, "free")), gait=load_gait("free"))
+    assert (table["survived"] == (table["speed (m/s)"] == 0.2)).all()
+    # The second of two phases is half a stride after the first.
+    first = next(count for count in counts if len(count) == len(table))
+    assert {*first.ravel()} == {176.0, 188.0}
 
 
 def test_a_robot_is_pushed_where_it_faces(standing):
