@@ -125,14 +125,18 @@ class GroupRanges(Settings):
                 payload=masses[i],
                 payload_position=(x[i], y[i], 0.0),
                 motor_strength=strengths[i],
-                stiffness=nominal_stiffness * stiffness[i],
-                damping=nominal_damping * damping[i],
+                stiffness=_scaled(nominal_stiffness, stiffness[i]),
+                damping=_scaled(nominal_damping, damping[i]),
                 armature=rotors[i],
                 relaxation_time=relaxation_times[i],
                 terrain=grounds[i],
             )
             for i in range(count)
         ]
+
+
+def _scaled(gain: float | tuple[float, ...], factor: float) -> float | tuple[float, ...]:
+    return tuple(factor * x for x in gain) if isinstance(gain, tuple) else factor * gain
 
 
 @checked

@@ -208,8 +208,9 @@ def _add_motors(spec: mujoco.MjSpec, robot: Robot, station: StationConfig) -> No
     # The PD law as a motor force that is affine in joint position and velocity, so that MuJoCo
     # integrates the damping implicitly.
     strength = station.motor_strength
-    stiffness, damping = (strength * gain for gain in station.gains(robot))
-    for name, effort in zip(quadruped.JOINTS, robot.effort, strict=True):
+    motors = np.broadcast_arrays(robot.effort, *station.gains(robot))
+    for name, *motor in zip(quadruped.JOINTS, *motors, strict=True):
+        effort, stiffness, damping = (strength * float(value) for value in motor)
         joint = spec.joint(name)
         if station.armature:
             joint.armature = station.armature
@@ -222,7 +223,7 @@ def _add_motors(spec: mujoco.MjSpec, robot: Robot, station: StationConfig) -> No
             biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             biasprm=[0.0, -stiffness, -damping, *[0.0] * 7],
             forcelimited=True,
-            forcerange=strength * effort * np.array([-1.0, 1.0]),
+            forcerange=effort * np.array([-1.0, 1.0]),
         )
 
 

@@ -37,7 +37,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from glassgait.models.errors import InputError, brief
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.robot import DEFAULT_LAW, Damping, JointLaw, Robot, Stiffness
+from glassgait.models.robots.robot import DEFAULT_LAW, Damping, Gains, JointLaw, Robot, Stiffness
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
@@ -128,7 +128,7 @@ class StationConfig(Settings):
             )
         return n_steps
 
-    def gains(self, robot: Robot, law: JointLaw = DEFAULT_LAW) -> tuple[float, float]:
+    def gains(self, robot: Robot, law: JointLaw = DEFAULT_LAW) -> Gains:
         """Returns stiffness and damping of the joints; missing values come from the law."""
         stiffness, damping = law.gains_of(robot)
         return (
@@ -259,14 +259,15 @@ def actuated_joints(plant: MultibodyPlant) -> list[str]:
 
 
 def _set_motors(plant: MultibodyPlant, robot: Robot, config: StationConfig) -> None:
-    strength, (stiffness, damping) = config.motor_strength, config.gains(robot)
-    effort = dict(zip(quadruped.JOINTS, robot.effort, strict=True))
+    strength = config.motor_strength
+    shares = np.broadcast_arrays(robot.effort, *config.gains(robot))
+    motors = dict(zip(quadruped.JOINTS, np.stack(shares, axis=1), strict=True))
     # Before Finalize(), Drake lists no actuators by model instance; all actuators are the robot's.
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_mutable_joint_actuator(index)
-        gains = PdControllerGains(p=strength * stiffness, d=strength * damping)
-        actuator.set_controller_gains(gains)
-        actuator.set_effort_limit(strength * effort[actuator.joint().name()])
+        effort, stiffness, damping = strength * motors[actuator.joint().name()]
+        actuator.set_controller_gains(PdControllerGains(p=stiffness, d=damping))
+        actuator.set_effort_limit(effort)
         actuator.set_default_rotor_inertia(config.armature)
 
 

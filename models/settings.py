@@ -120,7 +120,8 @@ def _sentence(error: ValidationError, kind: type[Settings]) -> str:
     """Describes the first value that pydantic refuses, and what it must be."""
     # A misspelt key also leaves a key missing; report the misspelling first.
     errors = sorted(error.errors(include_url=False), key=lambda item: item["type"] == "missing")
-    first, path = errors[0], list(errors[0]["loc"])
+    # The path of a union's error also names the alternative.
+    first, path = errors[0], [part for part in errors[0]["loc"] if "float" not in str(part)]
     if path and isinstance(path[0], int):
         # A positional argument.
         path[0] = fields(kind)[path[0]].name  # type: ignore[arg-type]

@@ -74,7 +74,7 @@ def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) 
 def assumptions(policy: Policy, gait: Gait, operating: ObservationBox) -> dict[str, Any]:
     """Returns a certificate's assumptions about the robot, the machine and the boxes."""
     robot, images = policy.robot, mirrored_states(gait)
-    stiffness, damping = policy.joint_law.gains_of(robot)
+    stiffness, damping = policy.joint_law.worst_gains(robot)
     numbers = {"torque": float(robot.effort.min()), "stiffness": stiffness, "damping": damping}
     return {
         "gait": gait.name,

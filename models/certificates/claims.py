@@ -102,7 +102,7 @@ class Claim(Settings):
         """Returns the number that `most` or `limit` gives."""
         if self.limit is None:
             return self.most or 0.0
-        stiffness, damping = law.gains_of(robot)
+        stiffness, damping = law.worst_gains(robot)
         return (float(robot.effort.min()) if self.limit == "torque" else damping) / stiffness
 
     def joint_indices(self) -> tuple[int, ...]:

@@ -202,13 +202,13 @@ def _robot_values(robot: Robot, controller: Controller, gait: Gait) -> dict[str,
         **_ranges(robot, law.limits),
         "mark": INITIALISED,
         "action_scale": robot.action_scale,
-        "stiffness": stiffness,
-        "damping": damping,
+        "stiffness": stiffness if isinstance(stiffness, float) else "STIFFNESS",
+        "damping": damping if isinstance(damping, float) else "DAMPING",
         "constants_of_robot": [
             ("PERIOD", CONTROL_PERIOD, "s between two steps"),
-            ("STIFFNESS", stiffness, "kp of every joint, N m/rad"),
-            ("DAMPING", damping, "kd of every joint, N m s/rad, for a target velocity of 0"),
-            *_efforts(robot),
+            *_by_joint("STIFFNESS", stiffness, "kp of {}, N m/rad"),
+            *_by_joint("DAMPING", damping, "kd of {}, N m s/rad, for a target velocity of 0"),
+            *_by_joint("EFFORT", robot.effort, "greatest torque of {}, N m"),
             ("MAX_SPEED", gait.max_speed, "greatest command, forward and backward, m/s"),
             ("MAX_YAW_RATE", gait.max_yaw_rate, "greatest command, left and right, rad/s"),
             ("MIN_DWELL", float(gait.dwell[0]), "least command, control steps"),
@@ -236,13 +236,13 @@ def _ranges(robot: Robot, limits: TargetLimits | None) -> dict[str, Any]:
     return {"limit": index, **{name: array[:count].tolist() for name, array in values.items()}}
 
 
-def _efforts(robot: Robot) -> list[tuple[str, float, str]]:
+def _by_joint(name: str, values: Any, note: str) -> list[tuple[str, float, str]]:
     # Write one constant if all joints share it.
-    if np.ptp(robot.effort) == 0.0:
-        return [("EFFORT", float(robot.effort[0]), "greatest torque of a joint, N m")]
+    if np.ptp(values) == 0.0:
+        return [(name, float(np.max(values)), note.format("every joint"))]
     return [
-        (f"EFFORT_{joint.upper()}", float(effort), "its greatest torque, N m")
-        for joint, effort in zip(quadruped.JOINTS, robot.effort, strict=True)
+        (f"{name}_{joint.upper()}", float(value), note.format("this joint"))
+        for joint, value in zip(quadruped.JOINTS, values, strict=True)
     ]
 
 

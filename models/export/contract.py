@@ -173,10 +173,11 @@ def interface_of(contract: dict[str, Any]) -> Interface:
             f"{CONTRACT}: key 'file' is {shown(file.name)}, which holds a policy only; export the "
             "controller with --format c"
         )
+    gains = [contract["stiffness"], contract["damping"]]
     return Interface(
         name=file.stem,
         real=contract["numbers"],
-        joint_law=JointLaw((contract["stiffness"], contract["damping"]), contract["limited"]),
+        joint_law=JointLaw.from_plain({"gains": gains, "limited": contract["limited"]}),
         has_imu="gravity" in contract["sensors"],
         has_odometry=contract["estimator"] == "odometry",
     )

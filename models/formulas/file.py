@@ -192,8 +192,9 @@ def _text(key: str, value: str) -> str:
     return yaml.safe_dump({key: value}, width=inf).strip()
 
 
-def _list(numbers: Iterable[float]) -> str:
-    return f"[{', '.join(map(_number, numbers))}]"
+def _list(numbers: Iterable[float | tuple[float, ...]]) -> str:
+    written = (_list(item) if isinstance(item, tuple) else _number(item) for item in numbers)
+    return f"[{', '.join(written)}]"
 
 
 def _mapping(numbers: Mapping[str, float]) -> str:

@@ -8,6 +8,7 @@ frames as the network observes, and converts the network's answer to an action.
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -24,7 +25,7 @@ from glassgait.models.policies.library import naming
 from glassgait.models.policies.policy import ArraySpec, Indices, Policy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.quadruped import JOINTS, N_JOINTS
-from glassgait.models.robots.robot import Damping, JointLaw, Robot, Stiffness
+from glassgait.models.robots.robot import JointLaw, Robot
 from glassgait.models.settings import FEW, Positive, Range, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import FREE, Gait, shipped_gait
@@ -115,12 +116,12 @@ class Clip(Settings):
 
 @checked
 class DescribedGains(Settings):
-    """Gains of the joints' position and velocity control, the same for all joints."""
+    """Gains of the joints' position and velocity control."""
 
     title: ClassVar[str] = "gains"
 
-    stiffness: Stiffness  # N·m/rad
-    damping: Damping  # N·m·s/rad
+    stiffness: PerJoint  # N·m/rad
+    damping: PerJoint  # N·m·s/rad
 
 
 @checked
@@ -163,8 +164,9 @@ class Description(Settings):
                 f"period is {self.period:g} s; give a network for {CONTROL_PERIOD} s, the period "
                 "of this project's control step"
             )
-        for key in ("default", "action_scale"):
+        for key in ("default", "action_scale", "gains.stiffness", "gains.damping"):
             self.by_joint(key)
+        _ = self.joint_law
         if not self.by_joint("action_scale").all():
             raise InputError("action_scale is 0 for a joint; give other numbers")
 
@@ -173,9 +175,16 @@ class Description(Settings):
         """Number of entries of one frame."""
         return sum(term.size for term in self.observation)
 
+    @property
+    def joint_law(self) -> JointLaw:
+        """The joint law with the gains, one number of each if all joints share it."""
+        gains = (self.by_joint(f"gains.{key}").tolist() for key in ("stiffness", "damping"))
+        stiffness, damping = (tuple(gain) if len({*gain}) > 1 else gain[0] for gain in gains)
+        return JointLaw((stiffness, damping))
+
     def by_joint(self, key: str) -> Array:
         """Returns a value of each joint (12), in the order of `JOINTS`."""
-        given = getattr(self, key)
+        given = attrgetter(key)(self)
         if not isinstance(given, dict):
             return np.full(N_JOINTS, given)
         kinds = [joint.partition("_")[2] for joint in JOINTS]
@@ -213,7 +222,7 @@ class DescribedPolicy(Policy):
     ) -> None:
         super().__init__(gait, observation_names, *arrays, robot=robot, **named)
         self.description, self._estimator = description, Odometry()
-        self.joint_law = JointLaw((description.gains.stiffness, description.gains.damping))
+        self.joint_law = description.joint_law
         self._order = np.array([JOINTS.index(joint) for joint in description.joints])
         self._default = description.by_joint("default")
         self._scale = description.by_joint("action_scale")

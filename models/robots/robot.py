@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, Len, MaxLen, MinLen
 from pydantic import StringConstraints
 
 from glassgait.models.arrays import Array, clip
@@ -24,6 +24,7 @@ Angle = Annotated[float, Ge(-10.0), Le(10.0)]
 Effort = Annotated[float, Ge(0.01), Le(10_000.0)]
 Velocity = Annotated[float, Ge(0.01), Le(1000.0)]
 Box = tuple[Length, Length, Length]
+OF_EACH_JOINT = Len(len(JOINTS), len(JOINTS))
 
 
 @checked
@@ -175,14 +176,13 @@ class Robot(Settings):
         return _fixed(least), _fixed(greatest)
 
     def joint_torque(
-        self, *, target: Array, position: Array, velocity: Array, gains: tuple[float, float]
+        self, *, target: Array, position: Array, velocity: Array, gains: "Gains"
     ) -> Array:
         """Evaluates the joints' PD law at one instant, limited to the motors' effort.
 
-        Targets and positions are in rad, velocities in rad/s (..., 12 each); gains are stiffness
-        and damping (N·m/rad, N·m·s/rad).
+        Targets and positions are in rad, velocities in rad/s (..., 12 each).
         """
-        stiffness, damping = gains
+        stiffness, damping = map(np.asarray, gains)
         torque = stiffness * (target - position) - damping * velocity
         return clip(torque, -self.effort, self.effort)
 
@@ -193,10 +193,13 @@ def _fixed(values: Any) -> Array:
     return array
 
 
-Stiffness = Annotated[float, Gt(0.0), Le(1000.0)]
-Damping = Annotated[float, Ge(0.0), Le(100.0)]
+_Stiffness = Annotated[float, Gt(0.0), Le(1000.0)]
+_Damping = Annotated[float, Ge(0.0), Le(100.0)]
+Stiffness = _Stiffness | Annotated[tuple[_Stiffness, ...], OF_EACH_JOINT]
+Damping = _Damping | Annotated[tuple[_Damping, ...], OF_EACH_JOINT]
 Gains = tuple[Stiffness, Damping]
-"""Gains of the joints' position and velocity control (N·m/rad, N·m·s/rad)."""
+"""Gains of the joints' position and velocity control (N·m/rad, N·m·s/rad), each one number for all
+joints or one for each (12)."""
 
 
 @checked
@@ -291,7 +294,7 @@ class JointLaw(Settings):
 
     title: ClassVar[str] = "joint_law"
 
-    gains: Gains | None = None  # Stiffness and damping (N·m/rad, N·m·s/rad); by default the robot's
+    gains: Gains | None = None  # Stiffness and damping; by default the robot's
     # Whether targets are clipped to the joints' ranges; the policy then observes the clipped action
     # as its previous action.
     limited: bool = False
@@ -302,9 +305,14 @@ class JointLaw(Settings):
         # Limited targets are within the joints' ranges, except for rounding.
         object.__setattr__(self, "limited", self.limited or self.limits is not None)
 
-    def gains_of(self, robot: Robot) -> tuple[float, float]:
+    def gains_of(self, robot: Robot) -> Gains:
         """Returns stiffness and damping of a robot's joints (N·m/rad, N·m·s/rad)."""
         return self.gains or (robot.stiffness, robot.damping)
+
+    def worst_gains(self, robot: Robot) -> tuple[float, float]:
+        """Returns the greatest stiffness and the least damping of a robot's joints."""
+        stiffness, damping = self.gains_of(robot)
+        return float(np.max(stiffness)), float(np.min(damping))
 
     def torque(self, robot: Robot, *, action: Array, position: Array, velocity: Array) -> Array:
         """Returns the joints' torques (..., 12; N·m) as they follow an action (..., 12)."""
@@ -322,14 +330,13 @@ class JointLaw(Settings):
 
     def with_limits(self, robot: Robot) -> "JointLaw":
         """Returns this law with target limits for its stiffness."""
-        stiffness, _ = self.gains_of(robot)
-        limits = TargetLimits(stiffness)
+        limits = TargetLimits(self.worst_gains(robot)[0])
         limits.check(robot)
         return replace(self, limits=limits)
 
     def check(self, robot: Robot) -> None:
         """Refuses limits with which a joint at rest could demand more than its motor's torque."""
-        stiffness, _ = self.gains_of(robot)
+        stiffness, _ = self.worst_gains(robot)
         if self.limits is not None and self.limits.stiffness < stiffness:
             raise InputError(
                 f"limits: torque is divided by {self.limits.stiffness:g}, and the joints' "

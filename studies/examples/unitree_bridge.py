@@ -103,7 +103,7 @@ def checksum(record: Any) -> int:
     return int(f"{zlib.crc32(mirrored) ^ 0xFFFFFFFF:032b}"[::-1], 2)
 
 
-def low_cmd(motors: np.ndarray, q: np.ndarray, kp: float, kd: float) -> Any:
+def low_cmd(motors: np.ndarray, q: np.ndarray, kp: Any, kd: Any) -> Any:
     """Returns the message that drives motors (12) to positions (12; rad)."""
     record = np.zeros((), types_of("LowCmd_")[1])
     record["head"], record["level_flag"] = (0xFE, 0xEF), 0xFF

@@ -266,7 +266,8 @@ def test_they_agree_with_formulas(trot):
 @pytest.mark.parametrize("scenario", ["quiet", "all at once"])
 def test_they_agree_with_a_described_network_and_its_history(scenario, describe):
     scenario = replace(SCENARIOS[scenario], command=FixedCommand(0.4, 0.2))
-    assert_agreement(load_gait("free"), load_described(describe()), scenario)
+    by_kind = describe(("stiffness: 30.0", "stiffness: {hip: 20, thigh: 20, calf: 40}"))
+    assert_agreement(load_gait("free"), load_described(by_kind), scenario)
 
 
 def test_a_described_network_remembers_what_its_student_acted_on(trot, describe):

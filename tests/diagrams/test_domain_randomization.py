@@ -51,7 +51,7 @@ def test_the_first_groups_are_of_mujoco():
 
 
 def test_ranges_of_one_value_change_nothing():
-    station = StationConfig(friction=0.7, stiffness=20.0, damping=0.5)
+    station = StationConfig(friction=0.7, stiffness=(20.0,) * 12, damping=0.5)
     none = GroupRanges(
         terrains=TerrainRanges(share=0.0),
         payload=(0, 0),

@@ -47,6 +47,7 @@ def after(station, states, targets, n_steps=1):
         {"payload": 2.0, "payload_position": (0.1, 0.02, 0.0)},
         {"motor_strength": 0.8},
         {"stiffness": 16.0, "damping": 0.4},
+        {"stiffness": (20.0, 20.0, 40.0) * 4, "damping": (0.5, 0.4, 0.8) * 4},
         {"armature": 0.01},
         {"terrain": Terrain(slope=5.0, direction=130.0)},
     ],

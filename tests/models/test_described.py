@@ -122,6 +122,8 @@ def test_it_is_kept_in_a_file_and_sent_to_another_process(describe, generator, t
         ("hip: 0.0, ", "", "default lacks FL_hip; add it"),
         ("hip: 0.0", "knee: 0.0", "'default.knee' names no joint"),
         ("hip: 0.125", "hip: 0", "action_scale is 0"),
+        ("damping: 0.7", "damping: {hip: 1, thigh: 2, calf: -1}", r"gains\[1\] is .*; it must"),
+        ("stiffness: 30.0", "stiffness: {hip: 20}", "stiffness lacks FL_thigh"),
         ("tiny.onnx", "tiny.pt", r"give an ONNX file, .*jit.load\('tiny.pt'\)"),
         ("tiny.onnx", "mine.onnx", "no such file"),
         ("robot: go2", "robot: go2\nheight: 1", "unknown key 'height'"),

@@ -141,9 +141,11 @@ def test_c_with_an_imu_does_what_python_does(mirrored, odometry, trot, small_exp
 def test_targets_stay_within_the_joints_ranges_if_the_policy_has_them_so(
     limited, trot, small_expert, make_policy, tmp_path
 ):
-    policy = make_policy(trot).with_joint_law(JointLaw(limited=limited))
-    controller = alone(policy, small_expert(trot))
-    compiled = load_controller(write_controller(trot, controller, **WRITTEN), tmp_path)
+    law = JointLaw(((20.0, 20.0, 40.0) * 4, 0.5), limited=limited)
+    controller = alone(make_policy(trot).with_joint_law(law), small_expert(trot))
+    source = write_controller(trot, controller, **WRITTEN)
+    assert "STIFFNESS_FL_CALF 40.0" in source.header
+    compiled = load_controller(source, tmp_path)
     sensors, command, *_ = random_sequences(A1, trot, 1, 3)[0][0]
     memory = compiled.initial()
     memory["action"] = np.tile([-50.0, 50.0], 6)

@@ -119,6 +119,7 @@ def test_the_name_of_any_gait_comes_back(symbolic, gait):
     [
         ("limited: true", JointLaw(limited=True)),
         ("gains: [40, 1.5]", JointLaw((40.0, 1.5))),
+        (f"gains: [{[20.0, 20.0, 40.0] * 4}, 1]", JointLaw(((20.0, 20.0, 40.0) * 4, 1.0))),
         ("limits: {stiffness: 1e2}", JointLaw(limits=TargetLimits(100.0))),
         ("limits: {stiffness: 90, margin: 1.0e-05, lean: 9}", None),
     ],
