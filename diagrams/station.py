@@ -62,9 +62,7 @@ WORLD_STATE = "world_state"
 """Name of the system that outputs the unwrapped state on ground that repeats."""
 
 PAYLOAD_BOX = (0.2, 0.1, 0.05)  # edge lengths of the payload (m)
-
-PATCH = "patch"
-"""Prefix of the names of ground boxes with the patches' friction."""
+PATCH = "patch"  # prefix of the names of ground boxes with the patches' friction
 
 GROUND_REACH, MOST_CELLS = 2.5, 12
 """Greatest reach of a diagram's ground around the middle period, in m and in cells."""

@@ -34,14 +34,9 @@ BOX_DIRECTORY = Path(__file__).parent / "boxes"
 FASTEST_TURN, FASTEST_JOINT, FASTEST_TRUNK, FOOT_HEIGHTS = 20.0, 50.0, 3.0, (-0.1, 0.4)
 """Assumed limits of the gyroscope and the encoders (rad/s), and of the estimator (m/s; m)."""
 
-MARGIN = 0.1
-"""Share of its width by which a measured range is widened on each side."""
-
-DECIMALS = 4
-"""Decimals of a box's numbers; measured and physical ends are rounded outward to them."""
-
-COUNTED = ("iterations", "commanded iterations")
-"""Groups whose quantities are whole numbers."""
+MARGIN = 0.1  # share of its width by which a measured range is widened on each side
+DECIMALS = 4  # decimals of a box's numbers; measured and physical ends are rounded outward to them
+COUNTED = ("iterations", "commanded iterations")  # groups whose quantities are whole numbers
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from glassgait.models.formulas.interval import FUNCTIONS, Interval
 
 MOST_MONOMIALS = 20_000
 
-Monomial = tuple[tuple[int, int], ...]
-"""Numbers of factors in ascending order, each with its power."""
+Monomial = tuple[tuple[int, int], ...]  # numbers of factors in ascending order, each with its power
 
 Polynomial = Mapping[Monomial, Fraction]
 
@@ -119,8 +118,7 @@ Element = tuple[int, int]
 MOST_BOUNDED, MOST_TRIED, ROUNDING = 2000, 10, 2.0**-52
 """Most monomials, most elements whose two ends are tried, and relative error of an operation."""
 
-Terms = Mapping[frozenset[Element], Array]
-"""Coefficients (m) of products of elements."""
+Terms = Mapping[frozenset[Element], Array]  # coefficients (m) of products of elements
 
 
 class Relaxation:

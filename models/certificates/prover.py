@@ -27,19 +27,16 @@ GAPS = {"operating": 0.008, "physical": 0.05}
 
 In the physical box, a proof with 0.008 takes up to forty times the space of all the others."""
 
-FINE = 1e-7
-"""Greatest difference in a second search, near the limit of a claim (rad)."""
+FINE = 1e-7  # greatest difference in a second search, near the limit of a claim (rad)
 
 REFUTED, SLACK = 1e-8, 1e-11
 """Least excess of a refuting witness, and addition to all bounds (rad, or rad per unit)."""
 
-SAMPLES = 5000
-"""Number of random observations among which witnesses are searched."""
+SAMPLES = 5000  # number of random observations among which witnesses are searched
 
 Outcome = Literal["proved", "refuted", "undecided"]
 
-Observed = dict[str, float]
-"""An observation in the robot's units, by symbol."""
+Observed = dict[str, float]  # an observation in the robot's units, by symbol
 
 
 @dataclass(frozen=True)

@@ -42,11 +42,8 @@ Functions of NumPy and of C libraries are within 4 units in the last place."""
 SMALLEST, GREATEST = 2.0**-1000, 1e300
 """More than the error by underflow, and the greatest result that is accepted."""
 
-LARGEST_ERROR = 1e-9
-"""Greatest error of a target about which claims are proved (rad)."""
-
-MARGIN = 1.0 + 1e-6
-"""Factor on all errors, because the checker computes them in another way."""
+LARGEST_ERROR = 1e-9  # greatest error of a target about which claims are proved (rad)
+MARGIN = 1.0 + 1e-6  # factor on all errors, because the checker computes them in another way
 
 FUNCTIONS = ("sin", "cos", "tanh")
 """The functions whose error is bounded; their slopes are at most 1."""
@@ -170,8 +167,7 @@ class FormulaTargets:
                 return Expression("sub", (formula, other))
 
 
-Ranged = tuple[Interval, float]
-"""Exact values, and the greatest error."""
+Ranged = tuple[Interval, float]  # exact values, and the greatest error
 
 
 def formula_error(formula: Expression, joint: int, read: Region, units: RobotUnits) -> float:

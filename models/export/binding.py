@@ -33,10 +33,8 @@ Memory = NDArray[np.void]
 
 class Step(NamedTuple):
     memory: Memory
-    targets: Array
-    """Joint position targets (12; rad)."""
-    status: int
-    """0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`."""
+    targets: Array  # joint position targets (12; rad)
+    status: int  # 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`
 
 
 class LoadedController:

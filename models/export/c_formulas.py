@@ -44,21 +44,17 @@ class Group(NamedTuple):
     """Definitions that share the part of their names before the dot, `lifted` in lifted.FL."""
 
     name: str
-    type: str
-    """C type with these members; empty if there is none."""
-    members: tuple[str, ...]
-    """Parts of the names after the dot; empty for a single number."""
+    type: str  # C type with these members; empty if there is none
+    members: tuple[str, ...]  # parts of the names after the dot; empty for a single number
     lines: tuple[str, ...]
 
 
 class Mirror(NamedTuple):
     """Mirror images, which replace the formulas that the file leaves out."""
 
-    signature: str
-    """Declaration of the function that evaluates the formulas in the file."""
+    signature: str  # declaration of the function that evaluates the formulas in the file
     states: tuple[str, ...]
-    written: tuple[str, ...]
-    """Joints that have a formula in each state, one bit per joint."""
+    written: tuple[str, ...]  # joints that have a formula in each state, one bit per joint
     arrays: tuple[CArray, ...]
 
 

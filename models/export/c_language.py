@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from glassgait.models.formulas.grammar import written_number
 
-Real = Literal["double", "float"]
-"""The type that a controller computes in."""
+Real = Literal["double", "float"]  # the type that a controller computes in
 
 LINE_LENGTH = 100
 
-SMALLEST = 1e-37
-"""Numbers closer to 0 than this are written as 0 in single precision."""
+SMALLEST = 1e-37  # numbers closer to 0 than this are written as 0 in single precision
 
 KEYWORDS = frozenset(
     re.findall(

@@ -16,19 +16,15 @@ from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import Reflection
 
-ABREAST = 10
-"""Greatest number of trees evaluated side by side, so that the processor does not wait."""
+ABREAST = 10  # greatest number of trees evaluated side by side, so that the processor does not wait
 
 
 @dataclass(frozen=True)
 class Code:
     title: str
-    functions: str
-    """C functions; the last one is the entry point."""
-    arrays: tuple[CArray, ...] = ()
-    """Constant arrays, whose numbers are at the end of the file."""
-    takes_state: bool = False
-    """Whether the first argument of the last function is the RM state."""
+    functions: str  # C functions; the last one is the entry point
+    arrays: tuple[CArray, ...] = ()  # constant arrays, whose numbers are at the end of the file
+    takes_state: bool = False  # whether the first argument of the last function is the RM state
 
 
 class Style(NamedTuple):

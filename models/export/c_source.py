@@ -31,8 +31,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, Transition
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
 
-MOST_NAME = 40
-"""Greatest number of characters of a controller's name, the prefix of all its names."""
+MOST_NAME = 40  # greatest number of characters of a controller's name, the prefix of all its names
 
 INITIALISED = 0x0A1C0DE5
 """Mark of an initialised controller; other memory is unlikely to contain it."""

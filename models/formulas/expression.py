@@ -11,15 +11,11 @@ from glassgait.models.errors import InputError, shown
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cube")
 
-MAX_DEPTH = 100
-"""Greatest depth of a formula, since functions of formulas are recursive."""
-
-LARGEST = 1e30
-"""Greatest magnitude of a number, so that products of a few stay finite."""
+MAX_DEPTH = 100  # greatest depth of a formula, since functions of formulas are recursive
+LARGEST = 1e30  # greatest magnitude of a number, so that products of a few stay finite
 
 MAX_NODES = 5000
-MAX_TERMS = 1000
-"""Greatest number of terms up to which products of sums are multiplied out."""
+MAX_TERMS = 1000  # greatest number of terms up to which products of sums are multiplied out
 
 _ARITY = {"constant": 0, "variable": 0} | dict.fromkeys(BINARY, 2) | dict.fromkeys(UNARY, 1)
 

@@ -39,8 +39,7 @@ from glassgait.models.formulas.expression import (
 
 LINE_LENGTH = 100
 
-GLUE = "\N{NO-BREAK SPACE}"
-"""Replaces a space at which no line may end."""
+GLUE = "\N{NO-BREAK SPACE}"  # replaces a space at which no line may end
 
 _COMMENT = re.compile("#[^\n]*")
 
@@ -55,8 +54,7 @@ _TOKEN = re.compile(
 
 _UNPRINTABLE = re.compile(r"[^\n -~]")
 
-SIGNS = (" + ", " - ")
-"""Signs between terms, as they are written."""
+SIGNS = (" + ", " - ")  # signs between terms, as they are written
 
 _OPERATORS = {sign: operator for operator, sign in BINARY.items()}
 _EXPONENTS = {"square": 2, "cube": 3}

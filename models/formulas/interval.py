@@ -12,8 +12,7 @@ LIBRARY_ULPS = 4
 """Assumed error of NumPy's sin, cos and tanh, in units in the last place; the documented errors
 of the libraries behind them are below 1."""
 
-LARGEST_ANGLE = 1e6
-"""Beyond this angle (rad), a sine is only bounded by -1 and 1."""
+LARGEST_ANGLE = 1e6  # beyond this angle (rad), a sine is only bounded by -1 and 1
 
 
 @dataclass(frozen=True)

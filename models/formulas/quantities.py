@@ -284,5 +284,4 @@ GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
 A product with the time itself would grow without bound while a robot stays in a state.
 """
 
-PHASES = ("phase", "wave", "wait")
-"""Definitions of the time in an RM state."""
+PHASES = ("phase", "wave", "wait")  # definitions of the time in an RM state

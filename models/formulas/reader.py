@@ -25,8 +25,7 @@ from glassgait.models.task.gait import gait_names, parse_gait, shipped_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import refuse_other_mirror
 
-MAX_TEXT = 1_000_000
-"""Greatest number of characters of a file."""
+MAX_TEXT = 1_000_000  # greatest number of characters of a file
 
 MAX_DEFINITIONS = 200
 

@@ -46,18 +46,13 @@ class AdditivePolicy(Policy):
         "pair_deviations": Reals("pairs pair_cuts+1 pair_cuts+1", least=0.0),
         "intercepts": Reals("joints"),
     }
-    cuts: Array
-    """Fine cuts of each observation (n, c), ascending and padded with inf."""
+    cuts: Array  # fine cuts of each observation (n, c), ascending and padded with inf
     pair_cuts: Array
     """Coarse cuts of each observation that occurs in a pair (n, d), padded likewise."""
-    tables: Array
-    """Functions of one observation (12, n, c + 1)."""
-    pairs: NDArray[np.integer]
-    """Observations of each pair (p, 2)."""
-    pair_joints: NDArray[np.integer]
-    """Joint of each pair (p,)."""
-    pair_tables: Array
-    """Functions of two observations (p, d + 1, d + 1)."""
+    tables: Array  # functions of one observation (12, n, c + 1)
+    pairs: NDArray[np.integer]  # observations of each pair (p, 2)
+    pair_joints: NDArray[np.integer]  # joint of each pair (p,)
+    pair_tables: Array  # functions of two observations (p, d + 1, d + 1)
     deviations: Array
     """Standard deviation of `tables` between the bagged models; 0 for a single model."""
     pair_deviations: Array

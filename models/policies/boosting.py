@@ -40,11 +40,9 @@ class BoostedTreesPolicy(Policy):
     """Observation that each inner node compares (12, n_trees, 2**depth - 1)."""
     thresholds: Array
     """A node goes left if its observation is at most this; same shape as `features`."""
-    leaves: Array
-    """Contribution of each leaf, learning rate included (12, n_trees, 2**depth)."""
+    leaves: Array  # contribution of each leaf, learning rate included (12, n_trees, 2**depth)
     intercepts: Array
-    importances: Array
-    """Share of each observation in the gain of the fit (12, n)."""
+    importances: Array  # share of each observation in the gain of the fit (12, n)
 
     def __init__(self, gait: str, observation_names: Sequence[str], **options: Any) -> None:
         # Arrays are passed by name only, since several have the same shape.

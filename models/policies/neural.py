@@ -35,12 +35,9 @@ class Network:
     M f(M x), and f is the function of its layers.
     """
 
-    weights: tuple[Array, ...]
-    """Matrices (n_out, n_in), first layer first."""
-    biases: tuple[Array, ...]
-    """Vectors (n_out,)."""
-    reflections: tuple[Reflection, Reflection] | None = None
-    """Reflections of inputs and of outputs."""
+    weights: tuple[Array, ...]  # matrices (n_out, n_in), first layer first
+    biases: tuple[Array, ...]  # vectors (n_out,)
+    reflections: tuple[Reflection, Reflection] | None = None  # reflections of inputs and of outputs
 
     def __call__(self, x: Array) -> Array:
         """Maps inputs (..., n_in) to outputs (..., n_out)."""

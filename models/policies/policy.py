@@ -36,8 +36,7 @@ FORMAT_VERSION = 1
 LARGEST = 1e30
 """Greatest magnitude of a parameter, so that products of a few, as in networks, stay finite."""
 
-INTERCEPT = "intercept"
-"""Name of the constant term of a target."""
+INTERCEPT = "intercept"  # name of the constant term of a target
 
 
 @dataclass(frozen=True)
@@ -145,8 +144,7 @@ class FactoredTerm(NamedTuple):
     weights: tuple[float, ...]
     """One weight for all RM states, or one per state; empty if the term is a function."""
     quantities: "tuple[Expression, ...]"
-    state: int | None = None
-    """RM state whose formula has the term; None if all states share it."""
+    state: int | None = None  # RM state whose formula has the term; None if all states share it
 
 
 @dataclass(frozen=True)
@@ -182,10 +180,8 @@ class Policy(ABC):
     """Whether the policy treats left and right alike where its gait does."""
 
     joint_law: JointLaw = DEFAULT_LAW
-    observes_by: str | None = None
-    """Digest of the expert whose estimator the policy uses, if any."""
-    machine: "Gait | None" = None
-    """The gait, if the policy's file contains it."""
+    observes_by: str | None = None  # digest of the expert whose estimator the policy uses, if any
+    machine: "Gait | None" = None  # the gait, if the policy's file contains it
     _estimator: "Callable[[Array], Array] | Odometry | None" = None
 
     def __init__(

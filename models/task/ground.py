@@ -13,9 +13,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 
-DESCENTS = 120
-"""Greatest number of steps that lower a robot, each by its distance from the ground."""
-
+DESCENTS = 120  # greatest number of steps that lower a robot, each by its distance from the ground
 ABOVE = 1e-9  # height at which a robot's lowest foot may be left (m)
 FARTHEST = 1e9  # greatest index of a cell
 

@@ -36,14 +36,9 @@ if TYPE_CHECKING:
     from glassgait.models.task.gait import Gait
     from glassgait.studies.common.policies import Policies
 
-REPORTED_SEEDS = range(7000, 7005)
-"""Default seeds of the rollouts in reports."""
-
-SELECTION_SEEDS = range(500, 510)
-"""Seeds for the selection among candidates."""
-
-FORMER_SEEDS = range(1000, 1005)
-"""Seeds with which the shipped networks and recipes were selected."""
+REPORTED_SEEDS = range(7000, 7005)  # default seeds of the rollouts in reports
+SELECTION_SEEDS = range(500, 510)  # seeds for the selection among candidates
+FORMER_SEEDS = range(1000, 1005)  # seeds with which the shipped networks and recipes were selected
 
 PolicyNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of policies for `Policies.controllers`."""

@@ -22,8 +22,7 @@ from glassgait.models.task.drawing import ink_on, state_colors
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.tables import format_cell, joined
 
-COLUMN_WIDTH = 3.5
-"""Width of a column of the paper (inches)."""
+COLUMN_WIDTH = 3.5  # width of a column of the paper (inches)
 
 STYLE: dict[Any, Any] = {
     "font.size": 8,

@@ -31,8 +31,7 @@ PACKAGES = (
 )
 """The software that results depend on."""
 
-PLACES = ("output", "resume", "workers")
-"""Settings that do not affect a run's results."""
+PLACES = ("output", "resume", "workers")  # settings that do not affect a run's results
 
 
 def default_folder(study: str, robot: str = DEFAULT_ROBOT) -> Path:

@@ -16,8 +16,7 @@ from glassgait.models.settings import Settings, checked
 from glassgait.studies.common.jobs import expand_gaits
 from glassgait.studies.common.run import to_plain, to_record
 
-IN_FILE = tyro.conf.Suppress
-"""Annotation of settings without an option."""
+IN_FILE = tyro.conf.Suppress  # annotation of settings without an option
 
 S = TypeVar("S", bound=Settings)
 

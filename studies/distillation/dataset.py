@@ -18,8 +18,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import machine_state_entries, overdue
 from glassgait.models.task.symmetry import mirrored_states
 
-START_STEPS = 5
-"""Number of control steps that count as an episode's start."""
+START_STEPS = 5  # number of control steps that count as an episode's start
 
 HELD_OUT_EVERY = 5
 """Every fifth episode is held out, so that the paper's four speeds are held out equally often."""

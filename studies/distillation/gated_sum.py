@@ -16,11 +16,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, constant, plus, scaled, variable
 
-SPREAD = 1e-12
-"""Terms of a smaller standard deviation are not used."""
-
-EQUAL = 1e-9
-"""Two terms count as equal if their correlation differs from 1 or -1 by less."""
+SPREAD = 1e-12  # terms of a smaller standard deviation are not used
+EQUAL = 1e-9  # two terms count as equal if their correlation differs from 1 or -1 by less
 
 PENALTY = 0.003
 """Ridge penalty per sample on the weights of standardised observations.
@@ -29,8 +26,7 @@ Joint angles are correlated, and without a penalty their weights grow with oppos
 R², formulas of a trot then fell in 3 of 52 rollouts instead of none.
 """
 
-BLOCK = 16_384
-"""Number of samples whose possible terms are in memory at once."""
+BLOCK = 16_384  # number of samples whose possible terms are in memory at once
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from glassgait.models.robots import quadruped
 from glassgait.studies.distillation.dataset import TrainingSet
 from glassgait.studies.distillation.students import StudentSettings
 
-RIDGE = 1.0
-"""Weight of the penalty on the squared weights."""
+RIDGE = 1.0  # weight of the penalty on the squared weights
 
 
 def untrained_student(expert: Policy) -> Policy:

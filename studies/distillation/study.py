@@ -55,8 +55,7 @@ FITS: dict[str, Callable[..., Policy]] = {
 }
 """Fits a student: `fit(samples, settings, seed=seed)`."""
 
-SHUFFLED_TEST_SHARE = 0.2
-"""Share of the steps that the paper's split holds out."""
+SHUFFLED_TEST_SHARE = 0.2  # share of the steps that the paper's split holds out
 
 
 def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:

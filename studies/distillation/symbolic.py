@@ -115,8 +115,7 @@ class SymbolicPerStateSettings(SymbolicSettings):
     )
 
 
-OPERON_SCALING_NODES = 4
-"""Nodes of the scale and offset that Operon adds to a formula."""
+OPERON_SCALING_NODES = 4  # nodes of the scale and offset that Operon adds to a formula
 
 OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
 

@@ -19,8 +19,7 @@ from glassgait.studies.common.jobs import Steps
 from glassgait.studies.common.rollouts import CommandOverride
 from glassgait.studies.distillation.students import OnePolicy, sums_of_terms
 
-STEP = 100
-"""Step that is shown first by default, if the rollout is long enough."""
+STEP = 100  # step that is shown first by default, if the rollout is long enough
 
 
 @checked

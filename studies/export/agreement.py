@@ -25,8 +25,7 @@ from glassgait.studies.common.episode import Observer, episode
 TOLERANCE = 1e-6
 """Greatest difference of a joint target (rad) between Python and C in double precision."""
 
-COMMAND_STEPS = 50
-"""Control steps between two commands of random sequences."""
+COMMAND_STEPS = 50  # control steps between two commands of random sequences
 
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller in its initial state."""
@@ -42,10 +41,8 @@ class Moment(NamedTuple):
 
 class Agreement(NamedTuple):
     steps: int
-    target: float
-    """Greatest difference of a joint target (rad)."""
-    machine: int
-    """Control steps at which the machine's state, iterations or age differ."""
+    target: float  # greatest difference of a joint target (rad)
+    machine: int  # control steps at which the machine's state, iterations or age differ
     changes: int
 
 

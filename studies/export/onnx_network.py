@@ -23,8 +23,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.studies.export.agreement import TOLERANCE, recorded_steps
 
-OPSET = 17
-"""Version of ONNX's operators; runtimes since 2022 have it."""
+OPSET = 17  # version of ONNX's operators; runtimes since 2022 have it
 
 OBSERVATION, ACTIONS, ESTIMATE = "obs", "actions", "estimate"
 """Names of the graph's inputs and outputs; with odometry, the estimate is an input."""

@@ -279,8 +279,7 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     return figure
 
 
-N_SHAPES, N_PAIRS = 3, 2
-"""Functions of one and of two observations that are drawn for a joint."""
+N_SHAPES, N_PAIRS = 3, 2  # functions of one and of two observations that are drawn for a joint
 
 
 def student_figures(

@@ -29,8 +29,7 @@ from glassgait.studies.importance.measures import (
     top_table,
 )
 
-N_VISITS = 8
-"""Episodes in which a shipped student collects samples."""
+N_VISITS = 8  # episodes in which a shipped student collects samples
 
 
 def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int) -> Dataset:

@@ -30,8 +30,7 @@ from glassgait.studies.training.record import trainings
 
 FOLDER = Path(__file__).parent
 
-FALLS = FOLDER / "falls.csv"
-"""Falls of 26 robots in 10 s of every shipped policy and scenario."""
+FALLS = FOLDER / "falls.csv"  # falls of 26 robots in 10 s of every shipped policy and scenario
 
 SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 

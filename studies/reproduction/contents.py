@@ -19,8 +19,7 @@ JOINT_FIGURES = {
 }
 """Figures of FL hip by the paper's number: title, file stem and the paper's gait; None for all."""
 
-WIDE = ("6", "7", "8, top")
-"""Figures as wide as the page."""
+WIDE = ("6", "7", "8, top")  # figures as wide as the page
 
 
 @dataclass(frozen=True)

@@ -24,17 +24,10 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.rollouts import pusher
 
-KEPT_SAMPLES = 250
-"""Control steps whose samples are kept (5 s)."""
-
-SHOWN_EVERY = 2
-"""Control steps from one picture to the next: 25 pictures a second."""
-
-FALLEN_STEPS = 50
-"""Control steps from a fall to the restart of both robots."""
-
-MAX_LAG = 0.25
-"""Lag (s) beyond which the robots do not catch up with real time."""
+KEPT_SAMPLES = 250  # control steps whose samples are kept (5 s)
+SHOWN_EVERY = 2  # control steps from one picture to the next: 25 pictures a second
+FALLEN_STEPS = 50  # control steps from a fall to the restart of both robots
+MAX_LAG = 0.25  # lag (s) beyond which the robots do not catch up with real time
 
 
 class ExchangeablePolicy(Policy):

@@ -26,17 +26,13 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.studio.live_robot import LiveRobot
 from glassgait.studies.studio.session import EditSession
 
-HOST = "127.0.0.1"
-"""The studio serves only the machine that it runs on."""
-
-REFRESH = 0.2
-"""Time between two updates of the page (s)."""
+HOST = "127.0.0.1"  # the studio serves only the machine that it runs on
+REFRESH = 0.2  # time between two updates of the page (s)
 
 RECONNECT = 30.0
 """Timeout of building the page on a busy machine, and of a browser's reconnection (s)."""
 
-SWITCH_INTERVAL = 1e-3
-"""Time after which the robot's thread yields to waiting messages (s)."""
+SWITCH_INTERVAL = 1e-3  # time after which the robot's thread yields to waiting messages (s)
 
 SECOND = round(1.0 / CONTROL_PERIOD)
 

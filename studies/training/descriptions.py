@@ -41,20 +41,11 @@ class ShowGait:
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))
 """Stations in which a robot must stand."""
 
-DROP = 0.03
-"""Height from which a robot is dropped (m)."""
-
-STEPS = round(4.0 / CONTROL_PERIOD)
-"""Control steps after which it must be at rest."""
-
-MOST_SAG = 0.2
-"""Greatest share of the stance's height by which a standing robot may sag."""
-
-MOST_SWAY = 5e-3
-"""Greatest vertical movement of the trunk in the last second (m)."""
-
-MOST_LEAN = 10.0
-"""Greatest lean of the trunk (°)."""
+DROP = 0.03  # height from which a robot is dropped (m)
+STEPS = round(4.0 / CONTROL_PERIOD)  # control steps after which it must be at rest
+MOST_SAG = 0.2  # greatest share of the stance's height by which a standing robot may sag
+MOST_SWAY = 5e-3  # greatest vertical movement of the trunk in the last second (m)
+MOST_LEAN = 10.0  # greatest lean of the trunk (°)
 
 
 @checked

@@ -44,14 +44,9 @@ from glassgait.studies.training.learner import (
 )
 from glassgait.studies.training.record import recipe
 
-LINES_EVERY = 10
-"""Updates between two printed lines without a terminal."""
-
-RECENT_UPDATES = 20
-"""Number of last updates whose mean is the final value in a record."""
-
-PACKAGES = ("drake", "torch", "rsl-rl-lib", "numpy")
-"""Software whose versions are in a record."""
+LINES_EVERY = 10  # updates between two printed lines without a terminal
+RECENT_UPDATES = 20  # number of last updates whose mean is the final value in a record
+PACKAGES = ("drake", "torch", "rsl-rl-lib", "numpy")  # software whose versions are in a record
 
 
 class LearningRun(ABC):

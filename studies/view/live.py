@@ -22,8 +22,7 @@ from glassgait.studies.common.rollouts import pusher
 
 STOP_BUTTON = "stop and save"
 
-FALLEN_SECONDS = 1.0
-"""Time from a fall to the restart (s)."""
+FALLEN_SECONDS = 1.0  # time from a fall to the restart (s)
 
 
 def play_live(
