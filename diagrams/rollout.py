@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -37,26 +36,18 @@ FALL_MONITOR = "fall_monitor"
 _INSTANT_TOLERANCE = 1e-9  # allows for the rounding of sums of control periods (s)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Rollout(Mapping[str, Array]):
-    """Mapping from output names to values (n + 1, size) at control instants before updates."""
+class Rollout(dict[str, Array]):
+    """Outputs by name (n + 1, size) and `time` (n + 1; s), at control instants before updates."""
 
-    time: Array
-    outputs: dict[str, Array]
+    def __init__(self, time: Array, outputs: Mapping[str, Array]) -> None:
+        super().__init__(outputs)
+        self.time = time
 
-    def __getitem__(self, name: str) -> Array:
-        if name not in self.outputs:
-            raise KeyError(f"{name!r} is not recorded; recorded are {', '.join(self.outputs)}")
-        return self.outputs[name]
+    def __missing__(self, name: str) -> Array:
+        raise KeyError(f"{name!r} is not recorded; recorded are {', '.join(self)}")
 
     def __repr__(self) -> str:
-        return f"Rollout of {len(self.time) - 1} control steps, with {', '.join(self.outputs)}"
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.outputs)
-
-    def __len__(self) -> int:
-        return len(self.outputs)
+        return f"Rollout of {len(self.time) - 1} control steps, with {', '.join(self)}"
 
     def to_frame(self) -> "pd.DataFrame":
         """Returns a data frame with one row per control instant and one column per number."""
@@ -65,7 +56,7 @@ class Rollout(Mapping[str, Array]):
 
         columns = {
             name if values.shape[1] == 1 else f"{name}_{i}": column
-            for name, values in self.outputs.items()
+            for name, values in self.items()
             for i, column in enumerate(values.T)
         }
         return pd.DataFrame({"time": self.time, **columns})

@@ -37,8 +37,4 @@ def brief(text: str) -> str:
 
 def shown(value: Any) -> str:
     """Formats a user's value for an error message, and shortens a long one."""
-    try:
-        return brief(_SHORT.repr(value))
-    except ValueError:
-        # Python refuses to print integers of thousands of digits.
-        return f"a {type(value).__name__} too long to write"
+    return brief(_SHORT.repr(value))

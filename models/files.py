@@ -28,14 +28,6 @@ _PATHS = ("gait", "robot", "scenario", "warm_start", "output")
 
 _SUFFIXES = (".yaml", ".yml", ".formulas", ".safetensors")
 
-_REMEDIES = {
-    errno.ENOSPC: "free some space",
-    errno.EISDIR: "give the path of a file, not of a folder",
-    errno.ENOTDIR: "a part of the path is a file; choose another folder",
-    errno.EEXIST: "a part of the path is a file; choose another folder",
-    errno.ENAMETOOLONG: "choose a shorter name",
-}
-
 
 def write_atomically(path: Path, data: bytes | str) -> None:
     """Writes a file under a temporary name and renames it, so that no reader sees half of it."""
@@ -52,8 +44,9 @@ def write_atomically(path: Path, data: bytes | str) -> None:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        remedy = _REMEDIES.get(error.errno or 0, "choose another place")
-        raise InputError(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); choose another place"
+        ) from error
 
 
 def digest(path: Path) -> str:

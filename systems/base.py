@@ -9,7 +9,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DependencyTicket,
     LeafSystem,
     State,
     ValueProducer,
@@ -35,7 +34,23 @@ class FunctionSystem(LeafSystem):
         Optional inputs may stay unconnected; `evaluate` is then called without them.
         """
         super().__init__()
-        self._declare(inputs, outputs, optional, {self.all_input_ports_ticket()})
+        self._optional = frozenset(optional)
+        self._ports = {
+            name: self.DeclareVectorInputPort(name, size) for name, size in inputs.items()
+        }
+        # Without the cache entry, Drake would call the function once per output.
+        self._entry = self.DeclareCacheEntry(
+            description="outputs",
+            value_producer=ValueProducer(lambda: AbstractValue.Make(object()), self._calc),
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        )
+        for name, size in outputs.items():
+            self.DeclareVectorOutputPort(
+                name=name,
+                size=size,
+                calc=partial(self._put, name),
+                prerequisites_of_calc={self._entry.ticket()},
+            )
 
     @abstractmethod
     def evaluate(self, **inputs: Array) -> Outputs:
@@ -46,32 +61,6 @@ class FunctionSystem(LeafSystem):
 
     def _outputs(self, context: Context) -> Outputs:
         return self._entry.Eval(context)
-
-    def _declare(
-        self,
-        inputs: Mapping[str, int],
-        outputs: Mapping[str, int],
-        optional: Collection[str],
-        tickets: set[DependencyTicket],
-    ) -> None:
-        """Declares the ports and the cache entry that holds all outputs."""
-        self._optional = frozenset(optional)
-        self._ports = {
-            name: self.DeclareVectorInputPort(name, size) for name, size in inputs.items()
-        }
-        # Without the cache entry, Drake would call the function once per output.
-        self._entry = self.DeclareCacheEntry(
-            description="outputs",
-            value_producer=ValueProducer(lambda: AbstractValue.Make(object()), self._calc),
-            prerequisites_of_calc=tickets,
-        )
-        for name, size in outputs.items():
-            self.DeclareVectorOutputPort(
-                name=name,
-                size=size,
-                calc=partial(self._put, name),
-                prerequisites_of_calc={self._entry.ticket()},
-            )
 
     def _inputs(self, context: Context) -> dict[str, Array]:
         return {
@@ -99,9 +88,8 @@ class MealySystem(FunctionSystem):
         optional: Collection[str] = (),
     ) -> None:
         """Declares ports as `FunctionSystem` does, and the initial memory."""
-        LeafSystem.__init__(self)
+        super().__init__(inputs, outputs, optional)
         self._memory = self.DeclareDiscreteState(memory)
-        self._declare(inputs, outputs, optional, {self.all_input_ports_ticket(), self.xd_ticket()})
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )

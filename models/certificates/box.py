@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import yaml
@@ -17,6 +17,7 @@ from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import robot_folder, robot_of
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
+from glassgait.models.settings import Range, Settings, checked
 from glassgait.models.task.gait import Gait, gait_names, shipped_gait
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,
@@ -58,12 +59,6 @@ class ObservationBox:
             raise InputError(f"the box lacks {missing[0]!r}; give its least and greatest value")
         if unknown := sorted({*ranges} - {*symbols}):
             raise InputError(f"no quantity is called {shown(unknown[0])}; remove it")
-        for symbol, (low, high) in ranges.items():
-            if not -math.inf < low <= high < math.inf:
-                raise InputError(
-                    f"the box of {symbol} goes from {low:g} to {high:g}; give the least, then the "
-                    "greatest"
-                )
         lower, upper = np.array([ranges[symbol] for symbol in symbols], dtype=float).T
         return cls(robot, names, lower, upper)
 
@@ -112,30 +107,29 @@ class ObservationBox:
         write_atomically(path, text)
 
 
+@checked
+class _BoxFile(Settings):
+    title: ClassVar[str] = "box"
+
+    gait: str
+    ranges: dict[str, Range]
+    robot: str | None = None
+    measured: str = ""
+
+
 def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
     """Loads a box of a gait and a robot from its file."""
-    # The box must be of this gait and robot.
-    content = read_yaml(path)
-    ranges = content.get("ranges") if isinstance(content, dict) else None
-    if not isinstance(ranges, dict):
-        raise InputError(f"{path}: lacks the key 'ranges'; measure the box anew")
-    if (name := content.get("gait")) != gait.name:
+    file = _BoxFile.from_plain(read_yaml(path), str(path))
+    if file.gait != gait.name:
         raise InputError(
-            f"{path}: key 'gait' is {shown(name)}; give a box of the {gait.name}, or add "
+            f"{path}: key 'gait' is {shown(file.gait)}; give a box of the {gait.name}, or add "
             "--measure to 'glassgait verify prove'"
         )
-    robot_of(path, content.get("robot"), robot)
-
-    # Its ranges must be those of the observations; only an IMU observes the direction of gravity.
-    for symbol, ends in ranges.items():
-        numbers = isinstance(ends, list) and [type(end) in (int, float) for end in ends]
-        if numbers != [True, True]:
-            raise InputError(
-                f"{path}: key {shown(symbol)} is {shown(ends)}; it must be [least, greatest]"
-            )
-    names = ObservationLayout(gait.n_states, imu="g.x" in ranges).names
+    robot_of(path, file.robot, robot)
+    # Only an IMU observes the direction of gravity.
+    names = ObservationLayout(gait.n_states, imu="g.x" in file.ranges).names
     try:
-        return ObservationBox.of_ranges(robot, names, ranges)
+        return ObservationBox.of_ranges(robot, names, file.ranges)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -39,17 +39,6 @@ class Controller:
     The alternation ratio is 1/period; with period 0 only the student acts."""
 
     def __post_init__(self) -> None:
-        for policy in (self.expert, self.expert if self.student is None else self.student):
-            if not isinstance(policy, Policy):
-                raise InputError(
-                    f"the controller's policy is {shown(policy)}; give a Policy, or wrap a "
-                    "function with FunctionPolicy(function, gait)"
-                )
-        if not isinstance(self.period, (int, np.integer)) or self.period < 0:
-            raise InputError(
-                f"the alternation period is {shown(self.period)}; give a whole number of control "
-                "steps: n for the ratio 1/n, 1 for the expert only, 0 for the student only"
-            )
         if self.student is None and self.period != 1:
             raise InputError(f"an alternation of period {self.period} needs a student; give one")
         if self.student is not None:
@@ -100,7 +89,7 @@ class Controller:
         `memory` is that of the previous step, by default that before the first one.
         """
         # The same policy acts on all robots. The expert also remembers steps at which students act.
-        by_expert = self.student is None or bool(expert_acts(step, self.period))
+        by_expert = self.student is None or expert_acts(step, self.period)
         before = self.begin(len(observation)) if memory is None else memory
         memory = self.expert.remember(before, observation)
         policy = self.expert if self.student is None or by_expert else self.student

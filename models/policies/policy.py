@@ -388,14 +388,11 @@ class Policy(ABC):
         # Compare the reward machine and the observation layout.
         if not isinstance(gait, str):
             self.refuse_other_machine(gait)
-        names = self.observation_names
-        if names != observation_names:
-            pairs = zip(names, observation_names, strict=False)
-            first = next(
-                (f"{a!r} instead of {b!r}" for a, b in pairs if a != b),
-                f"{len(names)} entries instead of {len(observation_names)}",
+        if self.observation_names != observation_names:
+            raise InputError(
+                f"this policy makes {len(self.observation_names)} observations, which are not the "
+                f"{len(observation_names)} of this layout; distil it again for this layout"
             )
-            raise InputError(f"this policy observes {first}; distil it again for this layout")
 
 
 def first_not_finite(values: Array) -> tuple[int, ...] | None:

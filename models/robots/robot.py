@@ -166,25 +166,9 @@ class Robot(Settings):
 
     def limited_action(self, action: Array) -> Array:
         """Clips actions (..., 12) so that their targets are within the joints' ranges."""
-        least, greatest = self._action_limits
+        ends = (self.lower_limits, self.upper_limits)
+        least, greatest = ((angles - self.default_stance) / self.action_scale for angles in ends)
         return clip(action, least, greatest)
-
-    @cached_property
-    def _action_limits(self) -> tuple[Array, Array]:
-        limits = (self.lower_limits, self.upper_limits)
-        least, greatest = ((angles - self.default_stance) / self.action_scale for angles in limits)
-        return _fixed(least), _fixed(greatest)
-
-    def joint_torque(
-        self, *, target: Array, position: Array, velocity: Array, gains: "Gains"
-    ) -> Array:
-        """Evaluates the joints' PD law at one instant, limited to the motors' effort.
-
-        Targets and positions are in rad, velocities in rad/s (..., 12 each).
-        """
-        stiffness, damping = map(np.asarray, gains)
-        torque = stiffness * (target - position) - damping * velocity
-        return clip(torque, -self.effort, self.effort)
 
 
 def _fixed(values: Any) -> Array:
@@ -315,13 +299,14 @@ class JointLaw(Settings):
         return float(np.max(stiffness)), float(np.min(damping))
 
     def torque(self, robot: Robot, *, action: Array, position: Array, velocity: Array) -> Array:
-        """Returns the joints' torques (..., 12; N·m) as they follow an action (..., 12)."""
-        return robot.joint_torque(
-            target=robot.joint_targets(action, limited=self.limited),
-            position=position,
-            velocity=velocity,
-            gains=self.gains_of(robot),
-        )
+        """Evaluates the PD law of joints that follow an action, limited to the motors' effort.
+
+        Actions, positions (rad), velocities (rad/s) and torques (N·m) are (..., 12).
+        """
+        stiffness, damping = map(np.asarray, self.gains_of(robot))
+        target = robot.joint_targets(action, limited=self.limited)
+        torque = stiffness * (target - position) - damping * velocity
+        return clip(torque, -robot.effort, robot.effort)
 
     def merged(self, other: "JointLaw") -> "JointLaw":
         """Completes the law with the gains and limits of another one."""

@@ -2,20 +2,15 @@
 
 from fractions import Fraction
 
-import numpy as np
-from numpy.typing import NDArray
-
 from glassgait.models.errors import InputError
 
 
-def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArray[np.bool_]:
-    """Returns whether the expert acts at a control step (...), counted from the episode's start.
+def expert_acts(step: int, period: int) -> bool:
+    """Returns whether the expert acts at a control step, counted from the episode's start.
 
     With a period of n it acts every n steps (alternation ratio 1/n), with a period of 0 never.
     """
-    if period == 0:
-        return np.zeros(np.shape(step), dtype=bool)
-    return np.asarray(step) % period == 0
+    return period > 0 and step % period == 0
 
 
 def ratio_title(period: int) -> str:

@@ -12,7 +12,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
+from glassgait.models.robots.robot import DEFAULT_ROBOT, JointLaw, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.drawing import to_text
@@ -88,11 +88,11 @@ def stand(robot: Robot, station: StationConfig) -> dict[str, str | float]:
         heights.append(state[0, quadruped.POSITION][2])
 
     # Measure the torques of the stance and the final pose.
-    torque = robot.joint_torque(
-        target=robot.default_stance,
+    torque = JointLaw(station.gains(robot)).torque(
+        robot,
+        action=np.zeros(quadruped.N_JOINTS),
         position=state[0, quadruped.JOINT_POSITION],
         velocity=state[0, quadruped.JOINT_VELOCITY],
-        gains=station.gains(robot),
     )
     return {
         "physics": station.engine,

@@ -12,26 +12,23 @@ from glassgait.diagrams.scenario import NOMINAL_SCENARIO, load_scenario, scenari
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.console import console
-from glassgait.studies.common.experiment import PolicySource
+from glassgait.studies.common.experiment import OneGait
 from glassgait.studies.common.figures import gait_figure, save_figure
 from glassgait.studies.common.jobs import Steps
-from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import CommandOverride, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
 
 
 @checked
-class View(PolicySource):
+class View(OneGait):
     """Watch one robot: record a replay, or steer it live in Meshcat.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
         live: Run in real time in Meshcat, with commands from sliders, until the button `stop and
             save` or Ctrl-C; a robot that falls restarts, and the last minute is saved.
@@ -46,7 +43,6 @@ class View(PolicySource):
 
     title: ClassVar[str] = "view"
 
-    gait: str = "trot"
     policy: str = "expert"
     live: bool = False
     scenario: str = NOMINAL_SCENARIO
@@ -61,7 +57,7 @@ class View(PolicySource):
 
     def run(self) -> None:
         # Load the policy and the scenario.
-        policies = find_policies(find_gait(self.gait, self.robot), self.source, self.robot)
+        policies = self.policies()
         gait, controller = policies.gait, policies.controller(self.policy)
         scenario = load_scenario(self.scenario)
         if self.live:

@@ -19,7 +19,7 @@ def test_ratios_are_named_as_in_the_paper():
     [(1, [1, 1, 1, 1, 1, 1]), (2, [1, 0, 1, 0, 1, 0]), (4, [1, 0, 0, 0, 1, 0]), (0, [0] * 6)],
 )
 def test_the_expert_acts_every_nth_step(trot, make_policy, period, acts):
-    np.testing.assert_array_equal(expert_acts(np.arange(6), period), np.array(acts, dtype=bool))
+    assert [expert_acts(step, period) for step in range(6)] == acts
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
     controller = Controller(expert, student, period)
     observation = np.ones((3, len(expert.observation_names)))
@@ -30,11 +30,9 @@ def test_the_expert_acts_every_nth_step(trot, make_policy, period, acts):
         np.testing.assert_array_equal(output.action, acting(observation))
 
 
-@pytest.mark.parametrize(
-    ("period", "message"), [(2, "needs a student"), (0, "needs a"), (-1, "is -1"), (0.25, "0.25")]
-)
-def test_an_alternation_without_sense_is_refused(trot, make_policy, period, message):
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize("period", [2, 0, -1, 0.25])
+def test_an_alternation_without_a_student_is_refused(trot, make_policy, period):
+    with pytest.raises(InputError, match="needs a student"):
         Controller(make_policy(trot), None, period)
 
 
@@ -89,6 +87,3 @@ def test_other_students_than_the_experts_are_refused(trot, small_expert):
         alone(trees, other)
     with pytest.raises(InputError, match="trot cannot act with an expert of the pace"):
         alone(trees, load_expert("pace"))
-    for pair in ((expert, lambda observation: observation[..., :12]), (None, trees)):
-        with pytest.raises(InputError, match="FunctionPolicy"):
-            Controller(*pair, period=2)

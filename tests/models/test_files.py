@@ -52,14 +52,8 @@ def test_places_that_cannot_be_written_are_refused_in_one_sentence(tmp_path):
     file.write_text("kept")
     folder.mkdir()
     os.mkfifo(pipe)
-    for path, remedy in (
-        (file / "below", "choose another folder"),
-        (file / "far" / "below", "choose another folder"),
-        (folder, "path of a file, not of a folder"),
-        (pipe, "path of a file, not of a folder"),
-        (tmp_path / ("x" * 300), "choose a shorter name"),
-    ):
-        with pytest.raises(InputError, match=f"cannot be written .*; .*{remedy}") as raised:
+    for path in (file / "below", file / "far" / "below", folder, pipe, tmp_path / ("x" * 300)):
+        with pytest.raises(InputError, match=r"cannot be written .*; choose another") as raised:
             write_atomically(path, "new")
         assert "\n" not in str(raised.value)
     assert file.read_text() == "kept"

@@ -366,7 +366,7 @@ def test_another_gait_robot_or_layout_is_refused(linear):
     for change, said in (
         ({"gait": "pace"}, "trot"),
         ({"robot": load_robot("go2")}, "go2"),
-        ({"observation_names": ("Speed", *NAMES[1:])}, "Command X"),
+        ({"observation_names": ("Speed", *NAMES[1:])}, "49"),
         ({"observation_names": (*NAMES, "a", "b")}, r"49.*51"),
     ):
         with pytest.raises(InputError, match=said):

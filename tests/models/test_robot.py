@@ -10,6 +10,7 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
+from glassgait.models.robots.robot import JointLaw
 
 A1 = load_robot()
 
@@ -28,11 +29,10 @@ def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
 
 def test_torque_follows_the_pd_law_up_to_the_effort_of_each_joint():
     zero = np.zeros(12)
-    torque = A1.joint_torque(
-        target=zero + 0.1, position=zero, velocity=zero + 2.0, gains=(20.0, 0.5)
-    )
+    law, stance = JointLaw((20.0, 0.5)), A1.default_stance
+    torque = law.torque(A1, action=zero, position=stance - 0.1, velocity=zero + 2.0)
     np.testing.assert_allclose(torque, 1.0)
-    torque = A1.joint_torque(target=zero + 5.0, position=zero, velocity=zero, gains=(20.0, 0.5))
+    torque = law.torque(A1, action=zero, position=stance - 5.0, velocity=zero)
     np.testing.assert_allclose(torque, A1.effort[0])
     go2 = load_robot("go2")
     assert (go2.lower_limits[1], go2.lower_limits[10]) == (-1.5708, -0.5236)

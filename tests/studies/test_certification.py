@@ -118,7 +118,7 @@ def test_proves_refutes_and_checks_a_policy_of_ones_own(policy, capsys):
     [
         (["--policy", "expert.formulas"], "no such file"),
         (["--policy", "mine.formulas", "--claims", "none.yaml"], "no such file"),
-        (["--policy", "mine.formulas", "--box", "mine.yaml"], "lacks the key 'ranges'"),
+        (["--policy", "mine.formulas", "--box", "mine.yaml"], "unknown key 'claims'"),
         (["--policy", "mine.formulas", "--box", "mine.yaml", "--measure"], "leave out one"),
         (["--policy", "mine.formulas", "--claims", "taken.yaml"], "taken.yaml: claim 'Left and r"),
         (["--policy", "mine.formulas", "--claims", "q7.yaml"], "q7.yaml: claim 'a': the trot has"),
