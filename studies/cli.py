@@ -20,7 +20,7 @@ COMMANDS = {
     "gait": ("training.descriptions:ShowGait", "Check a gait file and draw its reward machine."),
     "robot": ("training.descriptions:CheckRobot", "Check a robot description and let it stand."),
     "policy check": ("evaluation.policy_check:CheckPolicy", "Try a network of another project."),
-    "policy convert": ("evaluation.policy_conversion:ConvertPolicy", "Describe rl_sar's network."),
+    "policy convert": ("evaluation.policy_conversion:ConvertPolicy", "Describe such a network."),
     "evaluate scenarios": ("evaluation.scenarios:Scenarios", "Score policies in scenarios."),
     "evaluate alternation": (
         "evaluation.alternation:Alternation",

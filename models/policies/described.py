@@ -67,6 +67,7 @@ class Term(Settings):
     scale: float | Annotated[tuple[float, ...], FEW] = 1.0  # factors of the term's entries
     period: Positive | None = None  # the clock's period (s)
     values: Annotated[tuple[float, ...], FEW] = ()  # the constant's values
+    clip: Range | None = None  # range of the entries before they are scaled
 
     def __post_init__(self) -> None:
         if "height" in self.term or "scan" in self.term:
@@ -300,7 +301,8 @@ class DescribedPolicy(Policy):
                 values = np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
             else:
                 values = quantities[term.term]
-            parts.append(values * np.asarray(term.scale))
+            clipped = values if term.clip is None else np.clip(values, *term.clip)
+            parts.append(clipped * np.asarray(term.scale))
         frame = np.concatenate(parts, axis=-1)
         limit = self.description.clip.observation
         return frame if limit is None else np.clip(frame, -limit, limit)
@@ -347,8 +349,12 @@ class DescribedPolicy(Policy):
 
 def load_described(path: str | Path, gait: Gait | None = None) -> DescribedPolicy:
     """Loads a description and its network, for a gait that is `free` by default."""
-    path = Path(path)
-    description = Description.from_plain(read_yaml(path), str(path))
+    return described(read_yaml(Path(path)), Path(path), gait)
+
+
+def described(plain: Any, path: Path, gait: Gait | None = None) -> DescribedPolicy:
+    """Builds the policy of a description's plain values; `path` is that of its file."""
+    description = Description.from_plain(plain, str(path))
     gait = shipped_gait(FREE) if gait is None else gait
     weights = path.parent / description.weights
     if weights.suffix != ".onnx":

@@ -1,17 +1,19 @@
-"""`glassgait policy convert`: descriptions from the files of rl_sar."""
+"""`glassgait policy convert`: descriptions from the files of other projects."""
 
 import os
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 import tyro
 import yaml
 
 from glassgait.models.errors import InputError, shown, unknown_name
 from glassgait.models.files import read_yaml, write_atomically
-from glassgait.models.policies.described import load_described
+from glassgait.models.policies.described import described
 from glassgait.models.policies.library import naming
-from glassgait.models.robots.library import robot_names
+from glassgait.models.robots.library import load_robot, robot_names
+from glassgait.models.robots.quadruped import LEG_JOINTS
 from glassgait.models.settings import Settings, checked
 from glassgait.studies.common.console import console
 from glassgait.studies.evaluation.policy_check import CheckPolicy
@@ -27,13 +29,30 @@ RL_SAR = {
 }
 """Term and key of the scale of each observation of rl_sar."""
 
+UNITREE = {
+    "base_lin_vel": "base_velocity",
+    "base_ang_vel": "angular_velocity",
+    "projected_gravity": "gravity",
+    "velocity_commands": "command",
+    "keyboard_velocity_commands": "command",
+    "joint_pos_rel": "joint_position",
+    "joint_vel_rel": "joint_velocity",
+    "last_action": "last_action",
+    "gait_phase": "clock",
+}
+"""Term of each observation of unitree_rl_mjlab and unitree_rl_lab."""
+
+ACTION_KEYS = ("scale", "offset", "clip", "joint_names", "joint_ids")
+BEYOND = 10.0  # angle that no joint reaches (rad)
+
 
 @checked
 class ConvertPolicy(Settings):
-    """Write the description of a network from rl_sar's config.yaml.
+    """Write the description of a network from rl_sar's config.yaml or Unitree's deploy.yaml.
 
-    Options give what the file leaves out; they take precedence. The file base.yaml in the folder
-    above is read too, if it exists.
+    The latter is written by unitree_rl_mjlab and, with Isaac Lab, by unitree_rl_lab. Options give
+    what the file leaves out; they take precedence. Beside rl_sar's file, base.yaml in the folder
+    above is read, if it exists.
 
     Attributes:
         description: File to write.
@@ -41,6 +60,7 @@ class ConvertPolicy(Settings):
         weights: ONNX file.
         joints: Joints in the network's order, such as FR_hip.
         period: Period of the control step (s).
+        overwrite: Replace an existing description.
         check: Check the description at once, as `policy check` does.
     """
 
@@ -52,28 +72,30 @@ class ConvertPolicy(Settings):
     weights: Path | None = None
     joints: tuple[str, ...] | None = None
     period: float | None = None
+    overwrite: bool = False
     check: bool = False
 
     def run(self) -> None:
         """Writes the description and checks it."""
+        if self.description.exists() and not self.overwrite:
+            raise InputError(f"{self.description}: exists; add --overwrite to replace it")
         try:
             with naming(self.config):
-                plain = self._read(read_yaml(self.config))
+                values = read_yaml(self.config)
+                read = self._unitree if "joint_ids_map" in values else self._rl_sar
+                plain = read(values)
         except KeyError as error:
             raise InputError(f"{self.config}: lacks the key {error}; add it") from error
         except (TypeError, ValueError, IndexError, AttributeError) as error:
             raise InputError(f"{self.config}: is no config of a quadruped; give another") from error
+        # Refuse a bad network before the file is written.
+        described(plain, self.description)
         write_atomically(self.description, yaml.safe_dump(plain, sort_keys=False))
-        try:
-            load_described(self.description)
-        except InputError:
-            self.description.unlink()
-            raise
         console.print(f"description written to {self.description}")
         if self.check:
             CheckPolicy(self.description).run()
 
-    def _read(self, values: Any) -> dict[str, Any]:
+    def _rl_sar(self, values: Any) -> dict[str, Any]:
         # The network's file is completed by the robot's.
         ((name, config),) = values.items()
         base = self.config.resolve().parents[1] / "base.yaml"
@@ -93,27 +115,62 @@ class ConvertPolicy(Settings):
         order = "newest_first" if frames == forward else "oldest_first"
         by = "term" if config["observations_history_priority"] == "term" else "frame"
         limit = _same("clip_actions_upper", config["clip_actions_upper"])
-        gains = {"stiffness": "rl_kp", "damping": "rl_kd"}
-        if unknown := [seen for seen in config["observations"] if seen not in RL_SAR]:
-            raise unknown_name("observation", unknown[0], RL_SAR)
-        terms = [RL_SAR[seen] for seen in config["observations"]]
+        gains = {"stiffness": config["rl_kp"], "damping": config["rl_kd"]}
+        terms = [_known(seen, RL_SAR) for seen in config["observations"]]
         # The description.
         robot = name.partition("/")[0]
         network = self.config.with_name(config["model_name"])
         return {
             "robot": self._given("robot", self.robot or (robot in robot_names() and robot)),
-            "weights": os.path.relpath(self.weights or network, self.description.parent),
+            "weights": self._relative(self.weights or network),
             "period": self._given("period", period),
             "observation": [
                 {"term": term, "scale": config[key] if key else 1.0} for term, key in terms
             ],
             "history": {"length": len(frames), "order": order, "by": by},
             "clip": {"observation": config["clip_obs"], "action": limit},
-            "gains": {key: _same(name, config[name]) for key, name in gains.items()},
             "joints": [*self._given("joints", joints)],
-            "default": dict(zip(joints, config["default_dof_pos"], strict=True)),
-            "action_scale": dict(zip(joints, config["action_scale"], strict=True)),
+            "gains": {key: _by_joint(joints, values) for key, values in gains.items()},
+            "default": _by_joint(joints, config["default_dof_pos"]),
+            "action_scale": _by_joint(joints, config["action_scale"]),
         }
+
+    def _unitree(self, config: Any) -> dict[str, Any]:
+        # The file has no names: gains are in the order of motors, all else in the network's.
+        robot = load_robot(self._given("robot", self.robot))
+        motors = [f"{leg}_{joint}" for leg in robot.motor_order for joint in LEG_JOINTS]
+        joints = self.joints or [motors[index] for index in config["joint_ids_map"]]
+        action, default = config["actions"]["JointPositionAction"], config["default_joint_pos"]
+        network = self.config.resolve().parents[1] / "exported" / "policy.onnx"
+        if unknown := sorted({*action} - {*ACTION_KEYS}):
+            raise InputError(f"actions have the key {unknown[0]!r}, unknown here; remove it")
+        if action["clip"] is not None and np.abs(action["clip"]).min() < BEYOND:
+            raise InputError(f"clip of actions is {shown(action['clip'])}; set it to null")
+        if action["offset"] != default:
+            raise InputError("offset differs from default_joint_pos; make them equal")
+        # What the network observes.
+        terms = dict(config["observations"])
+        by = "frame" if terms.pop("use_gym_history", False) else "term"
+        lengths = [term["history_length"] for term in terms.values()]
+        ranges = config["commands"]["base_velocity"]["ranges"]
+        axes = {"forward": "lin_vel_x", "left": "lin_vel_y", "yaw": "ang_vel_z"}
+        return {
+            "robot": robot.source,
+            "weights": self._relative(
+                self._given("weights", self.weights or (network.exists() and network))
+            ),
+            "period": self.period or config["step_dt"],
+            "observation": [_term(_known(seen, UNITREE), term) for seen, term in terms.items()],
+            "history": {"length": int(_same("history_length", lengths)), "by": by},
+            "gains": {key: _by_joint(motors, config[key]) for key in ("stiffness", "damping")},
+            "joints": [*joints],
+            "default": _by_joint(joints, default),
+            "action_scale": _by_joint(joints, action["scale"]),
+            "commands": {key: ranges[axis] for key, axis in axes.items()},
+        }
+
+    def _relative(self, weights: Path) -> str:
+        return os.path.relpath(weights, self.description.parent)
 
     def _given(self, option: str, value: Any) -> Any:
         if not value:
@@ -125,3 +182,23 @@ def _same(key: str, values: list[float]) -> float:
     if len({*values}) != 1:
         raise InputError(f"{key} is {shown(values)}; give one number, as for all joints")
     return float(values[0])
+
+
+def _known(name: str, terms: dict[str, Any]) -> Any:
+    if name not in terms:
+        raise unknown_name("observation", name, terms)
+    return terms[name]
+
+
+def _term(name: str, term: dict[str, Any]) -> dict[str, Any]:
+    """Returns a term of a description; its clip comes before its scale in both."""
+    values = {"scale": term["scale"], "clip": term["clip"], "period": term["params"].get("period")}
+    return {"term": name} | {key: value for key, value in values.items() if value is not None}
+
+
+def _by_joint(joints: Any, values: list[float]) -> dict[str, float]:
+    """Returns values by joint, or by kind of joint if all legs are alike."""
+    named = dict(zip(joints, values, strict=True))
+    kinds = {joint.partition("_")[2]: value for joint, value in named.items()}
+    alike = all(kinds[joint.partition("_")[2]] == value for joint, value in named.items())
+    return kinds if alike else named

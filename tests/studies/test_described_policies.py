@@ -32,6 +32,29 @@ go2/lab:
   joint_mapping: [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
 """
 
+ONES = [1.0] * 12
+UNITREE = f"""
+joint_ids_map: [3, 0, 9, 6, 4, 1, 10, 7, 5, 2, 11, 8]
+step_dt: 0.02
+stiffness: {[20.0, 20.0, 40.0] * 4}
+damping: {[1.0] * 11 + [2.0]}
+default_joint_pos: [0.1, -0.1, 0.1, -0.1, 0.8, 0.8, 1.0, 1.0, -1.5, -1.5, -1.5, -1.5]
+commands:
+  base_velocity: {{ranges: {{lin_vel_x: [-0.5, 1], lin_vel_y: [0, 0], ang_vel_z: [-1, 1]}}}}
+actions:
+  JointPositionAction:
+    clip: {[[-100.0, 100.0]] * 12}
+    scale: {[0.25] * 12}
+    offset: [0.1, -0.1, 0.1, -0.1, 0.8, 0.8, 1.0, 1.0, -1.5, -1.5, -1.5, -1.5]
+observations:
+  base_ang_vel: {{params: {{}}, clip: [-100, 100], scale: [0.2, 0.2, 0.2], history_length: 3}}
+  projected_gravity: {{params: {{}}, clip: null, scale: null, history_length: 3}}
+  velocity_commands: {{params: {{command_name: v}}, clip: null, scale: null, history_length: 3}}
+  joint_pos_rel: {{params: {{}}, clip: null, scale: {ONES}, history_length: 3}}
+  joint_vel_rel: {{params: {{}}, clip: [-9, 9], scale: {ONES}, history_length: 3}}
+  last_action: {{params: {{}}, clip: null, scale: {ONES}, history_length: 3}}
+"""
+
 
 def write(folder, name, text):
     path = folder / name
@@ -62,14 +85,44 @@ def test_a_config_of_rl_sar_becomes_a_description(converted, tmp_path):
     assert description.by_joint("default")[:4].tolist() == [0.1, 0.8, -1.5, -0.1]
 
 
+@pytest.mark.parametrize(("gym", "by"), [("", "term"), ("  use_gym_history: true\n", "frame")])
+def test_a_deploy_yaml_of_unitree_becomes_a_description(converted, refused, tmp_path, gym, by):
+    text = UNITREE + gym
+    description = converted("params/deploy.yaml", text, "--robot", "go2")
+    assert description.joints[:4] == ("FL_hip", "FR_hip", "RL_hip", "RR_hip")
+    assert description.by_joint("default").tolist()[:5] == [0.1, 0.8, -1.5, -0.1, 0.8]
+    # Gains are in the order of the motors, of which the last one is RL_calf's.
+    assert description.by_joint("gains.stiffness").tolist() == [20.0, 20.0, 40.0] * 4
+    assert np.flatnonzero(description.by_joint("gains.damping") == 2.0) == JOINTS.index("RL_calf")
+    assert (description.history.length, description.history.by) == (3, by)
+    assert description.observation[4].clip == (-9.0, 9.0)
+    assert description.commands.forward == (-0.5, 1.0)
+    # What was there before is replaced only if asked, and by nothing that is refused.
+    options = ["--robot", "go2", "--description", str(tmp_path / "converted.yaml")]
+    convert = ["policy", "convert", str(tmp_path / "params/deploy.yaml"), *options]
+    assert "add --overwrite" in refused(convert)
+    weights = ["--weights", str(tmp_path / "none.onnx")]
+    assert "no such file" in refused([*convert, "--overwrite", *weights])
+    assert load_described(tmp_path / "converted.yaml").description == description
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
+        (UNITREE, [], "does not name the robot; give --robot"),
+        (UNITREE, ["--robot", "go2"], "does not name the weights; give --weights"),
+        (UNITREE.replace("    scale", "    filter: 5\n    scale"), ["--robot", "go2"], "'filter'"),
+        (UNITREE.replace("-100.0, 100.0", "-1.0, 1.0"), ["--robot", "go2"], "clip of actions is"),
+        (UNITREE.replace("offset: [0.1", "offset: [0.2"), ["--robot", "go2"], "offset differs"),
+        (UNITREE.replace("length: 3}", "length: 1}", 1), ["--robot", "go2", "--weights", "{tiny}"],
+         "history_length is .*; give one"),
+        (UNITREE.replace("last_action", "height_map"), ["--robot", "go2", "--weights", "{tiny}"],
+         "unknown observation 'height_map'"),
         (RL_SAR, ["--period", "0.02", "--joints", *JOINTS], "give an ONNX file, as written by"),
         (RL_SAR, ["--weights", "{tiny}"], "does not name the period; give --period"),
         (RL_SAR.replace("go2/", ""), [], "does not name the robot; give --robot"),
-        (RL_SAR.replace("[40, 40", "[40, 20"), ["--weights", "{tiny}", "--period", "0.02"],
-         "rl_kp is .*; give one number"),
+        (RL_SAR.replace("[50.0, 50.0", "[50.0, 20.0"), ["--weights", "{tiny}", "--period", "0.02"],
+         "clip_actions_upper is .*; give one number"),
         (RL_SAR.replace("gravity_vec", "phase"), [], "unknown observation 'phase'"),
         ("[1, 2]", [], "no config of a quadruped"),
         (RL_SAR.replace("rl_kp", "kp"), ["--weights", "{tiny}", "--period", "0.02"],
@@ -79,6 +132,7 @@ def test_a_config_of_rl_sar_becomes_a_description(converted, tmp_path):
 def test_what_a_config_leaves_out_is_asked_for(describe, tmp_path, refused, text, options, message):
     describe()
     config = write(tmp_path, "config.yaml", text)
+    options = [*options, "--description", str(tmp_path / "converted.yaml")]
     options = [option.format(tiny=tmp_path / "tiny.onnx") for option in options]
     assert re.search(message, refused(["policy", "convert", config, *options]))
 
