@@ -116,10 +116,7 @@ def test_a_bad_file_is_refused_by_its_name_and_key(written, text, key):
 
 
 def test_unknown_names_are_refused_with_the_known_ones(tmp_path):
-    for name, message in (
-        ("ice", "nominal"),
-        (tmp_path / "icy.yaml", r"icy\.yaml"),
-    ):
+    for name, message in (("ice", "nominal"), (tmp_path / "icy.yaml", r"icy\.yaml")):
         with pytest.raises(InputError, match=message):
             load_scenario(name)
 

@@ -27,7 +27,6 @@ from glassgait.models.formulas.quantities import Readings, RobotUnits
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_student
-from glassgait.models.policies.linear import LinearPerStatePolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -88,34 +87,24 @@ KINDS = (
 
 @needs_compiler
 @pytest.mark.parametrize("kind", KINDS.split())
-def test_c_does_what_python_does(
-    kind,
-    trot,
-    generator,
-    small_expert,
-    agree,
-    make_policy,
-    per_state,
-    symbolic,
-    symbolic_per_state,
-    random_trees,
-    narrow_readings,
-    random_additive,
-):
+def test_c_does_what_python_does(kind, request, trot, generator, small_expert, agree):
+    fixture = request.getfixturevalue
     policies = {
-        "linear": lambda: make_policy(trot),
-        "linear_per_state": lambda: LinearPerStatePolicy(
-            "trot", NAMES, 0.05 * per_state.weights, per_state.intercepts
+        "linear": lambda: fixture("make_policy")(trot),
+        "linear_per_state": lambda: fixture("per_state").with_arrays(
+            weights=0.05 * fixture("per_state").weights
         ),
         "neural": lambda: small_expert(trot, hidden=(8, 5, 4)),
         "mirrored": lambda: small_expert(trot, mirrored=True),
-        "symbolic_with_readings": lambda: symbolic.with_readings(narrow_readings),
-        "symbolic": lambda: symbolic,
-        "symbolic_per_state": lambda: symbolic_per_state,
-        "trees": lambda: random_trees(generator, rounded=False),
-        "rounded_trees": lambda: random_trees(generator, rounded=True),
-        "additive": lambda: random_additive(generator, n_pairs=40),
-        "additive_without_pairs": lambda: random_additive(generator, n_pairs=0),
+        "symbolic_with_readings": lambda: fixture("symbolic").with_readings(
+            fixture("narrow_readings")
+        ),
+        "symbolic": lambda: fixture("symbolic"),
+        "symbolic_per_state": lambda: fixture("symbolic_per_state"),
+        "trees": lambda: fixture("random_trees")(generator, rounded=False),
+        "rounded_trees": lambda: fixture("random_trees")(generator, rounded=True),
+        "additive": lambda: fixture("random_additive")(generator, n_pairs=40),
+        "additive_without_pairs": lambda: fixture("random_additive")(generator, n_pairs=0),
     }
     hidden = () if kind == "linear" else (8,)
     expert = small_expert(trot, mirrored=kind == "mirrored", hidden=hidden)

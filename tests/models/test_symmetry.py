@@ -146,26 +146,6 @@ def _expert(generator, mirrored):
     return NeuralPolicy("trot", names, network(49, 12), network(42, 7), mirrored)
 
 
-def test_an_experts_mirror_image_acts_as_the_expert_does(generator):
-    expert = _expert(generator, (1, 0))
-    reflect = reflect_observation(expert.observation_names, (1, 0))
-    own, body = reflect.split(42)
-    observation = generator.normal(size=(30, 49))
-    np.testing.assert_allclose(
-        REFLECT_JOINTS(expert(reflect(observation))), expert(observation), atol=1e-12
-    )
-    seen = observation[:, :42]
-    np.testing.assert_allclose(
-        body(expert.estimator(own(seen))), expert.estimator(seen), atol=1e-12
-    )
-    arrays, values = expert.to_arrays()
-    names = {"gait": "trot", "observation_names": expert.observation_names}
-    again = NeuralPolicy.from_arrays(arrays, values, **names)
-    assert again.mirrored_states == (1, 0) and again.digest() == expert.digest()
-    plain = _expert(generator, None)
-    assert np.abs(REFLECT_JOINTS(plain(reflect(observation))) - plain(observation)).max() > 0.1
-
-
 @pytest.mark.parametrize("states", [(0,), (1, 1), (1, 2), "10", (1.0, 0.0), 5])
 def test_states_that_are_no_mirror_images_are_refused(generator, states):
     with pytest.raises(InputError, match="mirrored_states"):

@@ -183,7 +183,9 @@ def test_drakes_sensors_read_the_same(slope, standing):
             ours = ImuReading.of(reading)
             gyroscope = diagram.GetOutputPort("gyroscope").Eval(context)
             np.testing.assert_allclose(ours.angular_velocity, gyroscope, atol=1e-12)
-            change = kinematics.rotation_matrix(state[quadruped.QUATERNION]).T @ summed
+            to_trunk = kinematics.rotation_matrix(state[quadruped.QUATERNION]).T
+            change, down = to_trunk @ summed, config.terrain.gravity / GRAVITY
+            np.testing.assert_allclose(ours.gravity, to_trunk @ down, atol=1e-12)
             np.testing.assert_allclose(ours.velocity_change, change, atol=1e-9)
             struck |= change[2] > 1.5 * CONTROL_PERIOD * GRAVITY
             before, summed = state, np.zeros(3)
