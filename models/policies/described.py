@@ -1,4 +1,4 @@
-"""Policies of other projects: an ONNX network, and a YAML file that describes its interface.
+"""Policies of other projects: a network, and a YAML file that describes its interface.
 
 The description says what the network observes, in which order, and what its actions mean. The
 policy takes this project's observation, converts it to the network's frame, remembers as many
@@ -8,6 +8,7 @@ frames as the network observes, and converts the network's answer to an action.
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
+from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -143,7 +144,8 @@ class Description(Settings):
     title: ClassVar[str] = "description"
 
     robot: str
-    weights: str  # ONNX file, in the description's folder
+    # An ONNX file, or an rsl_rl checkpoint (.pt), relative to the description's folder.
+    weights: str
     observation: Annotated[tuple[Term, ...], MinLen(1), FEW]  # one frame, in order
     default: PerJoint  # angles for an action of 0 (rad)
     action_scale: PerJoint  # change of a target for an action of 1 (rad)
@@ -152,6 +154,7 @@ class Description(Settings):
     period: Annotated[float, Gt(0.0)] = CONTROL_PERIOD  # s
     history: History = History()
     clip: Clip = Clip()
+    activation: Literal["elu", "selu", "relu", "tanh"] = "elu"  # between layers of a checkpoint
     commands: Commands = Commands()
 
     def __post_init__(self) -> None:
@@ -357,32 +360,41 @@ def described(plain: Any, path: Path, gait: Gait | None = None) -> DescribedPoli
     description = Description.from_plain(plain, str(path))
     gait = shipped_gait(FREE) if gait is None else gait
     weights = path.parent / description.weights
-    if weights.suffix != ".onnx":
-        size = description.history.length * description.frame_size
-        raise InputError(
-            f"{path}: weights is {shown(weights.name)}; give an ONNX file, as written by "
-            f"'torch.onnx.export(torch.jit.load({weights.name!r}), torch.zeros(1, {size}), "
-            "'policy.onnx')'"
-        )
-    data = np.frombuffer(read_bytes(weights, WEIGHT_BYTES), dtype=np.uint8)
-    names = ObservationLayout(gait.n_states, imu=True).names
+    if find_spec("onnx") is None or find_spec("onnxruntime") is None:
+        raise InputError("ONNX is not installed; run pip install 'glassgait[onnx]'")
     with naming(path):
+        is_onnx = weights.suffix == ".onnx"
+        read = read_bytes(weights, WEIGHT_BYTES) if is_onnx else _checkpoint(weights, description)
+        data = np.frombuffer(read, dtype=np.uint8)
+        names = ObservationLayout(gait.n_states, imu=True).names
         robot = load_robot(description.robot)
         policy = DescribedPolicy(gait.name, names, data, robot=robot, description=description)
         _check_network(policy)
     return policy
 
 
+def _checkpoint(weights: Path, description: Description) -> bytes:
+    from glassgait.models.policies.checkpoint import network_of_checkpoint  # noqa: PLC0415
+
+    try:
+        return network_of_checkpoint(weights, description.activation.title())
+    except InputError as error:
+        size = description.history.length * description.frame_size
+        raise InputError(
+            f"weights {shown(weights.name)} {error}; give an ONNX file, as written by "
+            f"'torch.onnx.export(torch.jit.load({weights.name!r}), torch.zeros(1, {size}), "
+            "'policy.onnx', dynamo=False)'"
+        ) from error
+
+
 def _check_network(policy: DescribedPolicy) -> None:
     """Refuses a network that cannot be read, has NaN weights or another size."""
     name, size = policy.description.weights, policy.n_memory - 1
-    try:
-        import onnx  # noqa: PLC0415
+    import onnx  # noqa: PLC0415
 
+    try:
         graph = onnx.load_from_string(policy.weights.tobytes()).graph
         session = policy._session
-    except ImportError as error:
-        raise InputError("ONNX is not installed; run pip install 'glassgait[onnx]'") from error
     except Exception as error:
         raise InputError(f"{name} is no ONNX network ({brief(str(error))}); export it") from error
     for weight in graph.initializer:

@@ -57,7 +57,7 @@ class ConvertPolicy(Settings):
     Attributes:
         description: File to write.
         robot: Name of a robot.
-        weights: ONNX file.
+        weights: ONNX file, or checkpoint of rsl_rl.
         joints: Joints in the network's order, such as FR_hip.
         period: Period of the control step (s).
         overwrite: Replace an existing description.
@@ -90,7 +90,9 @@ class ConvertPolicy(Settings):
             raise InputError(f"{self.config}: is no config of a quadruped; give another") from error
         # Refuse a bad network before the file is written.
         described(plain, self.description)
-        write_atomically(self.description, yaml.safe_dump(plain, sort_keys=False))
+        write_atomically(
+            self.description, yaml.safe_dump(plain, sort_keys=False, default_flow_style=None)
+        )
         console.print(f"description written to {self.description}")
         if self.check:
             CheckPolicy(self.description).run()
@@ -192,7 +194,9 @@ def _known(name: str, terms: dict[str, Any]) -> Any:
 
 def _term(name: str, term: dict[str, Any]) -> dict[str, Any]:
     """Returns a term of a description; its clip comes before its scale in both."""
-    values = {"scale": term["scale"], "clip": term["clip"], "period": term["params"].get("period")}
+    scale = term["scale"]
+    scale = scale[0] if scale and len({*scale}) == 1 else scale
+    values = {"scale": scale, "clip": term["clip"], "period": term["params"].get("period")}
     return {"term": name} | {key: value for key, value in values.items() if value is not None}
 
 

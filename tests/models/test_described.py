@@ -4,6 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
+import torch
+from rsl_rl.modules import EmpiricalNormalization
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.described import load_described
@@ -147,6 +149,59 @@ def test_bad_descriptions_are_refused_in_one_sentence(describe, old, new, messag
 def test_bad_weights_are_refused(describe, weights, message):
     with pytest.raises(InputError, match=message):
         load_described(describe(weights=weights))
+
+
+class Actor(torch.nn.Module):
+    """An actor as in rsl_rl, for two sizes of observations with a normaliser."""
+
+    def __init__(self, name, normalizer):
+        super().__init__()
+        layers = [torch.nn.Linear(141, 8), torch.nn.ELU(), torch.nn.Linear(8, 12)]
+        self.add_module(name, torch.nn.Sequential(*layers))
+        self.add_module(normalizer, EmpiricalNormalization(141))
+        self.parts = self._modules[normalizer], self._modules[name]
+        self.parts[0].update(3.0 + 2.0 * torch.randn(500, 141))
+
+    def forward(self, x):
+        return self.parts[1](self.parts[0](x))
+
+
+@pytest.mark.parametrize("version", [2, 4, 5])
+def test_the_actor_of_a_checkpoint_acts_as_in_rsl_rl(describe, tmp_path, version):
+    names = ("mlp", "obs_normalizer") if version == 5 else ("actor", "actor_obs_normalizer")
+    actor = Actor(*names)
+    state = actor.state_dict() | {"std": torch.ones(12)}
+    saved = {"actor_state_dict" if version == 5 else "model_state_dict": state}
+    if version == 2:
+        saved = {"model_state_dict": {k: x for k, x in state.items() if "norm" not in k}}
+        saved["obs_norm_state_dict"] = actor.parts[0].state_dict()
+    torch.save(saved | {"iter": 7, "infos": None}, tmp_path / "tiny.pt")
+    policy = load_described(describe(("tiny.onnx", "tiny.pt")))
+    seen = torch.randn(5, 141)
+    expected = actor.eval()(seen).detach()
+    np.testing.assert_allclose(policy._network(seen.numpy()), expected, atol=1e-5)
+
+
+def test_checkpoints_of_anything_but_an_actor_of_that_size_are_refused(describe, tmp_path):
+    path, weights = describe(("tiny.onnx", "tiny.pt")), tmp_path / "tiny.pt"
+    wide, recurrent = torch.nn.Linear(9, 12), {"memory_a.weight": torch.ones(2, 2)}
+    torch.save(
+        {"model_state_dict": {f"actor.0.{k}": x for k, x in wide.state_dict().items()}}, weights
+    )
+    with pytest.raises(InputError, match="takes 9 numbers, but history and observation are 3 × 47"):
+        load_described(path)
+    torch.save({"model_state_dict": recurrent}, weights)
+    with pytest.raises(InputError, match=r"'memory_a.weight'.*; give an ONNX file"):
+        load_described(path)
+    torch.save({"std": torch.ones(12)}, weights)
+    with pytest.raises(InputError, match="'std'.*, so it is no actor"):
+        load_described(path)
+    torch.jit.script(torch.nn.Linear(141, 12)).save(weights)
+    with pytest.raises(InputError, match=r"TorchScript.*dynamo=False"):
+        load_described(path)
+    torch.save({"model_state_dict": torch.nn.Linear(141, 12)}, weights)
+    with pytest.raises(InputError, match="is no checkpoint of tensors"):
+        load_described(path)
 
 
 def test_a_gait_without_transitions_is_a_machine_of_one_state():

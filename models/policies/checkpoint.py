@@ -1,0 +1,66 @@
+"""Actors in rsl_rl's checkpoints (.pt) as ONNX networks; nothing but tensors is read."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from warnings import catch_warnings
+
+import numpy as np
+
+from glassgait.models.errors import InputError, brief, shown
+
+OPSET, IR_VERSION = 17, 8  # of ONNX; runtimes since 2022 have them
+MARGIN = 0.01  # rsl_rl adds it to the standard deviations of observations
+
+_PREFIX = re.compile(r"(actor|mlp|obs_normalizer|actor_obs_normalizer)\.")
+_KNOWN = re.compile(r"\d+\.(weight|bias)|_mean|_std|_var|count|critic.*|(log_)?std|distribution.*")
+
+
+def network_of_checkpoint(path: Path, activation: str) -> bytes:
+    """Returns an ONNX file of a checkpoint's actor and its normaliser of observations.
+
+    `activation` is ONNX's name of the function between layers. Raises an InputError for anything
+    but tensors, such as TorchScript.
+    """
+    import torch  # noqa: PLC0415
+
+    # Versions 1 to 4 of rsl_rl have one dictionary with the critic, or none; version 5 has two.
+    try:
+        with catch_warnings(action="ignore"):
+            saved = torch.load(path, map_location="cpu", weights_only=True)
+        actor = saved.get("actor_state_dict") or saved.get("model_state_dict") or saved
+        parts = {**actor, **saved.get("obs_norm_state_dict", {})}
+        named = {_PREFIX.sub("", name, count=1): x.double().numpy() for name, x in parts.items()}
+    except Exception as error:
+        raise InputError(f"is no checkpoint of tensors ({brief(str(error))})") from error
+    unknown = [name for name in named if not _KNOWN.fullmatch(name)]
+    numbers = [int(name.split(".")[0]) for name in named if name[0].isdigit()]
+    layers = sorted({*numbers})
+    if unknown or not layers or len(numbers) != 2 * len(layers):
+        raise InputError(f"has {shown((unknown or [*named])[:1])}, so it is no actor of rsl_rl")
+    return _network(named, layers, activation)
+
+
+def _network(named: Mapping[str, Any], layers: list[int], activation: str) -> bytes:
+    from onnx import TensorProto, helper, numpy_helper  # noqa: PLC0415
+
+    weights, biases = ([named[f"{i}.{part}"] for i in layers] for part in ("weight", "bias"))
+    # The first layer normalises, too.
+    if "_mean" in named:
+        weights[0] = weights[0] / (named["_std"] + MARGIN)
+        biases[0] = biases[0] - weights[0] @ named["_mean"].ravel()
+    nodes, constants = [], []
+    for i, values in enumerate(zip(weights, biases, strict=True)):
+        names = [f"weight_{i}", f"bias_{i}"]
+        constants += map(numpy_helper.from_array, (x.astype(np.float32) for x in values), names)
+        nodes.append(helper.make_node("Gemm", [f"x_{i}", *names], [f"y_{i}"], transB=1))
+        nodes.append(helper.make_node(activation, [f"y_{i}"], [f"x_{i + 1}"]))
+    given, answer = (
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["robots", size])
+        for name, size in (("x_0", weights[0].shape[1]), (f"y_{len(layers) - 1}", len(biases[-1])))
+    )
+    graph = helper.make_graph(nodes[:-1], "actor", [given], [answer], constants)
+    opsets = [helper.make_opsetid("", OPSET)]
+    model = helper.make_model(graph, opset_imports=opsets, ir_version=IR_VERSION)
+    return model.SerializeToString(deterministic=True)
