@@ -163,11 +163,6 @@ class DomainRandomization(Settings):
                 f"{self.title}: {len(self.fine_steps)} fine_steps do not fit in n_groups = "
                 f"{self.n_groups}; raise n_groups or give fewer fine_steps"
             )
-        if any(step >= self.station.time_step for step in self.fine_steps):
-            raise InputError(
-                f"{self.title}: fine_steps is {self.fine_steps}; give steps that are shorter than "
-                f"the station's time_step, {self.station.time_step}"
-            )
 
     def stations(
         self, robot: Robot, generator: np.random.Generator, law: JointLaw = DEFAULT_LAW

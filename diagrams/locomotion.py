@@ -91,9 +91,6 @@ def MakeLocomotion(  # noqa: N802
         gait, scenario: A `Gait` and a `Scenario`, or the name or path of a file of each.
         policy: A policy, a `Controller` of two in alternation, or a function from the observation
             (..., n) to an action (..., 12); see `FunctionPolicy`.
-
-    Raises:
-        InputError: if the policy or the command does not fit the gait or the scenario.
     """
     # Imported here, since programs that use other parts of this module need no policies.
     from glassgait.models.estimation.odometry import Odometry  # noqa: PLC0415

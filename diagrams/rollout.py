@@ -74,9 +74,6 @@ def make_simulator(diagram: Diagram, *, seed: int = 0, state: Array | None = Non
         diagram: The robot's diagram or a larger root diagram that contains it.
         seed: Seed of commands and sensor errors; the robot's state is not drawn.
         state: Plant state x (37); by default standing at rest.
-
-    Raises:
-        InputError: if the diagram does not contain exactly one robot.
     """
     simulator = Simulator(diagram)
     begin_anew(simulator, seed=seed, state=state)
@@ -107,10 +104,6 @@ def record(
             which keeps the last `KEPT_STEPS`.
         stopped: Called after every step; True ends the recording. A monitor that ends
             `AdvanceTo` ends it as well.
-
-    Raises:
-        InputError: if n_steps is negative, the simulator is between two control instants, or its
-            diagram does not contain exactly one robot.
     """
     # Check that the simulator is at a control instant.
     if n_steps is not None and n_steps < 0:

@@ -126,9 +126,6 @@ def load_scenario(scenario: str | Path) -> Scenario:
     """Loads a scenario by its name, or from a path that ends in .yaml.
 
     A file lists only differences from the nominal scenario.
-
-    Raises:
-        InputError: if the scenario does not exist or its file is invalid.
     """
     # As in Drake's hardware_sim, a file overrides some defaults of a dataclass. Drake's
     # `yaml_load_typed` supports neither frozen dataclasses nor `Annotated` (ranges) and `Literal`.
@@ -143,11 +140,7 @@ def load_scenario(scenario: str | Path) -> Scenario:
 
 
 def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
-    """Loads scenarios by name, by path, or by group: `all`, `grounds`, `harsh`.
-
-    Raises:
-        InputError: as `load_scenario`, or if two different scenarios have the same name or title.
-    """
+    """Loads scenarios by name, by path, or by group: `all`, `grounds`, `harsh`."""
     loaded: dict[str, Scenario] = {}
     for argument in scenarios:
         members = scenario_names(argument) if argument in SCENARIO_GROUPS else (argument,)

@@ -149,9 +149,6 @@ def AddStation(  # noqa: N802
     limits to the motors' effort. In a default context the robot stands at rest. Ground other than a
     plane reaches `reach` (m) around the middle period.
     The returned instance's `desired_state` takes 12 joint positions (rad), then velocities (rad/s).
-
-    Raises:
-        InputError: if the station's engine is not Drake, or its ground is too high for the robot.
     """
     if config.engine != "drake":
         raise InputError(

@@ -245,7 +245,6 @@ def proprioception(
     rm_state: Array,
     rm_iterations: Array,
     commanded_dwell: Array,
-    joint_noise: Array | float = 0.0,
     imu: Array | None = None,
     limited: bool = False,
 ) -> Array:
@@ -255,13 +254,10 @@ def proprioception(
 
     Args:
         rm_iterations: Control steps in the state, observed up to `OVERDUE` beyond the command.
-        joint_noise: Errors of positions, then velocities (..., 24).
         imu: The IMU's reading (..., 9), if the policy observes it; it adds six entries.
         limited: Whether targets are clipped to the joints' ranges. Then the clipped action is
             observed: a policy that multiplies its previous action could otherwise let it grow.
     """
-    # What sensors measure, and how long the machine has been in its state.
-    measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
     held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
     counts = stacked(held, commanded_dwell)
     measured_by_imu = () if imu is None else (imu[..., 6:9], ANGULAR_VELOCITY_SCALE * imu[..., 0:3])
@@ -269,8 +265,8 @@ def proprioception(
     return np.concatenate(
         [
             command,
-            measured[..., : quadruped.N_JOINTS] - robot.default_stance,
-            measured[..., quadruped.N_JOINTS :] * JOINT_VELOCITY_SCALE,
+            joint_position - robot.default_stance,
+            joint_velocity * JOINT_VELOCITY_SCALE,
             *measured_by_imu,
             robot.limited_action(previous_action) if limited else previous_action,
             rm_state,

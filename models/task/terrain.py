@@ -44,7 +44,6 @@ OVERLAP = 0.03  # how far a box reaches into its neighbours' cells (m), further 
 MOST_OVERLAP = 0.2  # greatest overlap, as a share of a cell's shorter edge
 STAIR_WIDTH = 2.0  # width of a box of the steps (m), which repeat sideways for ever
 FLATTEST = 1e-4  # least height that ground of boxes is scaled to (m)
-STEEPEST = 1.0  # greatest rise of uneven ground over its run
 
 
 class Grid(NamedTuple):
@@ -147,18 +146,11 @@ class Terrain(Settings):
                 f"{self.title}: height is {self.height:g}, but steps begin upward; give a positive "
                 "height, or endless: true with a negative one"
             )
-        if self.kind != "uneven":
-            return
         longest, shortest = self.cell * self.cells, 2 * self.cell
-        if not shortest <= self.wavelength <= longest:
+        if self.kind == "uneven" and not shortest <= self.wavelength <= longest:
             raise InputError(
                 f"{self.title}: wavelength is {self.wavelength:g} m; give {shortest:g} to "
                 f"{longest:g} m, or other cells"
-            )
-        if np.abs(grid_of(self).tilt).max() > STEEPEST:
-            raise InputError(
-                f"{self.title}: amplitude is {self.amplitude:g} m, which makes waves of "
-                f"{self.wavelength:g} m steeper than 45°; give a lower one, or longer waves"
             )
 
     @property

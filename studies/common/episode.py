@@ -138,10 +138,6 @@ def episode(
             on the ground, `restart` its episode, or `go on` with the controller.
         leave_out_every: Control steps between removals of fallen robots, which save time; by
             default no robot is removed. A removal changes the noise of the others.
-
-    Raises:
-        InputError: if commands come from sliders or are beyond the gait's range, or if the
-            controller needs an estimator and has none.
     """
     robot = scenario.task.robot if isinstance(scenario, PreparedTask) else scenario.robot_of()
     controller = controller_of(controller, gait, robot)

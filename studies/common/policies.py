@@ -168,10 +168,6 @@ def find_policies(
     """Finds the policies of a gait, and prints their origin unless `quiet`.
 
     The robot is by default the robot of the run's policies, or the default robot.
-
-    Raises:
-        InputError: if the folder contains no policies of the gait, or the students' expert is
-            missing.
     """
     name, body = gait.name, load_robot(robot or DEFAULT_ROBOT)
     if source is not None:

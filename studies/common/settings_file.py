@@ -67,10 +67,11 @@ def read_settings(defaults: S, path: Path) -> S:
         values = values.get(title, values.get("config", settings))
     if not isinstance(values, dict):
         raise InputError(f"{path}: is not a mapping of settings; make one with --print-settings")
-    return type(defaults).from_plain(_filled(values, to_plain(defaults)), str(path))
+    return type(defaults).from_plain(merged(to_plain(defaults), values), str(path))
 
 
-def _filled(values: Any, defaults: Any) -> Any:
-    if not isinstance(values, dict) or not isinstance(defaults, dict):
-        return values
-    return defaults | {key: _filled(value, defaults.get(key)) for key, value in values.items()}
+def merged(values: Any, changes: Any) -> Any:
+    """Replaces values by the changes with the same keys, in nested mappings too."""
+    if not isinstance(values, dict) or not isinstance(changes, dict):
+        return changes
+    return values | {key: merged(values.get(key), change) for key, change in changes.items()}

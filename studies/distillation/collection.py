@@ -13,8 +13,7 @@ from glassgait.diagrams.task import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
-from glassgait.models.policies.policy import Policy, first_not_finite
-from glassgait.models.robots import quadruped
+from glassgait.models.policies.policy import Policy
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
@@ -112,13 +111,10 @@ class _Samples(Observer):
         # The expert's action is known at steps at which it acts.
         by_expert = step.output.expert_acts.all()
         label = step.output.action if by_expert else self._expert(step.output.memory)
-        invalid = first_not_finite(np.concatenate([step.observation, label], axis=1))
-        if invalid is not None:
-            actions = (f"the action of {joint}" for joint in quadruped.JOINTS)
-            name = (*self._expert.observation_names, *actions)[invalid[1]]
+        if not (np.isfinite(step.observation).all() and np.isfinite(label).all()):
             raise InputError(
-                f"expert: {name} is not finite at control step {step.step} of its episode; train "
-                "the expert again, or name another run with --source"
+                f"expert: an observation or action is not finite at control step {step.step}; "
+                "train the expert again, or name another run with --source"
             )
         self._observations.append(step.observation)
         self._labels.append(label)

@@ -116,11 +116,6 @@ class DistillationConfig(Settings):
         # Refuse settings that do not suit the gait.
         for kind in dict.fromkeys((*self.students, *map(self.collector_of, self.students))):
             self.settings.of(kind).refuse_for(gait)
-        if self.speeds is not None and min(self.speeds) < -gait.max_speed:
-            raise InputError(
-                f"distillation: speeds is {self.speeds}; name speeds of the {gait.name} from "
-                f"{-gait.max_speed} to {gait.max_speed} m/s"
-            )
 
         # Robots wait more often if the machine has more than two states.
         episodes, weight = (16, 1) if gait.n_states <= 2 else (48, 4)

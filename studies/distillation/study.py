@@ -89,10 +89,6 @@ def distill(
 
     Each round's samples and each finished student are written immediately, so that a resumed run
     has the same result as one that was never interrupted.
-
-    Raises:
-        InputError: if the folder cannot be claimed for this run (see `open_run`), or has a damaged
-            file.
     """
     # The settings and inputs.
     config = config.for_gait(gait)
@@ -197,7 +193,7 @@ class _Distillation:
         # Every round has a separate generator, so that it can be repeated.
         say(f"{kind}: round {plan.number} of {n_rounds}, ratio {ratio_title(plan.period)}")
         limit = self.gait.max_speed
-        speeds = None if config.speeds is None else np.minimum(config.speeds, limit)
+        speeds = None if config.speeds is None else np.clip(config.speeds, -limit, limit)
         samples = collect(
             self.gait,
             Controller(self.expert, student, plan.period),

@@ -19,7 +19,7 @@ from glassgait.models.formulas.grammar import parse_expression, variable_names
 from glassgait.models.formulas.mirror import Place
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.settings import DISTINCT, FEW, Count, Natural, checked
+from glassgait.models.settings import DISTINCT, FEW, IN_ORDER, Count, Natural, checked
 from glassgait.studies.common.jobs import run_parallel
 from glassgait.studies.distillation.dataset import TrainingSet
 from glassgait.studies.distillation.formulas import (
@@ -37,7 +37,7 @@ from glassgait.studies.distillation.students import StudentSettings
 
 Engine = Literal["operon", "pysr"]
 
-Shape = tuple[int, int]
+Shape = Annotated[tuple[Count, Count], IN_ORDER]
 """Lengths of the sum that a formula starts from, and of the whole formula (nodes)."""
 
 
@@ -74,14 +74,6 @@ class SymbolicSettings(StudentSettings):
     start_weights: Annotated[tuple[Count, ...], MinLen(1), FEW, DISTINCT] = (1, 20)
     max_samples: Count = 3000
     alone_episodes: Count = 13  # type: ignore[assignment]
-
-    def __post_init__(self) -> None:
-        for sum_length, length in self.shapes:
-            if not 1 <= sum_length <= length:
-                raise InputError(
-                    f"{self.title}: shapes has {sum_length} {length}; give the sum's length, at "
-                    "least 1, and then the formula's, which is not smaller"
-                )
 
     def candidates(self) -> dict[str, tuple[Self, tuple[int, ...]]]:
         candidates: dict[str, tuple[Self, tuple[int, ...]]] = {}

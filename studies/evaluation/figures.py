@@ -117,8 +117,7 @@ def fall_map(tables: Mapping[str, pd.DataFrame]) -> Figure:
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0)
         axes.xaxis.tick_top()
-        titles = [*policies]
-        axes.set_xticks(range(len(policies)), titles, fontsize=6.5, rotation=90)
+        axes.set_xticks(range(len(policies)), policies, fontsize=6.5, rotation=90)
         axes.set_title(gait.replace("_", "-"), fontsize=8)
 
     # Label the rows, with the number of robots if it is smaller than in other rows.

@@ -1,12 +1,13 @@
 """Settings files of `glassgait reproduce`."""
 
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, resolve_paths
 from glassgait.models.settings import Settings
 from glassgait.studies.common.run import default_folder
+from glassgait.studies.common.settings_file import merged
 
 SETTINGS_FOLDER = Path(__file__).parent
 
@@ -33,12 +34,4 @@ def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
         raise InputError(
             f"{path}: has no settings under the key 'quick'; add them, or leave --quick out"
         )
-    return kind.from_plain(_merged(values, quick_values) if quick else values, str(path))
-
-
-def _merged(values: Any, changes: Any) -> Any:
-    """Replaces values by the changes with the same keys, in nested mappings too."""
-    if not isinstance(values, dict) or not isinstance(changes, dict):
-        return changes
-    merged = {key: _merged(values.get(key), change) for key, change in changes.items()}
-    return {**values, **merged}
+    return kind.from_plain(merged(values, quick_values) if quick else values, str(path))

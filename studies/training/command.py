@@ -43,7 +43,6 @@ class Train(SettingsFile):
     resume: bool = False
 
     def run(self) -> None:
-        """Runs the study."""
         config = self.config
         root = default_folder(self.title, load_robot(config.robot).name)
         seeds = range(config.seed, config.seed + self.n_seeds)

@@ -92,13 +92,6 @@ def test_hardship_scales_the_ground_alone():
     assert not any(own.terrain.slope for own in level)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"n_groups": 1, "fine_steps": (0.005, 0.0025)}, "do not fit in n_groups = 1"),
-        ({"fine_steps": (0.01,)}, "shorter than the station's time_step, 0.01"),
-    ],
-)
-def test_worlds_that_cannot_be_are_refused(change, message):
-    with pytest.raises(InputError, match=message):
-        replace(DomainRandomization(), **change)
+def test_more_fine_steps_than_groups_are_refused():
+    with pytest.raises(InputError, match="do not fit in n_groups = 1"):
+        DomainRandomization(n_groups=1, fine_steps=(0.005, 0.0025))

@@ -28,13 +28,6 @@ STILL = {
 }
 
 
-def test_noise_is_in_radians_before_the_scales():
-    noise = np.concatenate([np.full(12, 0.01), np.full(12, 1.5)])
-    quiet, noisy = proprioception(A1, **STILL), proprioception(A1, **STILL, joint_noise=noise)
-    np.testing.assert_allclose((noisy - quiet)[2:14], 0.01)
-    np.testing.assert_allclose((noisy - quiet)[14:26], 0.075)
-
-
 def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one():
     counts = zip((0, 8, 9, 11, 100), (7, 7, 7, 9, 9), strict=True)
     values = np.array(

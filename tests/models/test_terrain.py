@@ -171,7 +171,6 @@ def test_gravity_leans_away_from_where_a_slope_rises(slope, direction):
         ({"amplitude": 0.1}, "amplitude"),
         ({"kind": "steps", "height": -0.05}, "height"),
         ({"kind": "uneven", "wavelength": 5.0}, "wavelength"),
-        ({"kind": "uneven", "amplitude": 0.9, "wavelength": 0.6}, "amplitude"),
     ],
 )
 def test_ground_that_cannot_be_is_refused_by_its_key(settings, key):

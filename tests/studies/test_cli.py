@@ -30,13 +30,11 @@ EARLY = {
 
 REFUSED = {
     "train --n-robots 0": "n_robots",
-    "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
     "distill --students linear linear": "students",
     "evaluate scenarios --scenario nominal nominal": "scenario",
     "train --gait trot pace --print-settings": "a settings file is of one gait",
     "evaluate alternation --ratios 2/3": "is not an alternation ratio",
     "evaluate alternation --ratios 1": "no student acts; give one, and a ratio below 1",
-    "evaluate pushes --speeds 2 1": "name the least first",
     "importance --n-samples 1": "n_samples",
     "reproduce nonesuch.yaml": "nonesuch.yaml",
 }

@@ -89,19 +89,15 @@ def test_as_many_go_straight_as_the_worlds_ask_for(expert):
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(
-    ("owner", "network", "message"),
-    [
-        ("expert", "actor", "the action of FL_calf is not finite"),
-        ("learned_expert", "_estimator", "Base Lin Vel Z is not finite"),
-    ],
+    ("owner", "network"), [("expert", "actor"), ("learned_expert", "_estimator")]
 )
-def test_samples_that_are_not_finite_are_refused(request, owner, network, message):
+def test_samples_that_are_not_finite_are_refused(request, owner, network):
     broken = copy(request.getfixturevalue(owner))
     own = getattr(broken, network)
     last = own.biases[-1].copy()
     last[2] = np.nan
     setattr(broken, network, replace(own, biases=(*own.biases[:-1], last)))
-    with pytest.raises(InputError, match=f"{message} at control step 0 of its episode"):
+    with pytest.raises(InputError, match="is not finite at control step 0"):
         collect(
             load_gait("trot"),
             alone(broken),
