@@ -35,7 +35,7 @@ def network_of_checkpoint(path: Path, activation: str) -> bytes:
     except Exception as error:
         raise InputError(f"is no checkpoint of tensors ({brief(str(error))})") from error
     unknown = [name for name in named if not _KNOWN.fullmatch(name)]
-    numbers = [int(name.split(".")[0]) for name in named if name[0].isdigit()]
+    numbers = [int(name.split(".")[0]) for name in named if name[:1].isdigit()]
     layers = sorted({*numbers})
     if unknown or not layers or len(numbers) != 2 * len(layers):
         raise InputError(f"has {shown((unknown or [*named])[:1])}, so it is no actor of rsl_rl")

@@ -194,7 +194,7 @@ def test_checkpoints_of_anything_but_an_actor_of_that_size_are_refused(describe,
     with pytest.raises(InputError, match=r"'memory_a.weight'.*; give an ONNX file"):
         load_described(path)
     torch.save({"std": torch.ones(12)}, weights)
-    with pytest.raises(InputError, match="'std'.*, so it is no actor"):
+    with pytest.raises(InputError, match=r"'std'.*, so it is no actor"):
         load_described(path)
     torch.jit.script(torch.nn.Linear(141, 12)).save(weights)
     with pytest.raises(InputError, match=r"TorchScript.*dynamo=False"):
