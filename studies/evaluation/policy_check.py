@@ -17,7 +17,7 @@ from glassgait.models.robots import kinematics
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
 from glassgait.models.settings import Count, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import load_gait, shipped_gait
 from glassgait.models.task.termination import PHYSICAL_FALL
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import REPORTED_SEEDS
@@ -42,6 +42,7 @@ COMMANDS = {
 PAIRS = {"trot": ("FL RR", "FR RL"), "pace": ("FL RL", "FR RR"), "bound": ("FL FR", "RL RR")}
 """Legs that step together."""
 
+STATE_STEPS = "steps a state"  # column of the control steps in a state of the gait's machine
 LEAST_TOGETHER = 0.5  # least correlation of the contacts of legs that step together
 LEAST_THREES = 0.5  # least share of control steps of a walk on exactly three feet
 STEPS = 500  # control steps of each robot
@@ -110,6 +111,7 @@ def walked(
     for i, (title, (speed, yaw_rate)) in enumerate(COMMANDS.items()):
         robots = np.arange(i * n_robots, (i + 1) * n_robots)
         up = robots[~fell[robots]]
+        gait = recognized(contact[:, up]) if len(up) else "none"
         stance = contact[:, robots].mean(axis=(0, 1))
         forward, left, turning = velocity[:, up].mean(axis=(0, 1)) if len(up) else [np.nan] * 3
         rows.append(
@@ -121,7 +123,8 @@ def walked(
                 "falls": int(fell[robots].sum()),
                 "drift (m/s)": round(float(left), 2),
                 f"stance {' '.join(LEGS)}": " ".join(f"{share:.2f}" for share in stance),
-                "gait": recognized(contact[:, up]) if len(up) else "none",
+                "gait": gait,
+                STATE_STEPS: state_steps(gait, contact[:, up]),
             }
         )
     return pd.DataFrame(rows)
@@ -138,6 +141,19 @@ def recognized(contact: BoolArray) -> str:
         if all(together[one, other] >= LEAST_TOGETHER for one, other in feet):
             return gait
     return "walk" if (stance.sum(axis=1) == len(LEGS) - 1).mean() >= LEAST_THREES else "none"
+
+
+def state_steps(gait: str, contact: BoolArray) -> float:
+    """Returns a stride's control steps in each RM state of a gait; NaN for none.
+
+    The stride is that of the strongest frequency of the contacts (T, n, 4).
+    """
+    if gait == "none":
+        return np.nan
+    n = 10 * len(contact)  # padded, for more frequencies
+    spectrum = np.fft.rfft(contact - contact.mean(axis=0), n, axis=0)
+    power = np.square(np.abs(spectrum)).sum(axis=(1, 2))
+    return round(n / float(power.argmax()) / shipped_gait(gait).n_states, 1)
 
 
 def found_mistakes(policy: DescribedPolicy, station: StationConfig) -> list[str]:

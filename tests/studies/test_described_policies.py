@@ -3,13 +3,22 @@
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.policies.described import load_described
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.policy_check import recognized, variants, walked
+from glassgait.studies.evaluation import policy_check
+from glassgait.studies.evaluation.policy_check import (
+    STATE_STEPS,
+    recognized,
+    state_steps,
+    variants,
+    walked,
+)
 
 NAMES = [f"{leg}_{kind}_joint" for leg in ("FR", "FL", "RR", "RL") for kind in LEG_JOINTS]
 BASE = f"go2: {{dt: 0.005, decimation: 4, joint_names: [{', '.join(NAMES)}]}}"
@@ -154,6 +163,22 @@ def steps(*feet):
 )
 def test_gaits_are_recognized_by_their_contacts(contact, gait):
     assert recognized(contact) == gait
+    n_states = {"trot": 2, "pace": 2, "bound": 2, "walk": 4}.get(gait, np.nan)
+    stride = len(contact) / 20
+    np.testing.assert_allclose(state_steps(gait, contact), stride / n_states, atol=0.06)
+
+
+def test_a_watched_gait_is_written_and_taken_by_distill(describe, monkeypatch, refused, capsys):
+    path, seen = describe(), {"gait": "trot", STATE_STEPS: 8.4}
+    monkeypatch.setattr(policy_check, "walked", lambda *_: pd.DataFrame([seen]))
+    main(["gait", "--watch", str(path)])
+    gait = load_gait(path.with_name("mine_trot.yaml"))
+    assert (gait.dwell, gait.transitions[0].when.text) == ((4, 4), "FL & RR & (~FR | ~RL)")
+    assert f"--gait {path.parent}/mine_trot.yaml --expert {path}" in capsys.readouterr().out
+    assert "mine_trot.yaml: exists" in refused(["gait", "--watch", str(path)])
+    seen["gait"] = "none"
+    main(["gait", "--watch", str(path)])
+    assert f"--gait free --expert {path}" in capsys.readouterr().out
 
 
 def test_every_frequent_mistake_is_tried_once(describe):

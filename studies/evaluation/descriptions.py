@@ -1,6 +1,7 @@
 """`glassgait gait` and `glassgait robot`: check the descriptions of gaits and robots."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from shlex import quote
 from typing import Annotated, ClassVar
 
@@ -9,6 +10,8 @@ import tyro
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.described import load_described
 from glassgait.models.policies.library import find_gait
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.library import load_robot
@@ -16,27 +19,67 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT, JointLaw, Robot
 from glassgait.models.settings import Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.drawing import to_text
-from glassgait.models.task.gait import gait_names
+from glassgait.models.task.gait import FREE, gait_lines, gait_names, parse_formula, shipped_gait
 from glassgait.studies.common.console import console
 
 
 @dataclass(frozen=True)
 class ShowGait:
-    """Check a gait file and draw its reward machine."""
+    """Check a gait file and draw its reward machine.
+
+    Attributes:
+        watch: Description of a network; writes a gait file of its steps at 0.5 m/s beside it.
+    """
 
     gait: Annotated[str, tyro.conf.Positional] = "trot"
+    watch: Path | None = None
 
     def run(self) -> None:
-        """Checks the gait and draws its reward machine."""
-        gait = find_gait(self.gait)
+        """Checks the gait, or the one that robots are seen in, and draws its reward machine."""
+        gait = find_gait(path := self.gait if self.watch is None else watched_gait(self.watch))
         console.print(
             f"{gait.name}: valid, {gait.n_states} states; up to {gait.max_speed:g} m/s and "
             f"{gait.max_yaw_rate:g} rad/s, {gait.dwell[0]} to {gait.dwell[1]} control steps a state"
         )
         console.print(to_text(gait), soft_wrap=True)
-        if gait.name not in gait_names():
-            console.print(f"train: glassgait train --gait {quote(self.gait)}", soft_wrap=True)
+        if self.watch is not None:
+            command = f"distill --gait {quote(path)} --expert {quote(str(self.watch))}"
+            console.print(f"distil: glassgait {command}", soft_wrap=True)
+        elif gait.name not in gait_names():
+            console.print(f"train: glassgait train --gait {quote(path)}", soft_wrap=True)
 
+
+def watched_gait(description: Path) -> str:
+    """Lets robots walk and writes a file with the gait that is seen; returns its path, or `free`.
+
+    A network keeps to no clearance and no commanded steps. A transition of the file's machine fires
+    once its feet stand and one of the others is in the air, after half of the steps seen.
+    """
+    from glassgait.studies.evaluation.policy_check import STATE_STEPS, walked
+
+    # Recognize the gait.
+    seen = walked(load_described(description), STATIONS[1], WATCHED).iloc[0]
+    name, steps = seen["gait"], seen[STATE_STEPS]
+    console.print(f"{description}: {name}, {steps:g} control steps a state")
+    if name == "none":
+        return FREE
+
+    # Write the shipped gait with other transitions.
+    gait, half, edges = shipped_gait(name), max(1, round(steps / 2)), []
+    for edge in gait.transitions:
+        feet = edge.when.text.split(" & ")
+        down, up = ([foot for foot in feet if (foot[0] == "~") == lifted] for lifted in (0, 1))
+        when = f"{' & '.join(down)} & ({' | '.join(up)})"
+        edges.append(replace(edge, when=parse_formula(when)))
+    gait = replace(gait, transitions=tuple(edges), dwell=(half, half))
+    path = description.with_name(f"{description.stem}_{name}.yaml")
+    if path.exists():
+        raise InputError(f"{path}: exists; remove it to watch the robots again")
+    write_atomically(path, "\n".join(gait_lines(gait)) + "\n")
+    return str(path)
+
+
+WATCHED = 4  # robots of each command, from which a gait is recognized
 
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))
 """Stations in which a robot must stand."""
