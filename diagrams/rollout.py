@@ -113,8 +113,7 @@ def record(
     context, first = locomotion.GetMyContextFromRoot(root), _control_step(root)
     if first is None:
         raise InputError(
-            f"record: the simulator is at {root.get_time():g} s; advance it to a multiple of "
-            f"{CONTROL_PERIOD} s"
+            f"record: the simulator is at {root.get_time():g} s; advance it to a control instant"
         )
 
     # Allocate the recording. Not every diagram has every port.

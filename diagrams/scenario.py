@@ -154,8 +154,7 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
     for name, scenario in loaded.items():
         if titles.count(scenario.title) > 1:
             raise InputError(
-                f"scenario {shown(name)}: another scenario has the title {shown(scenario.title)}; "
-                "change one of them, since tables show titles"
+                f"scenario {shown(name)}: another has the title {shown(scenario.title)}; change one"
             )
     return loaded
 

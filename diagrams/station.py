@@ -152,8 +152,7 @@ def AddStation(  # noqa: N802
     """
     if config.engine != "drake":
         raise InputError(
-            f"{config.title}: engine is {config.engine!r}, which steps robots in batch; a diagram "
-            "needs Drake, so remove engine"
+            f"{config.title}: engine is {config.engine!r}; a diagram needs Drake, so remove engine"
         )
     config.terrain.check(robot)
 

@@ -191,8 +191,7 @@ def read_record(path: Path, of: str | None = None) -> Any:
         raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew") from error
     if of is not None and written_for != of:
         raise InputError(
-            f"{path}: belongs to another run or another part of this one; delete it, and --resume "
-            "makes it anew"
+            f"{path}: belongs to another run or part; delete it, and --resume makes it anew"
         )
     return values
 

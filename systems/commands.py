@@ -140,8 +140,7 @@ class GivenCommand(LeafSystem):
         value = np.asarray(given.Eval(context), dtype=float)
         if not np.isfinite(value).all():
             raise InputError(
-                f"input port {given.get_name()!r}: is given {shown(value.tolist())}; give finite "
-                "numbers"
+                f"input port {given.get_name()!r}: is given {shown(value.tolist())}; give numbers"
             )
         # `limit_command` limits velocity and dwell separately; the other value is a placeholder.
         command = [np.zeros(2), np.array(float(self._gait.dwell[0]))]

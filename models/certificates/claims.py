@@ -130,8 +130,7 @@ class Claim(Settings):
         counted = {entry.symbol for entry in entries if "iterations" in entry.group}
         if self.kind == "never" and (sloped := sorted({*self.observations} & counted)):
             raise InputError(
-                f"{self.refused_as()}: {sloped[0]} counts control steps and has no slope; use kind "
-                "'effect' instead"
+                f"{self.refused_as()}: {sloped[0]} has no slope; use kind 'effect' instead"
             )
         symbols = {entry.symbol for entry in entries if entry.group != "machine state"}
         kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}

@@ -98,8 +98,7 @@ def product(left: Polynomial, right: Polynomial) -> Polynomial:
     """Multiplies two polynomials."""
     if len(left) * len(right) > MOST_MONOMIALS:
         raise InputError(
-            f"a formula has more than {MOST_MONOMIALS} terms when it is multiplied out; write a "
-            "simpler one"
+            f"a formula has more than {MOST_MONOMIALS} terms when it is multiplied out; simplify it"
         )
     result: dict[Monomial, Fraction] = {}
     for first, a in left.items():
@@ -140,8 +139,7 @@ class Relaxation:
         self._ring = ring
         if len(polynomial) > MOST_BOUNDED:
             raise InputError(
-                f"a formula has more than {MOST_BOUNDED} terms when it is multiplied out; write a "
-                "simpler one"
+                f"a formula has more than {MOST_BOUNDED} terms when multiplied out; simplify it"
             )
         self._elements = sorted({element for monomial in polynomial for element in monomial})
         self._terms = {frozenset(monomial): float(polynomial[monomial]) for monomial in polynomial}

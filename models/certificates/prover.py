@@ -70,8 +70,7 @@ class Prover:
         # The policy, its machine and the box must belong together.
         if not isinstance(policy, FormulaPolicy):
             raise InputError(
-                f"claims of policies of kind {policy.kind!r} are not proved; name a policy of "
-                "formulas"
+                f"claims of policies of kind {policy.kind!r} are not proved; name formulas"
             )
         policy.refuse_other_machine(gait)
         operating = operating or operating_box(gait, policy.robot)

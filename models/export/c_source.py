@@ -147,8 +147,7 @@ def write_controller(
 def check_name(name: str) -> None:
     if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
         raise InputError(
-            f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} lower-case "
-            "letters, digits and _ that begins with a letter"
+            f"the controller's name is {shown(name)}; give at most {MOST_NAME} of a-z, 0-9, _"
         )
 
 
@@ -162,8 +161,7 @@ def exported_estimator(controller: Controller) -> Network | Odometry:
     estimator = controller.estimator
     if not isinstance(estimator, Network | Odometry):
         raise InputError(
-            f"the estimator of a {controller.expert.kind} policy cannot be exported; export an "
-            "expert or its student"
+            f"the estimator of a {controller.expert.kind} policy cannot be exported; name another"
         )
     return estimator
 

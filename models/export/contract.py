@@ -159,8 +159,7 @@ def read_contract(path: Path, robot: Robot | None = None) -> dict[str, Any]:
     for key, value in (("file_digest", digest(file)), ("header_digest", _header_digest(file))):
         if contract[key] != value:
             raise InputError(
-                f"{path}: key {key!r} does not match {file.name}; one of the two was changed, so "
-                "export the controller again"
+                f"{path}: key {key!r} does not match {file.name}; export the controller again"
             )
     return contract
 
@@ -170,8 +169,7 @@ def interface_of(contract: dict[str, Any]) -> Interface:
     file = Path(contract["file"])
     if file.suffix != ".c":
         raise InputError(
-            f"{CONTRACT}: key 'file' is {shown(file.name)}, which holds a policy only; export the "
-            "controller with --format c"
+            f"{CONTRACT}: key 'file' is {shown(file.name)}; export the controller with --format c"
         )
     gains = [contract["stiffness"], contract["damping"]]
     return Interface(

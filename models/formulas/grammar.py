@@ -115,12 +115,8 @@ def refuse_unprintable(text: str, whole: str) -> None:
     Invisible and look-alike characters must not change what a robot does.
     """
     if character := _UNPRINTABLE.search(text):
-        raise TextError.at(
-            f"{shown(character[0])} does not belong in {whole}; write printable ASCII characters "
-            "and end lines with a line feed",
-            text,
-            character.start(),
-        )
+        problem = f"{shown(character[0])} does not belong in {whole}; write printable ASCII"
+        raise TextError.at(problem, text, character.start())
 
 
 class _Parser:

@@ -99,8 +99,7 @@ def _content(text: str) -> FormulaFile:
             raise InputError(f"machine: {error}") from error
         if machine.n_states != header.states:
             raise InputError(
-                f"states is {header.states}, but the machine has {machine.n_states} states; make "
-                "them equal"
+                f"states is {header.states}, but the machine has {machine.n_states}; correct one"
             )
         refuse_other_mirror(header.mirror, machine)
     return FormulaFile(
@@ -156,12 +155,8 @@ class _Formulas:
             elif assigned := _STATEMENT.fullmatch(statement):
                 self._assign(assigned, number)
             else:
-                raise TextError(
-                    f"{shown(bare)} is no line of a formula file; write 'FL_hip = ...', 'state 0', "
-                    "'every state' or 'definitions'",
-                    number,
-                    1,
-                )
+                problem = "is no line of a formula file; write 'FL_hip = ...' or a title"
+                raise TextError(f"{shown(bare)} {problem}", number, 1)
         self._end_definitions()
         return self._finished(number)
 

@@ -51,8 +51,7 @@ class BoostedTreesPolicy(Policy):
         self.depth = (n_inner + 1).bit_length() - 1
         if n_inner + 1 != 2**self.depth:
             raise InputError(
-                f"{self.kind} policy: its trees have {n_inner} inner nodes, but a complete tree "
-                "has 2**depth - 1; make it again"
+                f"{self.kind} policy: {n_inner} inner nodes are no complete tree; make it again"
             )
         self._trees = np.arange(n_joints * n_trees)
         # Store the nodes by level, all trees side by side, so that the first levels stay in the

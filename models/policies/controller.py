@@ -107,9 +107,8 @@ def controller_of(
         return Controller(policy)
     if not callable(policy):
         raise InputError(
-            f"the policy is {shown(policy)}; give the result of load_expert, load_student or "
-            "load_policy, a Controller, or a function from observations (..., n) to actions "
-            "(..., 12)"
+            f"the policy is {shown(policy)}; give a Policy, a Controller, or a function from "
+            "observations (..., n) to actions (..., 12)"
         )
     return Controller(FunctionPolicy(policy, gait, robot))
 
@@ -138,8 +137,7 @@ def estimator_in_loop(
         policy = expert_of(controller)
         raise InputError(
             f"this {policy.kind} policy of the {policy.gait} has no estimator of the body state; "
-            "load it with load_student, call policy.with_estimator_of(expert), or set "
-            "true_body_state: true in the scenario"
+            "load it with load_student, or set true_body_state: true in the scenario"
         )
     return controller.estimator
 

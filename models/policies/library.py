@@ -157,9 +157,8 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     recorded = recorded_expert(path.parent)
     if recorded is not None and recorded[1] != expert.digest():
         raise InputError(
-            f"{path}: uses the estimator of the expert {recorded[1]} (key 'inputs.expert' of "
-            f"{recorded[0]}), but this expert is {expert.digest()}; name the run that distilled it "
-            "with --source, or distil a student from this expert"
+            f"{path}: uses the estimator of the expert {recorded[1]} ({recorded[0]}), but this "
+            f"expert is {expert.digest()}; name the run that distilled it with --source"
         )
     return student.with_estimator_of(expert)
 
@@ -187,9 +186,8 @@ def load_expert(gait: "str | Gait", path: Path | None = None, robot: Robot | Non
         path = shipped_expert(machine.name, robot.name)
         if not path.exists():
             raise InputError(
-                f"no expert for gait {machine.name!r} of the {robot.name} ships with the project; "
-                f"train one with 'glassgait train {gait_option(machine.name)}{robot.option}', "
-                "or name its run with --source"
+                f"no expert for gait {machine.name!r} of the {robot.name} ships; train one with "
+                f"'glassgait train {gait_option(machine.name)}{robot.option}', or give --source"
             )
 
     # Check that it contains a network for this gait and its RM states.
@@ -203,7 +201,6 @@ def load_expert(gait: "str | Gait", path: Path | None = None, robot: Robot | Non
     layout = ObservationLayout(machine.n_states, imu=policy.layout.imu)
     if policy.observation_names != layout.names:
         raise InputError(
-            f"{path}: was trained for a {machine.name} with other RM states than the gait's file "
-            "has now; train it again"
+            f"{path}: has other RM states than the {machine.name} has now; train it again"
         )
     return policy

@@ -56,10 +56,7 @@ class Reals:
             values = array.astype(np.float64, copy=False)
             inside = (values >= self.least) & (values <= self.most)
         if not inside.all():
-            raise InputError(
-                f"holds {values[~inside][0]:g}; its numbers must be from {self.least:g} to "
-                f"{self.most:g}"
-            )
+            raise InputError(f"holds {values[~inside][0]:g}; give {self.least:g} to {self.most:g}")
         if self.ascending and not np.all(values[..., 1:] >= values[..., :-1]):
             raise InputError("does not ascend along its last axis")
         return values
@@ -326,8 +323,7 @@ class Policy(ABC):
         """Returns the policy with the estimator of its expert; files can store only odometry."""
         if expert.gait != self.gait:
             raise InputError(
-                f"the expert's gait is {expert.gait} and the policy's {self.gait}; give the expert "
-                f"for {self.gait}"
+                f"the expert's gait is {expert.gait} and the policy's {self.gait}; give another"
             )
         policy = copy.copy(self)
         policy.observes_by, policy._estimator = expert.digest(), expert.estimator
@@ -342,10 +338,7 @@ class Policy(ABC):
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
         """Splits a joint's targets at observations (..., n) into terms that add up to them."""
-        raise InputError(
-            f"policies of kind {self.kind!r} do not split into contributions; use an additive, "
-            "a linear or a symbolic one"
-        )
+        raise InputError(f"policies of kind {self.kind!r} are not sums of terms; use another kind")
 
     def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
         """Returns the factors of the terms of a joint's targets, in the order of `explain`."""

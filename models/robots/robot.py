@@ -78,8 +78,7 @@ class Robot(Settings):
         ):
             if not low <= angle <= high:
                 raise InputError(
-                    f"stance has {joint} at {angle:g} rad, outside its range, {low:g} to {high:g}; "
-                    "give an angle in this range"
+                    f"stance has {joint} at {angle:g} rad; give an angle from {low:g} to {high:g}"
                 )
 
     @cached_property
@@ -324,9 +323,8 @@ class JointLaw(Settings):
         stiffness, _ = self.worst_gains(robot)
         if self.limits is not None and self.limits.stiffness < stiffness:
             raise InputError(
-                f"limits: torque is divided by {self.limits.stiffness:g}, and the joints' "
-                f"stiffness is {stiffness:g} N·m/rad, so a joint at rest could demand more than "
-                f"its motor's torque; divide by {stiffness:g} or more"
+                f"limits: torque is divided by {self.limits.stiffness:g}, less than the joints' "
+                f"stiffness; divide by {stiffness:g} N·m/rad or more"
             )
 
     def to_plain(self) -> dict[str, Any]:

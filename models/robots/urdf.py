@@ -71,8 +71,7 @@ class Urdf:
             for key, value in other.items():
                 if not np.allclose(value, first[key], rtol=0.0, atol=TOLERANCE):
                     self._refuse(
-                        f"{key} of {leg} is {value}, but {first[key]} of FL; make the legs mirror "
-                        "images of each other"
+                        f"{key} of {leg} is {value}, but {first[key]} of FL; make all legs alike"
                     )
         lower, upper, effort, velocity = (
             [self._numbers(joint, "limit", key)[0] for joint in self._joints.values()]
@@ -171,9 +170,8 @@ class Urdf:
         possible = high <= (low + middle) * (1.0 + TOLERANCE)
         if mass < LIGHTEST or low < LEAST_MOMENT or not possible:
             self._refuse(
-                f"{self._label(link)} moves with {mass:g} kg and principal moments of inertia of "
-                f"{low:.3g}, {middle:.3g} and {high:.3g} kg·m², which no body has; correct its "
-                "inertial"
+                f"{self._label(link)} has {mass:g} kg and principal moments of inertia {low:.3g}, "
+                f"{middle:.3g} and {high:.3g} kg·m², which no moving body has; correct its inertial"
             )
         if not unchanged:
             _write_inertial(link, mass, centre, moments)

@@ -199,8 +199,7 @@ class Gait(Settings):
         for state in self.states:
             if state not in reached:
                 raise InputError(
-                    f"state {shown(state)} cannot be reached from {shown(self.initial)}; "
-                    "add a transition to it or remove it"
+                    f"state {shown(state)} cannot be reached from {shown(self.initial)}; remove it"
                 )
         # In each stance, at most one transition may leave a state.
         for (i, first), (j, second) in combinations(enumerate(self.transitions), 2):
@@ -208,8 +207,7 @@ class Gait(Settings):
             if first.source == second.source and together.any():
                 raise InputError(
                     f"transitions[{i}] and transitions[{j}] leave {shown(first.source)} and can "
-                    f"fire together; make {shown(first.when.text)} and {shown(second.when.text)} "
-                    "exclude each other"
+                    "fire together; make their formulas exclude each other"
                 )
 
     @property

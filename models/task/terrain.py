@@ -143,8 +143,7 @@ class Terrain(Settings):
                 )
         if self.kind == "steps" and (self.height == 0 or (self.height < 0 and not self.endless)):
             raise InputError(
-                f"{self.title}: height is {self.height:g}, but steps begin upward; give a positive "
-                "height, or endless: true with a negative one"
+                f"{self.title}: height is {self.height:g}; give more than 0, or endless: true"
             )
         longest, shortest = self.cell * self.cells, 2 * self.cell
         if self.kind == "uneven" and not shortest <= self.wavelength <= longest:

@@ -125,8 +125,7 @@ class Policies:
         policy = self.policy(name)
         if not isinstance(policy, FormulaPolicy):
             raise InputError(
-                f"--policy {name}: is of kind {policy.kind!r}, not made of formulas; give a "
-                f"formula student, or a {FormulaPolicy.suffix} file"
+                f"--policy {name}: is of kind {policy.kind!r}, not made of formulas; name another"
             )
         return policy
 

@@ -134,10 +134,7 @@ class EbmSettings(EnsembleSettings):
     def __post_init__(self) -> None:
         if self.max_interaction_bins > self.max_bins:
             # Joints share bins, which is impossible if their pairs have finer ones.
-            raise InputError(
-                f"{self.title}: max_interaction_bins is {self.max_interaction_bins}, more than "
-                f"max_bins = {self.max_bins}; lower it or raise max_bins"
-            )
+            raise InputError(f"{self.title}: max_interaction_bins is more than max_bins; lower it")
 
     def for_rounds(self) -> Self:
         counts = [n for n in (self.round_interactions, self.interactions) if n is not None]

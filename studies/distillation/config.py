@@ -97,9 +97,7 @@ class DistillationConfig(Settings):
     def __post_init__(self) -> None:
         if self.episodes_per_round % (self.episodes_per_fit or 1):
             raise InputError(
-                f"distillation: episodes_per_fit is {self.episodes_per_fit}, and episodes of two "
-                f"ratios would share a student; give a divisor of episodes_per_round, "
-                f"{self.episodes_per_round}"
+                "distillation: episodes_per_fit must be a divisor of episodes_per_round"
             )
         for kind in self.students:
             collector = self.settings.of(self.collector_of(kind))
@@ -107,8 +105,7 @@ class DistillationConfig(Settings):
             n_episodes = self.episodes + self.alone_rounds * n_alone
             if n_episodes < HELD_OUT_EVERY:
                 raise InputError(
-                    f"distillation: {n_episodes} episodes of {kind} are too few to hold one out; "
-                    "raise episodes or alone_rounds"
+                    f"distillation: {n_episodes} episodes of {kind} are too few to hold one out"
                 )
 
     def for_gait(self, gait: Gait) -> "DistillationConfig":

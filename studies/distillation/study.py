@@ -145,8 +145,7 @@ class _Distillation:
             path = policy_path(self.folder, kind)
             if not path.exists() or digest(path) != row["digest"]:
                 raise InputError(
-                    f"{path}: is not as the run wrote it; delete {record_path}, then --resume fits "
-                    "the student again"
+                    f"{path}: is not as the run wrote it; delete {record_path}, then --resume"
                 )
         else:
             collector = self.config.collector_of(kind)

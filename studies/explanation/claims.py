@@ -143,8 +143,7 @@ def refuse_too_few(n_terms: int, count: int) -> None:
     if n_terms < count:
         raise InputError(
             f"--n-claims: {count} claims are asked for, but only {n_terms} terms are a weight "
-            "times a command, gravity, a speed, a foot's place or a definition; ask for fewer, or "
-            "name another policy"
+            "times an input and gates; ask for fewer, or name another policy"
         )
 
 

@@ -59,8 +59,7 @@ class ExplainPage(OnePolicy):
         except InputError as error:
             kinds = ", ".join(sums_of_terms())
             raise InputError(
-                f"--policy {policy}: its actions are no sums of terms; name a student of the "
-                f"kinds {kinds}"
+                f"--policy {policy}: its actions are no sums of terms; name one of {kinds}"
             ) from error
 
         from glassgait.diagrams.scenario import Scenario

@@ -72,8 +72,7 @@ def agreement_table(
         if exact and (not each.target <= TOLERANCE or each.machine):
             raise InputError(
                 f"export: a joint target of C differs from Python's by {each.target:.2g} rad, and "
-                f"the machine at {each.machine} of {each.steps} steps; export another policy, and "
-                "report this fault"
+                f"the machine at {each.machine} of {each.steps} steps; report this fault"
             )
     return pd.DataFrame([{"sensors": name, **row._asdict()} for name, row in agreements.items()])
 

@@ -88,8 +88,7 @@ def graph_bytes(gait: Gait, controller: Controller, version: str, real: Real) ->
     policy, estimator = controller.policy, exported_estimator(controller)
     if not isinstance(policy, NeuralPolicy):
         raise InputError(
-            f"there is no ONNX graph for policies of kind {policy.kind!r}, only for networks; "
-            "export it with --format c"
+            f"there is no ONNX graph for policies of kind {policy.kind!r}; use --format c"
         )
     layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
     policy.check(robot=policy.robot, gait=gait, observation_names=layout.names)
@@ -156,8 +155,7 @@ def compare_graph(
     error = max(target_error, estimate_error)
     if not error <= TOLERANCE:
         raise InputError(
-            f"the ONNX graph differs from Python by {error:.2g}, more than {TOLERANCE:g}; export "
-            "it with --precision double or --format c"
+            f"the ONNX graph differs from Python by {error:.2g}; export it with --format c"
         )
     errors = {"target": target_error, "estimate": estimate_error}
     return pd.DataFrame([{"observations": len(rows), **errors}])

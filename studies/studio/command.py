@@ -56,8 +56,7 @@ class OpenStudio(OnePolicy):
         scenario = load_scenario(self.scenario)
         if scenario.station.engine != "drake":
             raise InputError(
-                f"--scenario {self.scenario}: the studio simulates in Drake; name a scenario "
-                "without engine, such as nominal"
+                f"--scenario {self.scenario}: the studio simulates in Drake; name another scenario"
             )
         # This command holds until the page's sliders change it.
         dwell = sum(gait.dwell) // 2

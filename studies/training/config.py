@@ -187,15 +187,13 @@ class TrainingConfig(Settings):
         n_groups = self.worlds.n_groups
         if n_groups > self.n_robots:
             raise InputError(
-                f"training: n_robots is {self.n_robots}, fewer than n_groups = {n_groups}, and a "
-                "group would be empty; raise n_robots or lower n_groups"
+                f"training: n_robots is {self.n_robots}, fewer than n_groups = {n_groups}; raise it"
             )
         # PPO normalizes an update's advantages, which needs two steps.
         if self.steps_per_update < max(2, self.ppo.num_minibatches):
             raise InputError(
                 f"training: an update of {self.steps_per_update} steps does not fill "
-                f"{self.ppo.num_minibatches} num_minibatches of PPO; raise n_robots or "
-                "steps_per_update"
+                f"{self.ppo.num_minibatches} num_minibatches of PPO; raise n_robots"
             )
 
     @property

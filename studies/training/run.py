@@ -278,14 +278,12 @@ def _load_start(
     if start.observation_names != layout.names:
         raise InputError(
             f"{path}: its {len(start.observation_names)} observations differ from the "
-            f"{len(layout.names)} of this run; start from an expert with the same senses, of a "
-            "gait with as many states"
+            f"{len(layout.names)} of this run; start from another expert"
         )
     widths = tuple(len(bias) for bias in start.actor.biases[:-1])
     if widths != config.ppo.actor_layers:
         raise InputError(
-            f"{path}: has layers of {widths}; set ppo.actor_layers: {[*widths]} in the "
-            "settings file"
+            f"{path}: has layers of {widths}; set ppo.actor_layers: {[*widths]} in the settings"
         )
     masks = leg_masks(layout.names, start.actor)
     others = (weight[~mask] for weight, mask in zip(start.actor.weights, masks, strict=True))

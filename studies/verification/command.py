@@ -85,8 +85,7 @@ class Prove(OnePolicy):
         gait, path, policy = policies.gait, policies.file(name), policies.policy(name)
         if isinstance(policy, FormulaPolicy) and policy.machine is None:
             raise InputError(
-                f"{path}: has no reward machine, which the check of a certificate needs; write the "
-                "gait's under 'machine' in its header"
+                f"{path}: has no reward machine; write the gait's under 'machine' in its header"
             )
         claims = self._claims(gait, policy)
 

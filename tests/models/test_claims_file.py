@@ -106,7 +106,7 @@ def test_refuses_what_is_no_claim(tmp_path, text, message):
     [
         ({"states": ("q9",)}, "has no state 'q9'"),
         ({"stuck": ("h.XX",)}, "no observation is called 'h.XX'"),
-        ({"kind": "never", "observations": ("t",), "never": "rises"}, "t counts control steps"),
+        ({"kind": "never", "observations": ("t",), "never": "rises"}, "t has no slope"),
         ({"kind": "effect", "observations": ("s0", "s1"), "most": 0.0}, "no observation is called"),
         ({"kind": "change", "changes": {"s0": 1.0}, "most": 1.0}, "no observation is called"),
         ({"stuck": ("s0",)}, "no observation is called"),

@@ -386,7 +386,7 @@ def test_an_expert_must_be_neural_and_of_the_gait(linear, neural, tmp_path):
     whole = (GAIT_DIRECTORY / "trot.yaml").read_text()
     text = whole.replace("states: [q0, q1]", "states: [q0, q1, q2]")
     gait = parse_gait(f"{text}  - {{from: q0, to: q2, when: FL & FR & RL & RR}}\n", name="trot")
-    with pytest.raises(InputError, match=r"trot\.safetensors: was trained for"):
+    with pytest.raises(InputError, match=r"trot\.safetensors: has other RM"):
         load_expert(gait, EXPERT_DIRECTORY / "trot.safetensors")
 
 

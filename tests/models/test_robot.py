@@ -75,7 +75,7 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(write_robot
         ),
         ("a1.urdf", '"FL_foot"><origin xyz="0 0 -0.2"', '""><origin xyz="0 .1 0"', "hang straight"),
         ("a1.urdf", '<box size="0.267 0.194 0.114"', "<mesh", "link trunk collides by mesh"),
-        ("a1.urdf", 'value="0.211"', 'value="1e-300"', "link FL_calf moves with 1e-300 kg"),
+        ("a1.urdf", 'value="0.211"', 'value="1e-300"', "link FL_calf has 1e-300 kg"),
         ("a1.urdf", 'izz="4.292802655e-05"', 'izz="1"', "principal moments"),
         ("a1.urdf", 'effort="33.5"', 'effort="1e308"', "effort of limit of joint FL_hip"),
         ("robot.yaml", "damping: 1.0", "joints: {FL: [a, b, c]}", "key 'joints'"),

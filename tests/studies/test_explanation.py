@@ -148,7 +148,7 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
     [
         (["--joint", "FL_knee"], "unknown joint 'FL_knee'; the joints are FL_hip"),
         (["--step", "900", "--n-steps", "10"], "name one from 0 to 10"),
-        (["--policy", "expert"], "its actions are no sums of terms; name a student"),
+        (["--policy", "expert"], "its actions are no sums of terms; name one of"),
     ],
 )
 def test_bad_input_is_refused(few_students, tmp_path, refused, arguments, message):

@@ -117,4 +117,4 @@ def test_the_command_writes_a_checked_graph(tmp_path, refused):
     main([*export, "--policy", "expert", "--output", str(folder)])
     assert (folder / "trot_expert.onnx").exists()
     assert read_contract(folder / CONTRACT)["file"] == "trot_expert.onnx"
-    assert "only for networks" in refused([*export, "--output", str(tmp_path / "other")])
+    assert "use --format c" in refused([*export, "--output", str(tmp_path / "other")])
