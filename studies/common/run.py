@@ -19,15 +19,8 @@ CHECKPOINT_NAME = "checkpoint.safetensors"
 CONFIG_NAME = "config.yaml"
 
 PACKAGES = (
-    "glassgait",
-    "drake",
-    "interpret-core",
-    "numpy",
-    "pyoperon",
-    "rsl-rl-lib",
-    "scikit-learn",
-    "scipy",
-    "torch",
+    *("glassgait", "drake", "interpret-core", "numpy", "pyoperon", "rsl-rl-lib", "scikit-learn"),
+    *("scipy", "torch"),
 )
 """The software that results depend on."""
 

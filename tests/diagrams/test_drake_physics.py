@@ -93,19 +93,3 @@ def test_slippery_groups_slide_further(engine):
     assert slid[0] == slid[1]
     assert slid[2] == slid[3]
     assert slid[0] > slid[2] + 0.05
-
-
-def test_robots_of_one_group_get_their_targets_each_at_its_time():
-    physics = drake(StationConfig(time_step=0.005))
-    states, targets = standing_batch(4)
-    states[:, 6] += 0.2
-    moved = targets + 0.3
-    late = np.array([0.0, 0.005, 0.015, 0.02])
-    after = physics.step(states, moved, previous_targets=targets, latency=late).states
-    loop = drake(StationConfig(time_step=0.005))._engines[0]._groups[0].loops[0]
-    for state, end, delay in zip(states, after, np.rint(late / 0.005), strict=True):
-        # A quarter of the control period at a time, with nothing but the targets of that time.
-        expected = state
-        for step in range(4):
-            expected = loop._advance(expected, (targets if step < delay else moved)[0], 1)
-        np.testing.assert_array_equal(end, expected)

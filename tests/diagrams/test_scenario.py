@@ -58,14 +58,9 @@ def test_a_file_says_only_what_differs_from_nominal(written):
 EVERYTHING = Scenario(
     title="everything, at once",
     station=StationConfig(0.005, "lagged", 0.7, 1.5, 0.02),
-    heading=45.0,
-    sensor_noise=0.5,
-    encoder_bias=0.02,
     imu=ImuErrors(gyroscope_bias=0.1, delay=2),
-    stuck_open=("FL",),
     stuck_closed=("RL", "RR"),
     latency=0.03,
-    push_speed=0.3,
     true_body_state=True,
     limits=TerminationLimits(trunk_height=0.15, shank_share=0.8),
 )

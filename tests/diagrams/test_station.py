@@ -37,21 +37,6 @@ def test_every_joint_has_its_pd_controller_and_effort_limit(station):
         assert actuator.effort_limit() == A1.effort[0]
 
 
-@pytest.mark.parametrize("strength", [1.0, 0.8])
-def test_the_plants_motors_give_no_more_than_their_effort(strength):
-    builder = DiagramBuilder()
-    plant, _, instance = AddStation(builder, A1, StationConfig(motor_strength=strength))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    own = plant.GetMyMutableContextFromRoot(context)
-    far = np.tile([30.0, -30.0], quadruped.N_JOINTS // 2)
-    desired = np.concatenate([far, np.zeros(quadruped.N_JOINTS)])
-    plant.get_desired_state_input_port(instance).FixValue(own, desired)
-    torque = plant.get_net_actuation_output_port(instance).Eval(own)
-    greatest = strength * A1.effort[0]
-    np.testing.assert_allclose(torque, np.sign(far) * greatest, rtol=1e-9)
-
-
 def test_friction_is_set_for_every_geometry_and_per_context(station):
     plant, scene_graph, _, diagram = station
 

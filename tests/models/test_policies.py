@@ -177,21 +177,6 @@ def test_a_header_that_is_not_valid_is_refused(change, imu_expert, tmp_path):
         load_policy(path)
 
 
-@pytest.mark.parametrize("real", [np.float16, np.float32])
-@pytest.mark.parametrize("whole", [np.uint8, np.uint16, np.int64])
-def test_narrow_types_of_numbers_are_taken(real, whole, policy_of, samples, tmp_path):
-    for kind in ("linear", "trees", "additive", "neural"):
-        policy, path = policy_of(kind), tmp_path / "policy.safetensors"
-        policy.save(path)
-        arrays, header = load_arrays(path)
-        narrow = {
-            name: array.astype(real if array.dtype.kind == "f" else whole)
-            for name, array in arrays.items()
-        }
-        save_arrays(path, narrow, header)
-        assert load_policy(path)(samples(5)[0]).dtype == np.float64
-
-
 @pytest.mark.parametrize("kind", ["trees", "rounded_trees", "additive"])
 def test_a_compact_policy_is_smaller_and_acts_as_it_is_saved(kind, policy_of, samples, tmp_path):
     policy, rows, sizes = policy_of(kind), samples(200)[0], []

@@ -41,12 +41,6 @@ def test_leaves_state_only_after_the_commanded_dwell(trot):
     assert steps[4].multiplier == 1
 
 
-def test_keeping_the_rhythm_serves_every_step(trot):
-    contacts = ([FL_RR] * 6 + [FR_RL] * 6) * 3
-    steps = run(RewardMachine(trot), contacts, dwell=6)
-    assert sum(float(step.served_dwell) for step in steps) == len(contacts)
-
-
 def test_swing_feet_must_clear_the_ground(trot):
     assert not any(step.fired for step in run(RewardMachine(trot), [FL_RR] * 20, 6, lifted=0.029))
 

@@ -12,7 +12,6 @@ from glassgait.models.robots.library import load_robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.dataset import Dataset
-from glassgait.studies.importance import study
 from glassgait.studies.importance.measures import (
     PAPER_TOP,
     merge_importances,
@@ -145,23 +144,3 @@ def test_command_writes_maps_and_tables(distilled, tmp_path):
         assert (tmp_path / f"histogram_gbm_impurity.{kind}").exists()
     table = pd.read_csv(tmp_path / "top_observations.csv")
     assert set(table["method"]) == {"permutation", "impurity"}
-
-
-def test_missing_students_are_refused(few_students, refused):
-    named = ["--policy", "gbm", "histogram_gbm", "ebm"]
-    message = refused(["importance", *named, "--source", str(few_students)])
-    assert "policy 'gbm'" in message
-
-
-@pytest.mark.slow
-def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    visits = []
-    visit = study.visited_samples
-    monkeypatch.setattr(
-        study, "visited_samples", lambda *given: visits.append(given) or visit(*given)
-    )
-    main(["importance", "--policy", "ebm", "--n-samples", "20", "--repeats", "1"])
-    table = pd.read_csv("runs/importance/trot_ebm/importances.csv")
-    assert set(table["policy"]) == {"ebm"}
-    assert len(visits) == 1
