@@ -41,18 +41,19 @@ from glassgait.models.task.observation import (
 
 WEIGHT_BYTES = 100_000_000  # greatest size of a weights file
 
-TERMS = {
-    "angular_velocity": 3,  # rad/s, in the trunk's frame
-    "gravity": 3,  # a unit vector in the trunk's frame
-    "command": 3,  # forward and left (m/s), yaw rate (rad/s)
-    "joint_position": N_JOINTS,  # rad from the default
-    "joint_velocity": N_JOINTS,  # rad/s
-    "last_action": N_JOINTS,  # as the network gave it
-    "base_velocity": 3,  # m/s in the trunk's frame, by odometry
-    "clock": 2,  # sine and cosine
-    "constant": 0,  # as many as it has values
+XYZ = ("x", "y", "z")
+TERMS: dict[str, tuple[str, ...]] = {
+    "angular_velocity": XYZ,  # rad/s, in the trunk's frame
+    "gravity": XYZ,  # a unit vector in the trunk's frame
+    "command": ("forward", "left", "yaw"),  # m/s, m/s, rad/s
+    "joint_position": JOINTS,  # rad from the default
+    "joint_velocity": JOINTS,  # rad/s
+    "last_action": JOINTS,  # as the network gave it
+    "base_velocity": XYZ,  # m/s in the trunk's frame, by odometry
+    "clock": ("sine", "cosine"),
+    "constant": (),  # as many as it has values
 }
-"""Terms of a frame with their lengths."""
+"""Terms of a frame with the names of their entries; joints are in the network's order."""
 
 PerJoint = float | Annotated[dict[str, float], MaxLen(N_JOINTS)]
 """A number for all joints, or numbers by kind of joint (hip, thigh, calf) or by joint (FL_hip)."""
@@ -90,7 +91,7 @@ class Term(Settings):
     @property
     def size(self) -> int:
         """Number of the term's entries."""
-        return TERMS[self.term] or len(self.values)
+        return len(TERMS[self.term]) or len(self.values)
 
 
 @checked
@@ -260,6 +261,16 @@ class DescribedPolicy(Policy):
     @property
     def n_memory(self) -> int:
         return 1 + self.description.history.length * self.description.frame_size
+
+    @property
+    def inputs(self) -> dict[str, list[int]]:
+        names = []
+        for term in self.description.observation:
+            parts = TERMS[term.term] or range(term.size)
+            parts = self.description.joints if parts == JOINTS else parts
+            names += [f"{term.term} {part}" for part in parts]
+        columns = np.arange(1, self.n_memory).reshape(self.description.history.length, -1)
+        return dict(zip(names, columns.T.tolist(), strict=True))
 
     def remember(self, memory: Array, observation: Array) -> Array:
         begins = np.isnan(memory[..., :1])

@@ -242,6 +242,11 @@ class Policy(ABC):
         """Length of the memory that the policy acts on."""
         return len(self.observation_names)
 
+    @property
+    def inputs(self) -> dict[str, list[int]]:
+        """Columns of the memory by the names of what the policy observes."""
+        return {name: [index] for index, name in enumerate(self.observation_names)}
+
     def remember(self, memory: Array, observation: Array) -> Array:
         """Returns the memory (..., n_memory) after an observation (..., n); the policy acts on it.
 

@@ -37,6 +37,7 @@ def collect(
     worlds: DomainRandomization | Scenario,
     generator: np.random.Generator,
     speeds: Array | None = None,
+    memories: bool = False,
 ) -> Dataset:
     """Rolls out the episodes of one round as a batch (paper, Algorithm 1, lines 8 to 18).
 
@@ -46,6 +47,7 @@ def collect(
     Args:
         episodes: Numbers of the episodes, counted from 1.
         speeds: Forward speeds (m/s) that the episodes cycle through, beginning at episode 1.
+        memories: Record what the expert acts on (see `Policy.remember`) instead of observations.
     """
     controller.refuse_other_machine(gait)
 
@@ -69,7 +71,7 @@ def collect(
     # Roll out, and record.
     speeds = None if speeds is None else speeds[(numbers - 1) % len(speeds)]
     events = [] if speeds is None else [_commanding(gait, speeds, generator)]
-    samples = _Samples(controller.expert)
+    samples = _Samples(controller.expert, memories)
     episode(
         gait,
         controller,
@@ -102,8 +104,8 @@ def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Ev
 class _Samples(Observer):
     """Records observations with the expert's actions."""
 
-    def __init__(self, expert: Policy) -> None:
-        self._expert = expert
+    def __init__(self, expert: Policy, memories: bool) -> None:
+        self._expert, self._memories = expert, memories
         self._observations: list[Array] = []
         self._labels: list[Array] = []
 
@@ -116,7 +118,7 @@ class _Samples(Observer):
                 f"expert: an observation or action is not finite at control step {step.step}; "
                 "train the expert again, or name another run with --source"
             )
-        self._observations.append(step.observation)
+        self._observations.append(step.output.memory if self._memories else step.observation)
         self._labels.append(label)
 
     def dataset(self, episodes: IntArray) -> Dataset:

@@ -59,7 +59,8 @@ class ExplainPage(OnePolicy):
         except InputError as error:
             kinds = ", ".join(sums_of_terms())
             raise InputError(
-                f"--policy {policy}: its actions are no sums of terms; name one of {kinds}"
+                f"--policy {policy}: its actions are no sums of terms; name one of {kinds}, or "
+                "see 'glassgait importance'"
             ) from error
 
         from glassgait.diagrams.scenario import Scenario

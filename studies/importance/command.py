@@ -36,8 +36,9 @@ class Importance(Experiment):
     """Measure which observations each student uses, and draw its trees and functions.
 
     Attributes:
-        policy: Kinds of students, and paths of their files; by default the available students of
-            gbm, ebm, linear_per_state, symbolic, symbolic_per_state and formulas.
+        policy: Kinds of students, and paths of their files or of networks' descriptions; by default
+            the available students of gbm, ebm, linear_per_state, symbolic, symbolic_per_state and
+            formulas.
         joint: Joint whose trees and functions are drawn.
         n_samples: Greatest number of samples, from new episodes of each student.
         repeats: Shuffles of each observation.
@@ -58,10 +59,10 @@ class Importance(Experiment):
 
     @cached_property
     def students(self) -> dict[str, Policy]:
-        """The students by kind; neural policies are refused."""
+        """The students by kind and networks of other projects; neural policies are refused."""
         students = self.acting(self.gaits[0].name)
         for kind, student in students.items():
-            if student.kind in EXPERTS:
+            if student.kind in EXPERTS and not student.remembers:
                 raise InputError(f"--policy {kind}: is neural; name a kind of student")
         return students
 
@@ -75,9 +76,10 @@ class Importance(Experiment):
         """The samples of each student, shared by its measurement and figures."""
         from glassgait.studies.importance.study import visited_samples
 
-        gait, n, seed = self.gaits[0], self.n_samples, self.seed
-        expert, students = self.policies[gait.name].expert, self.students
-        calls = (delayed(visited_samples)(gait, expert, s, n, seed) for s in students.values())
+        gait, students = self.gaits[0], self.students
+        acting = self.controllers[gait.name].values()
+        rest = self.n_samples, self.seed
+        calls = (delayed(visited_samples)(gait, controller, *rest) for controller in acting)
         samples = {}
         with progress_bar(len(students)) as (progress, bar):
             for kind, data in zip(students, run_parallel(calls), strict=True):

@@ -1,5 +1,6 @@
 """Importances: permutation, groups of observations, and the table beside the paper's."""
 
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -11,13 +12,21 @@ from glassgait.models.arrays import Array
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import entries_of, indices_of
+from glassgait.models.task.observation import entry_of, indices_of
 from glassgait.studies.distillation.dataset import Dataset, r2_scores
+
+
+def is_described(name: str) -> bool:
+    """Returns whether a name is of a network's description, such as `joint_position FL_hip`."""
+    return name[0].islower()
 
 
 def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
     """Groups observations that differ only by leg; returns columns by merged name, in order."""
-    merged = [entry.merged_name for entry in entries_of(names)]
+    merged = [
+        re.sub("[FR][LR]_", "", name) if is_described(name) else entry_of(name).merged_name
+        for name in names
+    ]
     return {
         group: np.flatnonzero([name == group for name in merged]) for group in dict.fromkeys(merged)
     }
@@ -44,20 +53,21 @@ def permutation_importance(
 ) -> Array:
     """Measures how much R² each joint loses when one observation is shuffled (repeats, 12, n)."""
     # The RM state's entries are shuffled together, so that each sample has exactly one state.
-    baseline = r2_scores(policy, samples)
-    observations = samples.observations
-    state = set(indices_of("machine state", policy.observation_names))
-    blocks = [[column] for column in range(observations.shape[1]) if column not in state]
+    baseline, inputs = r2_scores(policy, samples), [*policy.inputs.values()]
+    observations, names = samples.observations, policy.observation_names
+    state = set() if policy.remembers else set(indices_of("machine state", names))
+    blocks = [[entry] for entry in range(len(inputs)) if entry not in state]
     blocks += [sorted(state)] if state else []
 
     # Shuffle a block, score the student, and divide the loss equally among the block's entries.
-    losses = np.zeros((repeats, len(baseline), observations.shape[1]))
+    losses = np.zeros((repeats, len(baseline), len(inputs)))
     for repeat in range(repeats):
-        for columns in blocks:
+        for block in blocks:
+            columns = [column for entry in block for column in inputs[entry]]
             shuffled = observations.copy()
             shuffled[:, columns] = generator.permutation(observations[:, columns])
             scores = r2_scores(policy, Dataset(shuffled, samples.actions, samples.episodes))
-            losses[repeat, :, columns] = (baseline - scores) / len(columns)
+            losses[repeat, :, block] = (baseline - scores) / len(block)
     return losses
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.policies.controller import alone
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task import EPISODE_STEPS
@@ -23,6 +23,7 @@ from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.measures import (
     METHOD_TITLES,
     PAPER_TOP,
+    is_described,
     merge_importances,
     observation_groups,
     permutation_importance,
@@ -38,17 +39,16 @@ def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int)
     return _drawn(data.subset(data.held_out), n_samples, seed)
 
 
-def visited_samples(
-    gait: Gait, expert: Policy, student: Policy, n_samples: int, seed: int
-) -> Dataset:
-    """Draws samples from new episodes of a student without the expert, in the nominal scenario."""
+def visited_samples(gait: Gait, controller: Controller, n_samples: int, seed: int) -> Dataset:
+    """Draws samples from new episodes of one policy, in the nominal scenario."""
     data = collect(
         gait,
-        alone(student, expert),
+        controller,
         episodes=range(1, N_VISITS + 1),
         n_steps=min(EPISODE_STEPS, n_samples),
         worlds=Scenario(),
         generator=np.random.default_rng(seed),
+        memories=controller.policy.remembers,
     )
     return _drawn(data, n_samples, seed)
 
@@ -76,7 +76,7 @@ def measure_importances(
     # List them as rows.
     tables = []
     for method, values in importances.items():
-        axes = [range(len(values)), quadruped.JOINTS, student.observation_names]
+        axes = [range(len(values)), quadruped.JOINTS, [*student.inputs]]
         index = pd.MultiIndex.from_product(axes, names=["repeat", "joint", "observation"])
         table = pd.DataFrame({"importance": values.ravel()}, index=index).reset_index()
         tables.append(table.assign(method=method))
@@ -102,7 +102,8 @@ def importance_report(gait: str, table: pd.DataFrame) -> Report:
         # Add a table and a map, the groups' importances, and the first three beside the paper's.
         title = f"{gait.capitalize()}, {kind}: {METHOD_TITLES[method]}"
         tables[stem] = pd.DataFrame(mean, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
-        figures[stem] = importance_map(mean, symbols_of(names), title)
+        symbols = names if is_described(names[0]) else symbols_of(names)
+        figures[stem] = importance_map(mean, symbols, title)
         groups.append(_by_group(values, names, kind, method))
         if method in PAPER_TOP:
             top = top_table(mean, names, gait, method)

@@ -15,6 +15,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, checked
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.experiment import OneGait
 from glassgait.studies.common.figures import gait_figure, save_figure
@@ -87,17 +88,18 @@ class View(OneGait):
         record = {**to_plain(self), "scenario": to_plain(scenario)}
         write_atomically(Path(f"{stem}.yaml"), yaml.safe_dump(record, sort_keys=False))
         save_figure(gait_figure(rollout, gait, f"{gait.name}, {self.policy}"), stem)
-        console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout)}")
+        console.print(f"{ending} after {rollout.time[-1]:.2f} s; {_summary(rollout, gait)}")
         console.print(f"replay, gait diagram and settings written to {stem}.*")
 
 
-def _summary(rollout: Rollout) -> str:
+def _summary(rollout: Rollout, gait: Gait) -> str:
     speed = kinematics.base_velocity(rollout["state"])[0][:, 0].mean()
     commanded = rollout["command"][:, 0].mean()
     n_steps = len(rollout.time) - 1
     rhythm = rollout["served_dwell"][1:].sum() / max(n_steps, 1)
     reward = rollout["reward"][1:].sum()
+    kept = f", rhythm {rhythm:.2f} of the commanded" if gait.transitions else ""
     return (
         f"return {reward:.0f}, mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
-        f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded"
+        f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward{kept}"
     )

@@ -1,13 +1,15 @@
 """Networks of other projects: conversion of their files, and the check."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.policies.described import load_described
+from glassgait.models.policies.described import described, load_described
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
@@ -179,6 +181,46 @@ def test_a_watched_gait_is_written_and_taken_by_distill(describe, monkeypatch, r
     seen["gait"] = "none"
     main(["gait", "--watch", str(path)])
     assert f"--gait free --expert {path}" in capsys.readouterr().out
+
+
+def test_a_network_is_measured_watched_and_not_explained_term_by_term(
+    describe, refused, tmp_path, capsys
+):
+    names = ["--gait", "free", "--policy", str(describe())]
+    measured = ["--n-samples", "20", "--repeats", "1", "--output", str(tmp_path / "importance")]
+    main(["importance", *names, *measured])
+    table = pd.read_csv(tmp_path / "importance" / "importances.csv")
+    assert {"command yaw", "clock sine", "last_action calf"} <= {*table["group"]}
+    assert "see 'glassgait importance'" in refused(["explain page", *names])
+    main(["view", *names, "--n-steps", "5", "--output", str(tmp_path / "view")])
+    shown = capsys.readouterr().out
+    assert "m forward" in shown and "rhythm" not in shown
+
+
+EXTERNAL = Path(__file__).parents[2].joinpath("../shared/external").resolve()
+SPEEDS = {"robot_lab": 0.50, "himloco": 0.44, "cts": 0.40, "moe": 0.46}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not EXTERNAL.exists(), reason="needs ../shared/external")
+@pytest.mark.parametrize("name", SPEEDS)
+def test_networks_of_other_projects_walk_as_fast_as_they_were_measured(name, tmp_path):
+    # The folder's descriptions are shorter, and use aliases.
+    short = yaml.safe_load((EXTERNAL / "descriptions.yaml").read_text())[name]
+    legs, kinds = ("FL", "FR", "RL", "RR"), short["default"].items()
+    default = {f"{leg}_{kind}": x for kind, row in kinds for leg, x in zip(legs, row, strict=True)}
+    plain = short | {
+        "robot": "go2",
+        "weights": str(EXTERNAL / short["weights"]),
+        "observation": [{"term": term, "scale": scale} for term, scale in short["observation"]],
+        "default": default,
+        "gains": dict(zip(("stiffness", "damping"), short["gains"], strict=True)),
+    }
+    policy = described(plain, tmp_path / "mine.yaml")
+    station = StationConfig(engine="mujoco", time_step=0.002)
+    row = walked(policy, station, 8).iloc[0]
+    assert (row["falls"], row["gait"]) == (0, "trot")
+    assert float(row["speed (m/s)"].split()[-1]) == pytest.approx(SPEEDS[name], abs=0.05)
 
 
 def test_every_frequent_mistake_is_tried_once(describe):

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.formulas.grammar import parse_expression, variable_names
+from glassgait.models.policies.described import load_described
 from glassgait.models.policies.linear import LinearPerStatePolicy, LinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
@@ -54,6 +55,20 @@ def test_permutation_finds_what_a_joint_depends_on(generator):
     mean = losses.mean(axis=0)
     assert np.argmax(mean, axis=1).tolist() == [5, 5, 5, 7, *[5] * 8]
     assert not np.delete(mean, [5, 7], axis=1).any()
+
+
+def test_permutation_shuffles_a_frames_entry_in_all_frames_of_a_network(describe, generator):
+    weights = np.zeros((141, 12))
+    weights[[18, 21]] = 0.1  # the commanded forward speed in the last two frames
+    policy = load_described(describe(weights=weights))
+    memories = generator.normal(size=(300, policy.n_memory))
+    samples = Dataset(memories, policy(memories), np.ones(300, dtype=np.int64))
+    names = [*policy.inputs]
+    mean = permutation_importance(policy, samples, generator, repeats=2).mean(axis=(0, 1))
+    assert names[6] == "command forward" and names[10] == "joint_position FR_thigh"
+    assert np.flatnonzero(mean).tolist() == [6]
+    assert mean[6] == pytest.approx(2.0, abs=0.3)
+    assert len(observation_groups(tuple(names))["last_action thigh"]) == 4
 
 
 def test_the_machines_state_is_shuffled_as_one(generator):
