@@ -143,7 +143,6 @@ class ConvertPolicy(Settings):
         motors = [f"{leg}_{joint}" for leg in robot.motor_order for joint in LEG_JOINTS]
         joints = self.joints or [motors[index] for index in config["joint_ids_map"]]
         action, default = config["actions"]["JointPositionAction"], config["default_joint_pos"]
-        network = self.config.resolve().parents[1] / "exported" / "policy.onnx"
         if unknown := sorted({*action} - {*ACTION_KEYS}):
             raise InputError(f"actions have the key {unknown[0]!r}, unknown here; remove it")
         if action["clip"] is not None and np.abs(action["clip"]).min() < BEYOND:
@@ -155,12 +154,10 @@ class ConvertPolicy(Settings):
         by = "frame" if terms.pop("use_gym_history", False) else "term"
         lengths = [term["history_length"] for term in terms.values()]
         ranges = config["commands"]["base_velocity"]["ranges"]
-        axes = {"forward": "lin_vel_x", "left": "lin_vel_y", "yaw": "ang_vel_z"}
+        axes = ("forward", "lin_vel_x"), ("left", "lin_vel_y"), ("yaw", "ang_vel_z")
         return {
             "robot": robot.source,
-            "weights": self._relative(
-                self._given("weights", self.weights or (network.exists() and network))
-            ),
+            "weights": self._relative(self._given("weights", self.weights)),
             "period": self.period or config["step_dt"],
             "observation": [_term(_known(seen, UNITREE), term) for seen, term in terms.items()],
             "history": {"length": int(_same("history_length", lengths)), "by": by},
@@ -168,7 +165,7 @@ class ConvertPolicy(Settings):
             "joints": [*joints],
             "default": _by_joint(joints, default),
             "action_scale": _by_joint(joints, action["scale"]),
-            "commands": {key: ranges[axis] for key, axis in axes.items()},
+            "commands": {key: ranges[axis] for key, axis in axes},
         }
 
     def _relative(self, weights: Path) -> str:
