@@ -46,12 +46,7 @@ class TaskConfig(Settings):
 
     @classmethod
     def of_scenario(
-        cls,
-        gait: Gait,
-        scenario: Scenario,
-        policy: Controller | Policy | None = None,
-        *,
-        episode_steps: int = EPISODE_STEPS,
+        cls, gait: Gait, scenario: Scenario, policy: Controller | Policy | None = None
     ) -> "TaskConfig":
         """Returns the task of a gait in a scenario, with a policy's joint law and observation."""
         command = scenario.command
@@ -65,7 +60,6 @@ class TaskConfig(Settings):
             scenario.randomization(),
             weights=scenario.weights,
             limits=scenario.limits,
-            episode_steps=episode_steps,
             command=command,
             joint_law=scenario.joint_law(policy),
             robot=scenario.robot_of(policy),

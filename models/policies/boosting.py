@@ -50,9 +50,8 @@ class BoostedTreesPolicy(Policy):
         n_joints, n_trees, n_inner = self.features.shape
         self.depth = (n_inner + 1).bit_length() - 1
         if n_inner + 1 != 2**self.depth:
-            raise InputError(
-                f"{self.kind} policy: {n_inner} inner nodes are no complete tree; make it again"
-            )
+            problem = f"{n_inner} inner nodes are no complete tree"
+            raise InputError(f"{self.kind} policy: {problem}; make it again")
         self._trees = np.arange(n_joints * n_trees)
         # Store the nodes by level, all trees side by side, so that the first levels stay in the
         # cache. Node i of a level leads to node 2 i or 2 i + 1 of the next level.

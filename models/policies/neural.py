@@ -151,15 +151,12 @@ class NeuralPolicy(Policy):
     def _checked_states(self, states: Any) -> tuple[int, ...] | None:
         if states is None:
             return None
-        count = self.layout.n_machine_states
-        numbers = list(range(count))
+        numbers = list(range(self.layout.n_machine_states))
         # Each state must be the image of its image.
         integers = isinstance(states, tuple | list) and all(type(i) is int for i in states)
         if not integers or sorted(states) != numbers or [states[i] for i in states] != numbers:
-            raise InputError(
-                f"{self.kind} policy: mirrored_states is {shown(states)}; it must pair the {count} "
-                "RM states, so train the expert again"
-            )
+            problem = f"mirrored_states {shown(states)} does not pair the RM states"
+            raise InputError(f"{self.kind} policy: {problem}; train the expert again")
         return tuple(states)
 
     @classmethod

@@ -35,10 +35,7 @@ FREE = "free"  # name of the gait without transitions, in which policies of any 
 
 # Greatest lengths, of the name in bytes, of the others in characters. Every formula over four feet
 # can be written shorter.
-LONGEST_NAME = 80
-LONGEST_STATE = 40
-LONGEST_DESCRIPTION = 500
-LONGEST_FORMULA = 1000
+LONGEST_NAME, LONGEST_STATE, LONGEST_DESCRIPTION, LONGEST_FORMULA = 80, 40, 500, 1000
 
 N_STANCES: Final = 2**N_LEGS
 

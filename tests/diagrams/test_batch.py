@@ -134,7 +134,7 @@ def test_a_scenario_is_played_as_it_says(trot):
         weights=RewardWeights(torque=-1.0),
         limits=TerminationLimits(trunk_height=0.1),
     )
-    task = TaskConfig.of_scenario(trot, scenario, episode_steps=9)
+    task = replace(TaskConfig.of_scenario(trot, scenario), episode_steps=9)
     assert task.randomization == replace(
         NOMINAL, friction=(0.3, 0.3), push_speed=0.7, push_interval=3.0, sensor_noise=2.0
     )

@@ -322,7 +322,6 @@ def test_a_contract_is_read_as_it_was_written(contract_path, written_page):
     ("old", "new", "said"),
     [
         ("version: 5", "version: 4", "version 5"),
-        ("calf_length: 0.2", "calf_length: 0.201", "'digest' does not match"),
         ("- FL_hip\n- FL_thigh", "- FL_thigh\n- FL_hip", "'digest' does not match"),
         ("limited: true\n", "", "'digest' does not match"),
         ("version: 5", "version: 5\nother: 1", "'digest' does not match"),

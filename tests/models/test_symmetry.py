@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.neural import Network, NeuralPolicy
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.library import load_robot
 from glassgait.models.task.gait import load_gait, parse_formula
@@ -133,20 +133,8 @@ def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_state
     np.testing.assert_array_equal(reflect(reflect(seen)), seen)
 
 
-def _expert(generator, mirrored):
-    names = ObservationLayout(2).names
-
-    def network(n_in, n_out):
-        sizes = [(16, n_in), (n_out, 16)]
-        return Network(
-            tuple(generator.normal(size=size) for size in sizes),
-            tuple(generator.normal(size=size[0]) for size in sizes),
-        )
-
-    return NeuralPolicy("trot", names, network(49, 12), network(42, 7), mirrored)
-
-
 @pytest.mark.parametrize("states", [(0,), (1, 1), (1, 2), "10", (1.0, 0.0), 5])
-def test_states_that_are_no_mirror_images_are_refused(generator, states):
+def test_states_that_are_no_mirror_images_are_refused(neural, states):
+    names = neural.observation_names
     with pytest.raises(InputError, match="mirrored_states"):
-        _expert(generator, states)
+        NeuralPolicy("trot", names, neural.actor, neural.estimator, states)
