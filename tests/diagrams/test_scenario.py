@@ -86,8 +86,6 @@ def test_a_scenario_written_as_plain_values_is_loaded_as_the_same(scenario, writ
     [
         ("frictoin: 0.3", "unknown key 'frictoin'; remove it"),
         ("station: {frictoin: 0.3}", "station.frictoin"),
-        ("station: {friction: -1}", "station.friction"),
-        ("station: 3", "station"),
         ("station: {time_step: 0.015}", "time_step"),
         ("station: {time_step: 0}", "station.time_step is 0"),
         ("station: {contact_force: 5}", "contact_force"),
