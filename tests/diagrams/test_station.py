@@ -81,3 +81,18 @@ def test_the_robot_stands_in_a_default_context(standing):
         station = make_station(config)
         state = station.GetOutputPort("state").Eval(station.CreateDefaultContext())
         np.testing.assert_allclose(state, standing, atol=1e-15)
+
+
+@pytest.mark.parametrize("strength", [1.0, 0.8])
+def test_the_plants_motors_give_no_more_than_their_effort(strength):
+    builder = DiagramBuilder()
+    plant, _, instance = AddStation(builder, A1, StationConfig(motor_strength=strength))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    own = plant.GetMyMutableContextFromRoot(context)
+    far = np.tile([30.0, -30.0], quadruped.N_JOINTS // 2)
+    desired = np.concatenate([far, np.zeros(quadruped.N_JOINTS)])
+    plant.get_desired_state_input_port(instance).FixValue(own, desired)
+    torque = plant.get_net_actuation_output_port(instance).Eval(own)
+    greatest = strength * A1.effort[0]
+    np.testing.assert_allclose(torque, np.sign(far) * greatest, rtol=1e-9)

@@ -138,3 +138,12 @@ def test_states_that_are_no_mirror_images_are_refused(neural, states):
     names = neural.observation_names
     with pytest.raises(InputError, match="mirrored_states"):
         NeuralPolicy("trot", names, neural.actor, neural.estimator, states)
+
+
+def test_an_experts_mirror_image_acts_as_the_expert_does(small_expert, trot, generator):
+    expert, plain = (small_expert(trot, mirrored=mirrored) for mirrored in (True, False))
+    reflect = reflect_observation(expert.observation_names, (1, 0))
+    observation = generator.normal(size=(30, len(expert.observation_names)))
+    image = REFLECT_JOINTS(expert(reflect(observation)))
+    np.testing.assert_allclose(image, expert(observation), atol=1e-12)
+    assert np.abs(REFLECT_JOINTS(plain(reflect(observation))) - plain(observation)).max() > 0.1

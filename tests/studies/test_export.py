@@ -5,17 +5,20 @@ import json
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.export.binding import has_compiler
+from glassgait.models.export.binding import has_compiler, load_controller
+from glassgait.models.export.c_source import write_controller
 from glassgait.models.export.contract import CONTRACT, read_contract
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
 from glassgait.models.robots.library import load_robot
+from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.cli import main
 from glassgait.studies.export import command
 from glassgait.studies.export.agreement import (
     agreement_table,
     compare_controllers,
+    random_sequences,
     recorded_sequences,
 )
 
@@ -23,6 +26,35 @@ A1 = load_robot()
 WRITTEN = {"name": "tested", "policy_name": "tested", "version": "0"}
 
 needs_compiler = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
+
+
+def loaded(gait, kind, folder):
+    """Returns a shipped controller in Python, and in C."""
+    expert = load_expert(gait)
+    controller = alone(expert if kind == "expert" else load_student(gait, kind), expert)
+    source = write_controller(load_gait(gait), controller, **WRITTEN)
+    return controller, load_controller(source, folder)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("gait", "kind"),
+    [
+        ("trot", "expert"),
+        ("trot", "linear_per_state"),
+        ("trot", "gbm"),
+        ("bound", "formulas"),
+        ("bound", "ebm"),
+    ],
+)
+def test_shipped_policies_agree(gait, kind, tmp_path):
+    controller, compiled = loaded(gait, kind, tmp_path)
+    machine = load_gait(gait)
+    sequences = random_sequences(A1, machine, n_steps=500, seed=0)
+    found = compare_controllers(machine, controller, compiled, sequences)
+    assert found.machine == 0
+    assert found.target < 1e-12
 
 
 @needs_compiler

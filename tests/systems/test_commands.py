@@ -71,3 +71,12 @@ def test_a_planner_commands_within_the_gaits_ranges(trot, fix_inputs, given, exp
             commanded(system, context)
     else:
         assert commanded(system, context) == expected
+
+
+def test_drawn_commands_stay_in_their_ranges(trot):
+    drawn = np.array([drawn_at(RandomCommand(trot), 0.0, float(seed)) for seed in range(200)])
+    assert 0.8 < np.abs(drawn[:, :2]).max() <= 1.0
+    assert set(drawn[:, 2]) == set(range(trot.dwell[0], trot.dwell[1] + 1))
+    narrow = RandomCommand(trot, speed_range=(0.5, 0.6))
+    speeds = [drawn_at(narrow, 10.0 * i)[0] for i in range(20)]
+    assert min(speeds) >= 0.5 and max(speeds) <= 0.6
