@@ -71,7 +71,7 @@ def watched_gait(description: Path) -> str:
         down, up = ([foot for foot in feet if (foot[0] == "~") == lifted] for lifted in (0, 1))
         when = f"{' & '.join(down)} & ({' | '.join(up)})"
         edges.append(replace(edge, when=parse_formula(when)))
-    gait = replace(gait, transitions=tuple(edges), dwell=(half, half))
+    gait = replace(gait, transitions=tuple(edges), dwell=(half, half), clearance=LOW)
     path = description.with_name(f"{description.stem}_{name}.yaml")
     if path.exists():
         raise InputError(f"{path}: exists; remove it to watch the robots again")
@@ -80,6 +80,7 @@ def watched_gait(description: Path) -> str:
 
 
 WATCHED = 4  # robots of each command, from which a gait is recognized
+LOW = 1e-3  # least clearance of a gait (m)
 
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))
 """Stations in which a robot must stand."""

@@ -176,6 +176,7 @@ def test_a_watched_gait_is_written_and_taken_by_distill(describe, monkeypatch, r
     main(["gait", "--watch", str(path)])
     gait = load_gait(path.with_name("mine_trot.yaml"))
     assert (gait.dwell, gait.transitions[0].when.text) == ((4, 4), "FL & RR & (~FR | ~RL)")
+    assert gait.clearance == 0.001
     assert f"--gait {path.parent}/mine_trot.yaml --expert {path}" in capsys.readouterr().out
     assert "mine_trot.yaml: exists" in refused(["gait", "--watch", str(path)])
     seen["gait"] = "none"
