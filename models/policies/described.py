@@ -400,9 +400,9 @@ def _checkpoint(weights: Path, description: Description) -> bytes:
 
 def _check_network(policy: DescribedPolicy) -> None:
     """Refuses a network that cannot be read, has NaN weights or another size."""
-    name, size = policy.description.weights, policy.n_memory - 1
     import onnx  # noqa: PLC0415
 
+    name, size = policy.description.weights, policy.n_memory - 1
     try:
         graph = onnx.load_from_string(policy.weights.tobytes()).graph
         session = policy._session
