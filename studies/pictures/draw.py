@@ -30,14 +30,16 @@ from glassgait.studies.training.record import trainings
 
 FOLDER = Path(__file__).parent
 
-FALLS = FOLDER / "falls.csv"  # falls of 26 robots in 10 s of every shipped policy and scenario
+# Falls of 26 robots in 10 s: of every shipped policy of the A1; of the Go2's trot and networks of
+# other projects.
+FALLS = {"worlds.png": FOLDER / "falls.csv", "worlds_go2.png": FOLDER / "falls_go2.csv"}
 
 SCENARIO = Scenario(command=FixedCommand(speed=0.4, dwell=8), sensor_noise=0.0)
 
 
 def draw(names: Sequence[str] = ()) -> None:
     """Draws the named pictures, by default all."""
-    known = ["locomotion.svg", "learning_curves.png", "policies.png", "worlds.png"]
+    known = ["locomotion.svg", "learning_curves.png", "policies.png", *FALLS]
     for name in names or known:
         say(f"drawing {name}")
         path = FOLDER / name
@@ -48,8 +50,8 @@ def draw(names: Sequence[str] = ()) -> None:
             save_figure(learning_curves(curves), path.with_suffix(""), ("png",))
         elif name == "policies.png":
             save_figure(policies_figure(), path.with_suffix(""), ("png",))
-        elif name == "worlds.png":
-            save_figure(fall_map(fall_tables()), path.with_suffix(""), ("png",))
+        elif name in FALLS:
+            save_figure(fall_map(fall_tables(FALLS[name])), path.with_suffix(""), ("png",))
 
 
 def _learning_curve(name: str) -> pd.DataFrame:
@@ -78,9 +80,9 @@ def policies_figure() -> Figure:
     return figure
 
 
-def fall_tables() -> dict[str, pd.DataFrame]:
+def fall_tables(path: Path) -> dict[str, pd.DataFrame]:
     """Reads the falls of each gait, in the form of `fall_table`."""
-    falls = pd.read_csv(FALLS)
+    falls = pd.read_csv(path)
     falls = falls.assign(world=falls["scenario"], robots=26, fall_rate=falls["falls"] / 26)
     falls.loc[falls["scenario"].str.startswith("nominal"), "scenario"] = NOMINAL_SCENARIO
     return {str(gait): table for gait, table in falls.groupby("gait", sort=False)}
