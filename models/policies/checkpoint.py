@@ -1,4 +1,4 @@
-"""Actors in rsl_rl's checkpoints (.pt) as ONNX networks; nothing but tensors is read."""
+"""Converts rsl_rl checkpoints (.pt) to ONNX; reads only tensors, so that no code can run."""
 
 import re
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ import numpy as np
 
 from glassgait.models.errors import InputError, brief, shown
 
-OPSET, IR_VERSION = 17, 8  # of ONNX; runtimes since 2022 have them
+OPSET, IR_VERSION = 17, 8  # of ONNX; runtimes since 2022 support them
 MARGIN = 0.01  # rsl_rl adds it to the standard deviations of observations
 
 _PREFIX = re.compile(r"(actor|mlp|obs_normalizer|actor_obs_normalizer)\.")
@@ -18,14 +18,14 @@ _KNOWN = re.compile(r"\d+\.(weight|bias)|_mean|_std|_var|count|critic.*|(log_)?s
 
 
 def network_of_checkpoint(path: Path, activation: str) -> bytes:
-    """Returns an ONNX file of a checkpoint's actor and its normaliser of observations.
+    """Returns the ONNX file of a checkpoint's actor, including its observation normaliser.
 
-    `activation` is ONNX's name of the function between layers. Raises an InputError for anything
-    but tensors, such as TorchScript.
+    `activation` is ONNX's name of the function between layers, such as `Elu`. Raises an InputError
+    if the file is TorchScript or not a plain actor.
     """
     import torch  # noqa: PLC0415
 
-    # Versions 1 to 4 of rsl_rl have one dictionary with the critic, or none; version 5 has two.
+    # rsl_rl 1 to 4 saves actor and critic together; rsl_rl 5 saves the actor separately.
     try:
         with catch_warnings(action="ignore"):
             saved = torch.load(path, map_location="cpu", weights_only=True)
@@ -46,7 +46,7 @@ def _network(named: Mapping[str, Any], layers: list[int], activation: str) -> by
     from onnx import TensorProto, helper, numpy_helper  # noqa: PLC0415
 
     weights, biases = ([named[f"{i}.{part}"] for i in layers] for part in ("weight", "bias"))
-    # The first layer normalises, too.
+    # Fold the normaliser into the first layer.
     if "_mean" in named:
         weights[0] = weights[0] / (named["_std"] + MARGIN)
         biases[0] = biases[0] - weights[0] @ named["_mean"].ravel()

@@ -1,8 +1,8 @@
-"""Policies of other projects: a network, and a YAML file that describes its interface.
+"""Policies of other projects: a network and its description, a YAML file.
 
-The description says what the network observes, in which order, and what its actions mean. The
-policy takes this project's observation, converts it to the network's frame, remembers as many
-frames as the network observes, and converts the network's answer to an action.
+The description lists what the network observes, in order, and says what its actions mean. At each
+control step, the policy converts this project's observation to a *frame*, the network's observation
+of one step. It passes the latest frames to the network and converts its output to an action.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,21 +39,21 @@ from glassgait.models.task.observation import (
     indices_of,
 )
 
-WEIGHT_BYTES = 100_000_000  # greatest size of a weights file
+WEIGHT_BYTES = 100_000_000  # largest allowed weights file
 
 XYZ = ("x", "y", "z")
 TERMS: dict[str, tuple[str, ...]] = {
     "angular_velocity": XYZ,  # rad/s, in the trunk's frame
-    "gravity": XYZ,  # a unit vector in the trunk's frame
+    "gravity": XYZ,  # unit vector in the trunk's frame, (0, 0, -1) if level
     "command": ("forward", "left", "yaw"),  # m/s, m/s, rad/s
-    "joint_position": JOINTS,  # rad from the default
+    "joint_position": JOINTS,  # rad, minus the default
     "joint_velocity": JOINTS,  # rad/s
-    "last_action": JOINTS,  # as the network gave it
+    "last_action": JOINTS,  # the network's previous output
     "base_velocity": XYZ,  # m/s in the trunk's frame, by odometry
     "clock": ("sine", "cosine"),
-    "constant": (),  # as many as it has values
+    "constant": (),  # one entry per value
 }
-"""Terms of a frame with the names of their entries; joints are in the network's order."""
+"""Names of the entries of each term of a frame; joints are in the network's order."""
 
 PerJoint = float | Annotated[dict[str, float], MaxLen(N_JOINTS)]
 """A number for all joints, or numbers by kind of joint (hip, thigh, calf) or by joint (FL_hip)."""
@@ -61,12 +61,12 @@ PerJoint = float | Annotated[dict[str, float], MaxLen(N_JOINTS)]
 
 @checked
 class Term(Settings):
-    """A part of the frame that a network observes at a control step."""
+    """A part of a frame."""
 
     title: ClassVar[str] = "observation term"
 
     term: str  # one of `TERMS`
-    scale: float | Annotated[tuple[float, ...], FEW] = 1.0  # factors of the term's entries
+    scale: float | Annotated[tuple[float, ...], FEW] = 1.0  # one factor, or one per entry
     period: Positive | None = None  # the clock's period (s)
     values: Annotated[tuple[float, ...], FEW] = ()  # the constant's values
     clip: Range | None = None  # range of the entries before they are scaled
@@ -81,7 +81,9 @@ class Term(Settings):
             raise unknown_name("observation term", self.term, TERMS)
         for key, term in (("period", "clock"), ("values", "constant")):
             if bool(getattr(self, key)) != (self.term == term):
-                raise InputError(f"key {key!r} belongs to the term {term!r}, and only to it")
+                raise InputError(
+                    f"key {key!r} belongs to the term {term!r}; give it there, and only there"
+                )
         if isinstance(self.scale, tuple) and len(self.scale) != self.size:
             raise InputError(
                 f"scale of the term {self.term!r} has {len(self.scale)} numbers; give one, or "
@@ -96,20 +98,20 @@ class Term(Settings):
 
 @checked
 class History(Settings):
-    """The frames that a network observes at once."""
+    """The latest frames, which a network observes together."""
 
     title: ClassVar[str] = "history"
 
-    length: Annotated[int, Ge(1), Le(100)] = 1  # control steps, with the present one
+    length: Annotated[int, Ge(1), Le(100)] = 1  # number of frames, the present one included
     order: Literal["oldest_first", "newest_first"] = "oldest_first"
-    # Whether entries are sorted by frame, or by term and then by frame.
+    # All terms of one frame after another, or all frames of one term after another.
     by: Literal["frame", "term"] = "frame"
-    start: Literal["zeros", "repeat"] = "repeat"  # frames from before the first step
+    start: Literal["zeros", "repeat"] = "repeat"  # missing frames: 0, or the first frame
 
 
 @checked
 class Clip(Settings):
-    """Greatest magnitudes of a frame's entries and of actions; by default without limit."""
+    """Largest magnitudes of scaled entries and of the network's outputs; by default unlimited."""
 
     title: ClassVar[str] = "clip"
 
@@ -129,7 +131,7 @@ class DescribedGains(Settings):
 
 @checked
 class Commands(Settings):
-    """Ranges of the commands (m/s, m/s, rad/s); a policy's command is clipped to them."""
+    """Ranges to which commands are clipped before the network observes them (m/s, m/s, rad/s)."""
 
     title: ClassVar[str] = "commands"
 
@@ -140,7 +142,7 @@ class Commands(Settings):
 
 @checked
 class Description(Settings):
-    """The interface of a network: see `models/README.md`."""
+    """A network's inputs and outputs; `models/policies/README.md` explains the file."""
 
     title: ClassVar[str] = "description"
 
@@ -148,10 +150,10 @@ class Description(Settings):
     # An ONNX file, or an rsl_rl checkpoint (.pt), relative to the description's folder.
     weights: str
     observation: Annotated[tuple[Term, ...], MinLen(1), FEW]  # one frame, in order
-    default: PerJoint  # angles for an action of 0 (rad)
-    action_scale: PerJoint  # change of a target for an action of 1 (rad)
+    default: PerJoint  # angles at an output of 0 (rad)
+    action_scale: PerJoint  # change of the target per unit of output (rad)
     gains: DescribedGains
-    joints: tuple[str, ...] = JOINTS  # order of joints, also of actions
+    joints: tuple[str, ...] = JOINTS  # order of joints in observations and outputs
     period: Annotated[float, Gt(0.0)] = CONTROL_PERIOD  # s
     history: History = History()
     clip: Clip = Clip()
@@ -182,13 +184,13 @@ class Description(Settings):
 
     @property
     def joint_law(self) -> JointLaw:
-        """The joint law with the gains, one number of each if all joints share it."""
+        """The joint law with these gains; a gain is one number if all joints share it."""
         gains = (self.by_joint(f"gains.{key}").tolist() for key in ("stiffness", "damping"))
         stiffness, damping = (tuple(gain) if len({*gain}) > 1 else gain[0] for gain in gains)
         return JointLaw((stiffness, damping))
 
     def by_joint(self, key: str) -> Array:
-        """Returns a value of each joint (12), in the order of `JOINTS`."""
+        """Returns the values of a key, such as `default`, by joint (12; order of `JOINTS`)."""
         given = attrgetter(key)(self)
         if not isinstance(given, dict):
             return np.full(N_JOINTS, given)
@@ -204,10 +206,10 @@ class Description(Settings):
 
 
 class DescribedPolicy(Policy):
-    """A network of another project, which acts through its description.
+    """A network of another project, with its description.
 
-    It reads the IMU, the joints and its previous action. Its memory (see `Policy.remember`) holds
-    the number of past control steps and the frames, oldest first.
+    It reads the IMU, the joints, its previous action and, for `base_velocity`, odometry. Its memory
+    (see `Policy.remember`) holds the number of past control steps and the frames, oldest first.
     """
 
     kind = "described"
@@ -231,7 +233,7 @@ class DescribedPolicy(Policy):
         self._order = np.array([JOINTS.index(joint) for joint in description.joints])
         self._default = description.by_joint("default")
         self._scale = description.by_joint("action_scale")
-        # Entries of the observation by quantity.
+        # Indices of this project's observation, by quantity.
         groups: tuple[Group, ...] = (
             *("commanded velocity", "joint position", "joint velocity", "gravity"),
             *("angular velocity", "previous action", "base velocity"),
@@ -277,13 +279,13 @@ class DescribedPolicy(Policy):
         count = np.where(begins, 0.0, memory[..., :1] + 1.0)
         frame = self._frame(observation, begins, count)
 
-        # The oldest frame makes place for the new one.
+        # Drop the oldest frame and append the new one.
         start = np.zeros_like(frame) if self.description.history.start == "zeros" else frame
         n_older = self.description.history.length - 1
         older = np.where(begins, np.tile(start, n_older), memory[..., 1 + frame.shape[-1] :])
         after = np.concatenate([count, older, frame], axis=-1)
 
-        # A robot without a sound observation begins again.
+        # Begin again after an entry that is not finite or too large.
         sound = (np.abs(observation) <= LARGEST_SOUND).all(axis=-1, keepdims=True)
         return np.where(sound, after, np.nan)
 
@@ -343,7 +345,7 @@ class DescribedPolicy(Policy):
     def _network(self, seen: Array) -> Array:
         (given,) = self._session.get_inputs()
         rows = seen.reshape(-1, seen.shape[-1]).astype(np.float32)
-        # Most exported networks take one row, others any number.
+        # Many exported networks take exactly one row.
         parts = np.split(rows, len(rows)) if isinstance(given.shape[0], int) else [rows]
         answers = [self._session.run(None, {given.name: part})[0] for part in parts]
         return np.concatenate(answers).reshape(*seen.shape[:-1], N_JOINTS)
@@ -357,17 +359,17 @@ class DescribedPolicy(Policy):
         return onnxruntime.InferenceSession(self.weights.tobytes(), options)
 
     def __getstate__(self) -> dict[str, Any]:
-        # A session cannot be sent to another process; that opens the network again.
+        # A session cannot be pickled; another process opens the network again.
         return {name: value for name, value in vars(self).items() if name != "_session"}
 
 
 def load_described(path: str | Path, gait: Gait | None = None) -> DescribedPolicy:
-    """Loads a description and its network, for a gait that is `free` by default."""
+    """Loads a description and its network for a gait, by default `free`."""
     return described(read_yaml(Path(path)), Path(path), gait)
 
 
 def described(plain: Any, path: Path, gait: Gait | None = None) -> DescribedPolicy:
-    """Builds the policy of a description's plain values; `path` is that of its file."""
+    """Builds a policy from a description's values; weights are relative to the folder of `path`."""
     description = Description.from_plain(plain, str(path))
     gait = shipped_gait(FREE) if gait is None else gait
     weights = path.parent / description.weights
@@ -399,7 +401,7 @@ def _checkpoint(weights: Path, description: Description) -> bytes:
 
 
 def _check_network(policy: DescribedPolicy) -> None:
-    """Refuses a network that cannot be read, has NaN weights or another size."""
+    """Refuses a network that cannot be read, has non-finite weights or the wrong size."""
     import onnx  # noqa: PLC0415
 
     name, size = policy.description.weights, policy.n_memory - 1

@@ -1,4 +1,4 @@
-"""`glassgait gait` and `glassgait robot`: check the descriptions of gaits and robots."""
+"""`glassgait gait` and `glassgait robot`: check the files of gaits and robots."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,14 +28,17 @@ class ShowGait:
     """Check a gait file and draw its reward machine.
 
     Attributes:
-        watch: Description of a network; writes a gait file of its steps at 0.5 m/s beside it.
+        gait: Name of a gait, or path of a gait file.
+        watch: Description of a network (see models/policies/README.md). Instead of checking `gait`,
+            recognize the network's gait at 0.5 m/s, and write a gait file beside the description.
+            Its RM states may end after half of the measured steps.
     """
 
     gait: Annotated[str, tyro.conf.Positional] = "trot"
     watch: Path | None = None
 
     def run(self) -> None:
-        """Checks the gait, or the one that robots are seen in, and draws its reward machine."""
+        """Checks the gait, or the one recognized with `watch`, and draws its reward machine."""
         gait = find_gait(path := self.gait if self.watch is None else watched_gait(self.watch))
         console.print(
             f"{gait.name}: valid, {gait.n_states} states; up to {gait.max_speed:g} m/s and "
@@ -50,17 +53,18 @@ class ShowGait:
 
 
 def watched_gait(description: Path) -> str:
-    """Lets robots walk and writes a file with the gait that is seen; returns its path, or `free`.
+    """Recognizes a network's gait and writes it to a file; returns its path, or `free` for none.
 
-    A network keeps to no clearance and no commanded steps. A transition of the file's machine fires
-    once its feet stand and one of the others is in the air, after half of the steps seen.
+    A network follows no commanded foot clearance or steps. Therefore a transition in the file fires
+    once its standing feet touch the ground and any other foot is in the air, at the earliest after
+    half of the measured steps.
     """
     from glassgait.studies.evaluation.policy_check import STATE_STEPS, walked
 
     # Recognize the gait.
     seen = walked(load_described(description), STATIONS[1], WATCHED).iloc[0]
     name, steps = seen["gait"], seen[STATE_STEPS]
-    console.print(f"{description}: {name}, {steps:g} control steps a state")
+    console.print(f"{description}: {name}, {steps:g} control steps per RM state")
     if name == "none":
         return FREE
 
@@ -79,22 +83,26 @@ def watched_gait(description: Path) -> str:
     return str(path)
 
 
-WATCHED = 4  # robots of each command, from which a gait is recognized
-LOW = 1e-3  # least clearance of a gait (m)
+WATCHED = 4  # robots per command from which a gait is recognized
+LOW = 1e-3  # smallest clearance that a gait may have (m)
 
 STATIONS = (StationConfig(), StationConfig(time_step=0.002, engine="mujoco"))
-"""Stations in which a robot must stand."""
+"""Simulations, in Drake and MuJoCo, in which a robot must stand."""
 
 DROP = 0.03  # height from which a robot is dropped (m)
 STEPS = round(4.0 / CONTROL_PERIOD)  # control steps after which it must be at rest
-MOST_SAG = 0.2  # greatest share of the stance's height by which a standing robot may sag
-MOST_SWAY = 5e-3  # greatest vertical movement of the trunk in the last second (m)
-MOST_LEAN = 10.0  # greatest lean of the trunk (°)
+MOST_SAG = 0.2  # largest sag of a standing robot, as a share of the stance's height
+MOST_SWAY = 5e-3  # largest vertical movement of the trunk in the last second (m)
+MOST_LEAN = 10.0  # largest lean of the trunk (°)
 
 
 @checked
 class CheckRobot(Settings):
-    """Check a robot description, by its name or the path of a robot.yaml, and let it stand."""
+    """Check a robot and let it stand.
+
+    Attributes:
+        robot: Name of a robot, or path of its robot.yaml.
+    """
 
     title: ClassVar[str] = "robot"
 

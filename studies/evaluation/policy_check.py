@@ -1,4 +1,4 @@
-"""`glassgait policy check`: lets a network of another project walk, and looks for mistakes."""
+"""`glassgait policy check`: let a network of another project walk, and look for mistakes."""
 
 from __future__ import annotations
 
@@ -37,30 +37,34 @@ COMMANDS = {
     "0.5 m/s and 0.5 rad/s": (0.5, 0.5),
     "0.5 m/s up 10°": (0.5, 0.0),
 }
-"""Commanded forward speed (m/s) and yaw rate (rad/s) of each row; the last one is on a slope."""
+"""Commanded forward speed (m/s) and yaw rate (rad/s) by title; the last one is on a slope."""
 
 PAIRS = {"trot": ("FL RR", "FR RL"), "pace": ("FL RL", "FR RR"), "bound": ("FL FR", "RL RR")}
 """Legs that step together."""
 
-STATE_STEPS = "steps a state"  # column of the control steps in a state of the gait's machine
-LEAST_TOGETHER = 0.5  # least correlation of the contacts of legs that step together
-LEAST_THREES = 0.5  # least share of control steps of a walk on exactly three feet
+STATE_STEPS = "steps per RM state"  # title of a column, in control steps
+LEAST_TOGETHER = 0.5  # smallest correlation of contacts of legs that step together
+LEAST_THREES = 0.5  # smallest share of a walk's control steps on exactly three feet
 STEPS = 500  # control steps of each robot
 SETTLED = 100  # control steps after which speeds are measured
 TRIED_ROBOTS, TRIED_STEPS = 8, 250  # size of the rollouts that try mistakes
-BETTER = 0.1  # difference of errors (m/s and rad/s, added) from which a variant walks better
+CURVE = (0.5, 0.5)  # command by which mistakes are tried (m/s, rad/s)
+BETTER = 0.1  # smallest difference of errors that counts (m/s and rad/s, added)
 
 
 @checked
 class CheckPolicy(Settings):
     """Check the description of a network, let robots walk with it, and look for mistakes.
 
-    Prints commanded and measured speeds, falls, drift to the left, the share of time that each foot
-    is on the ground, and the gait that this is. Then tries the description with frequent mistakes
-    undone, and says which of them walks better.
+    Prints a row per engine and command: commanded → measured speeds, physical falls (trunk or thigh
+    on the ground, or a lean over 60°), drift to the left, the share of time that each foot is on
+    the ground, the gait, and the mean duration of its RM states. Then tries variants of the
+    description, each with one frequent mistake undone, and prints those that walk better, the best
+    one first.
 
     Attributes:
-        n_robots: Number of robots of each command.
+        description: YAML file that describes the network; see models/policies/README.md.
+        n_robots: Number of robots per command.
     """
 
     title: ClassVar[str] = "policy check"
@@ -82,7 +86,7 @@ class CheckPolicy(Settings):
         )
         stations = StationConfig(engine="mujoco", time_step=0.002), StationConfig()
         mujoco, drake = (delayed(walked)(policy, station, self.n_robots) for station in stations)
-        # Drake takes longest and begins first.
+        # Drake takes longest, so it begins first.
         work: list[Any] = [drake, mujoco, delayed(found_mistakes)(policy, stations[0])]
         with Workers().pool():
             *tables, sentences = run_parallel(work)
@@ -131,7 +135,7 @@ def walked(
 
 
 def recognized(contact: BoolArray) -> str:
-    """Returns trot, pace, bound, walk or none, from contacts (T, n, 4) of n robots."""
+    """Returns trot, pace, bound, walk or none, recognized from contacts (T, n, 4) of n robots."""
     stance = contact.reshape(-1, len(LEGS)).astype(float)
     if (stance.std(axis=0) == 0.0).any():
         return "none"  # A foot never steps.
@@ -144,9 +148,9 @@ def recognized(contact: BoolArray) -> str:
 
 
 def state_steps(gait: str, contact: BoolArray) -> float:
-    """Returns a stride's control steps in each RM state of a gait; NaN for none.
+    """Returns the mean duration of a gait's RM states (control steps); NaN for `none`.
 
-    The stride is that of the strongest frequency of the contacts (T, n, 4).
+    The strongest frequency of the contacts (T, n, 4) is taken for that of the stride.
     """
     if gait == "none":
         return np.nan
@@ -157,20 +161,25 @@ def state_steps(gait: str, contact: BoolArray) -> float:
 
 
 def found_mistakes(policy: DescribedPolicy, station: StationConfig) -> list[str]:
-    """Lets robots walk in a curve with each variant, and returns sentences on the better ones."""
-    described, sentences = _curve_error(policy, station), []
+    """Tries each variant in a curve, and returns sentences on the better ones, best first."""
+    described, better = _curve_error(policy, station), []
     for mistake, variant in variants(policy.description):
         error = _curve_error(policy.with_description(variant), station)
-        if error < described - BETTER:
-            better = f"error {error:.2f} instead of {described:.2f} (m/s and rad/s, added)"
-            sentences.append(f"{mistake} walks better: {better}; check the description")
+        # A variant that only falls or stands is no better.
+        if error < min(described, sum(CURVE)) - BETTER:
+            better.append((error, mistake))
+    sentences = [
+        f"{mistake} walks better: error {error:.2f} instead of {described:.2f} (m/s and rad/s, "
+        "added); check the description"
+        for error, mistake in sorted(better)
+    ]
     return sentences or [f"the description walks best: error {described:.2f}"]
 
 
 def variants(description: Description) -> Iterator[tuple[str, Description]]:
-    """Yields descriptions with one frequent mistake undone, and their titles.
+    """Yields titles and descriptions, each with one frequent mistake undone.
 
-    The mistakes are the order of joints, gravity's sign, the scale of yaw and the history's order.
+    The mistakes concern the joint order, gravity's sign, the scale of yaw and the history's order.
     """
     unitree = tuple(f"{leg}_{joint}" for leg in ("FR", "FL", "RR", "RL") for joint in LEG_JOINTS)
     by_kind = tuple(f"{leg}_{joint}" for joint in LEG_JOINTS for leg in LEGS)
@@ -197,8 +206,11 @@ def variants(description: Description) -> Iterator[tuple[str, Description]]:
 
 
 def _curve_error(policy: DescribedPolicy, station: StationConfig) -> float:
-    """Returns the error of robots in a curve; a robot that falls counts as standing still."""
-    command = np.array([0.5, 0.5])
+    """Returns the mean error of forward speed (m/s) plus yaw rate (rad/s) of robots in a curve.
+
+    A robot that falls counts as standing still.
+    """
+    command = np.array(CURVE)
     commands = np.tile(command, (TRIED_ROBOTS, 1))
     fell, velocity, _ = _rolled_out(policy, [station], commands, TRIED_STEPS)
     reached = np.where(fell[:, None], 0.0, velocity[..., [0, 2]].mean(axis=0))
@@ -210,8 +222,8 @@ def _rolled_out(
 ) -> tuple[BoolArray, Array, BoolArray]:
     """Rolls out robots with constant commands (n, 2; m/s, rad/s), split evenly among stations.
 
-    Returns which fell (n,), and after the first two seconds the trunks' forward speed, speed to the
-    left and yaw rate (T, n, 3; m/s, rad/s) and the feet's contacts (T, n, 4).
+    Returns which robots fell (n,), and after the first two seconds the trunks' forward speed, speed
+    to the left and yaw rate (T, n, 3; m/s, rad/s) and the feet's contacts (T, n, 4).
     """
     from glassgait.diagrams.batch import BatchSimulator
     from glassgait.diagrams.commands import FixedCommand

@@ -1,4 +1,4 @@
-"""`glassgait policy convert`: descriptions from the files of other projects."""
+"""`glassgait policy convert`: convert the files of other projects to descriptions."""
 
 import os
 from pathlib import Path
@@ -27,7 +27,7 @@ RL_SAR = {
     "dof_vel": ("joint_velocity", "dof_vel_scale"),
     "actions": ("last_action", None),
 }
-"""Term and key of the scale of each observation of rl_sar."""
+"""Term and key of the scale, by the name of the observation in rl_sar."""
 
 UNITREE = {
     "base_lin_vel": "base_velocity",
@@ -40,7 +40,7 @@ UNITREE = {
     "last_action": "last_action",
     "gait_phase": "clock",
 }
-"""Term of each observation of unitree_rl_mjlab and unitree_rl_lab."""
+"""Term by the name of the observation in unitree_rl_mjlab and unitree_rl_lab."""
 
 ACTION_KEYS = ("scale", "offset", "clip", "joint_names", "joint_ids")
 BEYOND = 10.0  # angle that no joint reaches (rad)
@@ -50,16 +50,17 @@ BEYOND = 10.0  # angle that no joint reaches (rad)
 class ConvertPolicy(Settings):
     """Write the description of a network from rl_sar's config.yaml or Unitree's deploy.yaml.
 
-    The latter is written by unitree_rl_mjlab and, with Isaac Lab, by unitree_rl_lab. Options give
-    what the file leaves out; they take precedence. Beside rl_sar's file, base.yaml in the folder
-    above is read, if it exists.
+    unitree_rl_mjlab and unitree_rl_lab write deploy.yaml. What rl_sar's config.yaml leaves out is
+    read from base.yaml in the folder above it, if it exists. Options add what is still missing, and
+    take precedence over the files.
 
     Attributes:
+        config: config.yaml or deploy.yaml.
         description: File to write.
-        robot: Name of a robot.
-        weights: ONNX file, or checkpoint of rsl_rl.
-        joints: Joints in the network's order, such as FR_hip.
-        period: Period of the control step (s).
+        robot: Name of the robot, or path of its robot.yaml.
+        weights: ONNX file, or checkpoint of rsl_rl; by default the one that config.yaml names.
+        joints: Names of all joints in the network's order, such as FR_hip FR_thigh.
+        period: Period of the network's control step (s), which must be 0.02.
         overwrite: Replace an existing description.
         check: Check the description at once, as `policy check` does.
     """
@@ -76,7 +77,7 @@ class ConvertPolicy(Settings):
     check: bool = False
 
     def run(self) -> None:
-        """Writes the description and checks it."""
+        """Writes the description and, if asked, checks it."""
         if self.description.exists() and not self.overwrite:
             raise InputError(f"{self.description}: exists; add --overwrite to replace it")
         try:
@@ -98,7 +99,7 @@ class ConvertPolicy(Settings):
             CheckPolicy(self.description).run()
 
     def _rl_sar(self, values: Any) -> dict[str, Any]:
-        # The network's file is completed by the robot's.
+        # Complete the network's file by the robot's.
         ((name, config),) = values.items()
         base = self.config.resolve().parents[1] / "base.yaml"
         (shared,) = read_yaml(base).values() if base.exists() else ({},)
@@ -138,7 +139,7 @@ class ConvertPolicy(Settings):
         }
 
     def _unitree(self, config: Any) -> dict[str, Any]:
-        # The file has no names: gains are in the order of motors, all else in the network's.
+        # The file names no joints: gains are in the motors' order, all else in the network's.
         robot = load_robot(self._given("robot", self.robot))
         motors = [f"{leg}_{joint}" for leg in robot.motor_order for joint in LEG_JOINTS]
         joints = self.joints or [motors[index] for index in config["joint_ids_map"]]
