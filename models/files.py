@@ -207,6 +207,8 @@ def _checksum(arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> 
 
 def _refuse_irregular(path: Path) -> None:
     """Refuses folders, devices and pipes; opening a pipe would never end."""
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "its name holds a null character")
     if path.exists() and not path.is_file():
         raise IsADirectoryError(errno.EISDIR, "not a regular file")
 

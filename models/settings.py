@@ -118,8 +118,15 @@ def _adapter(kind: type[Settings]) -> TypeAdapter[Any]:
 
 def _sentence(error: ValidationError, kind: type[Settings]) -> str:
     """Describes the first value that pydantic refuses, and what it must be."""
-    # A misspelt key also leaves a key missing; report the misspelling first.
-    errors = sorted(error.errors(include_url=False), key=lambda item: item["type"] == "missing")
+    # A misspelt key also leaves a key missing, and a list with a bad number also is no number;
+    # report the misspelling and the bad number first.
+    errors = sorted(
+        error.errors(include_url=False),
+        key=lambda item: (
+            item["type"] == "missing",
+            item["type"] == "float_type" and isinstance(item["input"], list | dict),
+        ),
+    )
     # The path of a union's error also names the alternative.
     first, path = errors[0], [part for part in errors[0]["loc"] if "float" not in str(part)]
     if path and isinstance(path[0], int):

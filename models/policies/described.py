@@ -11,22 +11,23 @@ from functools import cached_property
 from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 from numpy.typing import NDArray
 
 from glassgait.models import BASE_VELOCITY_SCALE
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, brief, shown, unknown_name
 from glassgait.models.estimation.odometry import Odometry
-from glassgait.models.files import read_bytes, read_yaml
+from glassgait.models.files import read_bytes, read_yaml, resolve_paths
+from glassgait.models.policies.checkpoint import network_of_checkpoint
 from glassgait.models.policies.library import naming
 from glassgait.models.policies.policy import ArraySpec, Indices, Policy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.quadruped import JOINTS, N_JOINTS
-from glassgait.models.robots.robot import JointLaw, Robot
+from glassgait.models.robots.robot import Angle, JointDamping, JointLaw, JointStiffness, Robot
 from glassgait.models.settings import FEW, Positive, Range, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import FREE, Gait, shipped_gait
@@ -55,7 +56,11 @@ TERMS: dict[str, tuple[str, ...]] = {
 }
 """Names of the entries of each term of a frame; joints are in the network's order."""
 
-PerJoint = float | Annotated[dict[str, float], MaxLen(N_JOINTS)]
+Number = Annotated[float, Ge(-1e6), Le(1e6)]  # what single precision holds
+LEAST_SCALE = 1e-6  # least magnitude of the scale of an action (rad)
+
+T = TypeVar("T")
+PerJoint = T | Annotated[dict[str, T], MaxLen(N_JOINTS)]
 """A number for all joints, or numbers by kind of joint (hip, thigh, calf) or by joint (FL_hip)."""
 
 
@@ -66,9 +71,9 @@ class Term(Settings):
     title: ClassVar[str] = "observation term"
 
     term: str  # one of `TERMS`
-    scale: float | Annotated[tuple[float, ...], FEW] = 1.0  # one factor, or one per entry
-    period: Positive | None = None  # the clock's period (s)
-    values: Annotated[tuple[float, ...], FEW] = ()  # the constant's values
+    scale: Number | Annotated[tuple[Number, ...], FEW] = 1.0  # one factor, or one per entry
+    period: Annotated[float, Ge(CONTROL_PERIOD)] | None = None  # the clock's period (s)
+    values: Annotated[tuple[Number, ...], FEW] = ()  # the constant's values
     clip: Range | None = None  # range of the entries before they are scaled
 
     def __post_init__(self) -> None:
@@ -100,8 +105,6 @@ class Term(Settings):
 class History(Settings):
     """The latest frames, which a network observes together."""
 
-    title: ClassVar[str] = "history"
-
     length: Annotated[int, Ge(1), Le(100)] = 1  # number of frames, the present one included
     order: Literal["oldest_first", "newest_first"] = "oldest_first"
     # All terms of one frame after another, or all frames of one term after another.
@@ -113,8 +116,6 @@ class History(Settings):
 class Clip(Settings):
     """Largest magnitudes of scaled entries and of the network's outputs; by default unlimited."""
 
-    title: ClassVar[str] = "clip"
-
     observation: Positive | None = None
     action: Positive | None = None
 
@@ -123,17 +124,13 @@ class Clip(Settings):
 class DescribedGains(Settings):
     """Gains of the joints' position and velocity control."""
 
-    title: ClassVar[str] = "gains"
-
-    stiffness: PerJoint  # N·m/rad
-    damping: PerJoint  # N·m·s/rad
+    stiffness: PerJoint[JointStiffness]  # N·m/rad
+    damping: PerJoint[JointDamping]  # N·m·s/rad
 
 
 @checked
 class Commands(Settings):
     """Ranges to which commands are clipped before the network observes them (m/s, m/s, rad/s)."""
-
-    title: ClassVar[str] = "commands"
 
     forward: Range = (-1.0, 1.0)
     left: Range = (0.0, 0.0)
@@ -150,11 +147,11 @@ class Description(Settings):
     # An ONNX file, or an rsl_rl checkpoint (.pt), relative to the description's folder.
     weights: str
     observation: Annotated[tuple[Term, ...], MinLen(1), FEW]  # one frame, in order
-    default: PerJoint  # angles at an output of 0 (rad)
-    action_scale: PerJoint  # change of the target per unit of output (rad)
+    default: PerJoint[Angle]  # angles at an output of 0 (rad)
+    action_scale: PerJoint[Number]  # change of the target per unit of output (rad)
     gains: DescribedGains
     joints: tuple[str, ...] = JOINTS  # order of joints in observations and outputs
-    period: Annotated[float, Gt(0.0)] = CONTROL_PERIOD  # s
+    period: Positive = CONTROL_PERIOD  # s
     history: History = History()
     clip: Clip = Clip()
     activation: Literal["elu", "selu", "relu", "tanh"] = "elu"  # between layers of a checkpoint
@@ -173,14 +170,18 @@ class Description(Settings):
             )
         for key in ("default", "action_scale", "gains.stiffness", "gains.damping"):
             self.by_joint(key)
-        _ = self.joint_law
-        if not self.by_joint("action_scale").all():
+        if np.abs(self.by_joint("action_scale")).min() < LEAST_SCALE:
             raise InputError("action_scale is 0 for a joint; give other numbers")
 
     @property
     def frame_size(self) -> int:
         """Number of entries of one frame."""
         return sum(term.size for term in self.observation)
+
+    @property
+    def input_size(self) -> int:
+        """Number of entries of what the network observes at once."""
+        return self.history.length * self.frame_size
 
     @property
     def joint_law(self) -> JointLaw:
@@ -239,6 +240,7 @@ class DescribedPolicy(Policy):
             *("angular velocity", "previous action", "base velocity"),
         )
         self._entries = {name: [*indices_of(name, self.observation_names)] for name in groups}
+        self._check_network()
 
     @classmethod
     def _sizes(cls, observation_names: Sequence[str]) -> dict[str, int]:
@@ -262,7 +264,7 @@ class DescribedPolicy(Policy):
 
     @property
     def n_memory(self) -> int:
-        return 1 + self.description.history.length * self.description.frame_size
+        return 1 + self.description.input_size
 
     @property
     def inputs(self) -> dict[str, list[int]]:
@@ -344,7 +346,8 @@ class DescribedPolicy(Policy):
 
     def _network(self, seen: Array) -> Array:
         (given,) = self._session.get_inputs()
-        rows = seen.reshape(-1, seen.shape[-1]).astype(np.float32)
+        dtype = float if given.type == "tensor(double)" else np.float32
+        rows = seen.reshape(-1, seen.shape[-1]).astype(dtype)
         # Many exported networks take exactly one row.
         parts = np.split(rows, len(rows)) if isinstance(given.shape[0], int) else [rows]
         answers = [self._session.run(None, {given.name: part})[0] for part in parts]
@@ -356,7 +359,44 @@ class DescribedPolicy(Policy):
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # its errors are raised, too
         return onnxruntime.InferenceSession(self.weights.tobytes(), options)
+
+    def _check_network(self) -> None:
+        """Refuses a network that cannot act, has non-finite weights or the wrong size."""
+        if find_spec("onnx") is None or find_spec("onnxruntime") is None:
+            raise InputError("ONNX is not installed; run pip install 'glassgait[onnx]'")
+        import onnx  # noqa: PLC0415
+
+        # Read the network.
+        name, size = self.description.weights, self.description.input_size
+        try:
+            graph, session = onnx.load_from_string(self.weights.tobytes()).graph, self._session
+        except Exception as error:
+            problem = brief(str(error))
+            raise InputError(f"{name} is no ONNX network ({problem}); export it") from error
+        for weight in graph.initializer:
+            values = onnx.numpy_helper.to_array(weight)
+            if values.dtype.kind == "f" and not np.isfinite(values).all():
+                raise InputError(f"{name}: {weight.name!r} is not finite; export the network again")
+
+        # Compare its sizes, and let it act once.
+        (given, *others), answers = session.get_inputs(), session.get_outputs()[0].shape
+        wanted = f"give a network from one array (robots, {size}) to actions (robots, {N_JOINTS})"
+        if others or len(given.shape) != 2 or answers[-1:] != [N_JOINTS]:
+            raise InputError(f"{name} maps {shown(given.shape)} to {shown(answers)}; {wanted}")
+        if isinstance(given.shape[1], int) and given.shape[1] != size:
+            frames = f"{self.description.history.length} × {self.description.frame_size}"
+            raise InputError(
+                f"{name} takes {given.shape[1]} numbers, but history and observation are {frames}; "
+                "correct one of them"
+            )
+        try:
+            answer = self._network(np.zeros((2, size)))
+        except Exception as error:
+            raise InputError(f"{name} cannot act ({brief(str(error))}); {wanted}") from error
+        if not np.isfinite(answer).all():
+            raise InputError(f"{name} acts by numbers that are not finite; export it again")
 
     def __getstate__(self) -> dict[str, Any]:
         # A session cannot be pickled; another process opens the network again.
@@ -365,64 +405,24 @@ class DescribedPolicy(Policy):
 
 def load_described(path: str | Path, gait: Gait | None = None) -> DescribedPolicy:
     """Loads a description and its network for a gait, by default `free`."""
-    return described(read_yaml(Path(path)), Path(path), gait)
+    path = Path(path)
+    return described(resolve_paths(path, read_yaml(path)), path, gait)
 
 
 def described(plain: Any, path: Path, gait: Gait | None = None) -> DescribedPolicy:
     """Builds a policy from a description's values; weights are relative to the folder of `path`."""
-    description = Description.from_plain(plain, str(path))
     gait = shipped_gait(FREE) if gait is None else gait
-    weights = path.parent / description.weights
-    if find_spec("onnx") is None or find_spec("onnxruntime") is None:
-        raise InputError("ONNX is not installed; run pip install 'glassgait[onnx]'")
     with naming(path):
-        is_onnx = weights.suffix == ".onnx"
-        read = read_bytes(weights, WEIGHT_BYTES) if is_onnx else _checkpoint(weights, description)
-        data = np.frombuffer(read, dtype=np.uint8)
+        description = Description.from_plain(plain)
+        weights = path.parent / description.weights
+        network = read_bytes(weights, WEIGHT_BYTES)
+        if weights.suffix != ".onnx":
+            network = network_of_checkpoint(
+                network,
+                name=weights.name,
+                activation=description.activation.title(),
+                size=description.input_size,
+            )
         names = ObservationLayout(gait.n_states, imu=True).names
-        robot = load_robot(description.robot)
-        policy = DescribedPolicy(gait.name, names, data, robot=robot, description=description)
-        _check_network(policy)
-    return policy
-
-
-def _checkpoint(weights: Path, description: Description) -> bytes:
-    from glassgait.models.policies.checkpoint import network_of_checkpoint  # noqa: PLC0415
-
-    try:
-        return network_of_checkpoint(weights, description.activation.title())
-    except InputError as error:
-        size = description.history.length * description.frame_size
-        raise InputError(
-            f"weights {shown(weights.name)} {error}; give an ONNX file, as written by "
-            f"'torch.onnx.export(torch.jit.load({weights.name!r}), torch.zeros(1, {size}), "
-            "'policy.onnx', dynamo=False)'"
-        ) from error
-
-
-def _check_network(policy: DescribedPolicy) -> None:
-    """Refuses a network that cannot be read, has non-finite weights or the wrong size."""
-    import onnx  # noqa: PLC0415
-
-    name, size = policy.description.weights, policy.n_memory - 1
-    try:
-        graph = onnx.load_from_string(policy.weights.tobytes()).graph
-        session = policy._session
-    except Exception as error:
-        raise InputError(f"{name} is no ONNX network ({brief(str(error))}); export it") from error
-    for weight in graph.initializer:
-        values = onnx.numpy_helper.to_array(weight)
-        if values.dtype.kind == "f" and not np.isfinite(values).all():
-            raise InputError(f"{name}: {weight.name!r} is not finite; export the network again")
-    (given, *others), answers = session.get_inputs(), session.get_outputs()[0].shape
-    if others or len(given.shape) != 2 or answers[-1] != N_JOINTS:
-        raise InputError(
-            f"{name} maps {shown(given.shape)} to {shown(answers)}; give a network from one array "
-            f"(robots, {size}) to actions (robots, {N_JOINTS})"
-        )
-    if isinstance(given.shape[1], int) and given.shape[1] != size:
-        frames = f"{policy.description.history.length} × {policy.description.frame_size}"
-        raise InputError(
-            f"{name} takes {given.shape[1]} numbers, but history and observation are {frames}; "
-            "correct one of them"
-        )
+        data, robot = np.frombuffer(network, dtype=np.uint8), load_robot(description.robot)
+        return DescribedPolicy(gait.name, names, data, robot=robot, description=description)

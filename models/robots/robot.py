@@ -176,10 +176,10 @@ def _fixed(values: Any) -> Array:
     return array
 
 
-_Stiffness = Annotated[float, Gt(0.0), Le(1000.0)]
-_Damping = Annotated[float, Ge(0.0), Le(100.0)]
-Stiffness = _Stiffness | Annotated[tuple[_Stiffness, ...], OF_EACH_JOINT]
-Damping = _Damping | Annotated[tuple[_Damping, ...], OF_EACH_JOINT]
+JointStiffness = Annotated[float, Gt(0.0), Le(1000.0)]
+JointDamping = Annotated[float, Ge(0.0), Le(100.0)]
+Stiffness = JointStiffness | Annotated[tuple[JointStiffness, ...], OF_EACH_JOINT]
+Damping = JointDamping | Annotated[tuple[JointDamping, ...], OF_EACH_JOINT]
 Gains = tuple[Stiffness, Damping]
 """Gains of the joints' position and velocity control (N·m/rad, N·m·s/rad), each one number for all
 joints or one for each (12)."""

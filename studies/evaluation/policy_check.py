@@ -39,8 +39,8 @@ COMMANDS = {
 }
 """Commanded forward speed (m/s) and yaw rate (rad/s) by title; the last one is on a slope."""
 
-PAIRS = {"trot": ("FL RR", "FR RL"), "pace": ("FL RL", "FR RR"), "bound": ("FL FR", "RL RR")}
-"""Legs that step together."""
+PAIRS = {"trot": ((0, 3), (1, 2)), "pace": ((0, 2), (1, 3)), "bound": ((0, 1), (2, 3))}
+"""Indices in `LEGS` of the legs that step together."""
 
 STATE_STEPS = "steps per RM state"  # title of a column, in control steps
 LEAST_TOGETHER = 0.5  # smallest correlation of contacts of legs that step together
@@ -141,8 +141,7 @@ def recognized(contact: BoolArray) -> str:
         return "none"  # A foot never steps.
     together = np.corrcoef(stance.T)
     for gait, pairs in PAIRS.items():
-        feet = [[LEGS.index(pair[:2]), LEGS.index(pair[3:])] for pair in pairs]
-        if all(together[one, other] >= LEAST_TOGETHER for one, other in feet):
+        if all(together[pair] >= LEAST_TOGETHER for pair in pairs):
             return gait
     return "walk" if (stance.sum(axis=1) == len(LEGS) - 1).mean() >= LEAST_THREES else "none"
 

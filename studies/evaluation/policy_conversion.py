@@ -8,7 +8,7 @@ import numpy as np
 import tyro
 import yaml
 
-from glassgait.models.errors import InputError, shown, unknown_name
+from glassgait.models.errors import InputError, brief, shown, unknown_name
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.policies.described import described
 from glassgait.models.policies.library import naming
@@ -16,6 +16,7 @@ from glassgait.models.robots.library import load_robot, robot_names
 from glassgait.models.robots.quadruped import LEG_JOINTS
 from glassgait.models.settings import Settings, checked
 from glassgait.studies.common.console import console
+from glassgait.studies.common.policies import DESCRIPTION_SUFFIXES
 from glassgait.studies.evaluation.policy_check import CheckPolicy
 
 RL_SAR = {
@@ -80,6 +81,9 @@ class ConvertPolicy(Settings):
         """Writes the description and, if asked, checks it."""
         if self.description.exists() and not self.overwrite:
             raise InputError(f"{self.description}: exists; add --overwrite to replace it")
+        is_config = self.description.resolve() == self.config.resolve()
+        if is_config or self.description.suffix not in DESCRIPTION_SUFFIXES:
+            raise InputError(f"{self.description}: is no description; name another .yaml file")
         try:
             with naming(self.config):
                 values = read_yaml(self.config)
@@ -88,9 +92,13 @@ class ConvertPolicy(Settings):
         except KeyError as error:
             raise InputError(f"{self.config}: lacks the key {error}; add it") from error
         except (TypeError, ValueError, IndexError, AttributeError) as error:
-            raise InputError(f"{self.config}: is no config of a quadruped; give another") from error
-        # Refuse a bad network before the file is written.
-        described(plain, self.description)
+            raise InputError(
+                f"{self.config}: is no config of a quadruped ({brief(str(error))}); give another"
+            ) from error
+        # Refuse a bad network before the file is written, whose folder may not exist yet.
+        described(plain, self.config)
+        folder = self.description.parent.resolve()
+        plain["weights"] = os.path.relpath(plain["weights"], folder)
         write_atomically(
             self.description, yaml.safe_dump(plain, sort_keys=False, default_flow_style=None)
         )
@@ -118,14 +126,14 @@ class ConvertPolicy(Settings):
         order = "newest_first" if frames == forward else "oldest_first"
         by = "term" if config["observations_history_priority"] == "term" else "frame"
         limit = _same("clip_actions_upper", config["clip_actions_upper"])
-        gains = {"stiffness": config["rl_kp"], "damping": config["rl_kd"]}
+        gains = {"stiffness": "rl_kp", "damping": "rl_kd"}
         terms = [_known(seen, RL_SAR) for seen in config["observations"]]
         # The description.
         robot = name.partition("/")[0]
-        network = self.config.with_name(config["model_name"])
+        robot = self._given("robot", self.robot or (robot in robot_names() and robot))
         return {
-            "robot": self._given("robot", self.robot or (robot in robot_names() and robot)),
-            "weights": self._relative(self.weights or network),
+            "robot": load_robot(robot).source,
+            "weights": _absolute(self.weights or self.config.with_name(config["model_name"])),
             "period": self._given("period", period),
             "observation": [
                 {"term": term, "scale": config[key] if key else 1.0} for term, key in terms
@@ -133,9 +141,9 @@ class ConvertPolicy(Settings):
             "history": {"length": len(frames), "order": order, "by": by},
             "clip": {"observation": config["clip_obs"], "action": limit},
             "joints": [*self._given("joints", joints)],
-            "gains": {key: _by_joint(joints, values) for key, values in gains.items()},
-            "default": _by_joint(joints, config["default_dof_pos"]),
-            "action_scale": _by_joint(joints, config["action_scale"]),
+            "gains": {key: _by_joint(joints, config, name) for key, name in gains.items()},
+            "default": _by_joint(joints, config, "default_dof_pos"),
+            "action_scale": _by_joint(joints, config, "action_scale"),
         }
 
     def _unitree(self, config: Any) -> dict[str, Any]:
@@ -143,12 +151,12 @@ class ConvertPolicy(Settings):
         robot = load_robot(self._given("robot", self.robot))
         motors = [f"{leg}_{joint}" for leg in robot.motor_order for joint in LEG_JOINTS]
         joints = self.joints or [motors[index] for index in config["joint_ids_map"]]
-        action, default = config["actions"]["JointPositionAction"], config["default_joint_pos"]
+        action = config["actions"]["JointPositionAction"]
         if unknown := sorted({*action} - {*ACTION_KEYS}):
             raise InputError(f"actions have the key {unknown[0]!r}, unknown here; remove it")
         if action["clip"] is not None and np.abs(action["clip"]).min() < BEYOND:
             raise InputError(f"clip of actions is {shown(action['clip'])}; set it to null")
-        if action["offset"] != default:
+        if action["offset"] != config["default_joint_pos"]:
             raise InputError("offset differs from default_joint_pos; make them equal")
         # What the network observes.
         terms = dict(config["observations"])
@@ -158,19 +166,16 @@ class ConvertPolicy(Settings):
         axes = ("forward", "lin_vel_x"), ("left", "lin_vel_y"), ("yaw", "ang_vel_z")
         return {
             "robot": robot.source,
-            "weights": self._relative(self._given("weights", self.weights)),
+            "weights": _absolute(self._given("weights", self.weights)),
             "period": self.period or config["step_dt"],
             "observation": [_term(_known(seen, UNITREE), term) for seen, term in terms.items()],
-            "history": {"length": int(_same("history_length", lengths)), "by": by},
-            "gains": {key: _by_joint(motors, config[key]) for key in ("stiffness", "damping")},
+            "history": {"length": _same("history_length", lengths), "by": by},
+            "gains": {key: _by_joint(motors, config, key) for key in ("stiffness", "damping")},
             "joints": [*joints],
-            "default": _by_joint(joints, default),
-            "action_scale": _by_joint(joints, action["scale"]),
+            "default": _by_joint(joints, config, "default_joint_pos"),
+            "action_scale": _by_joint(joints, action, "scale"),
             "commands": {key: ranges[axis] for key, axis in axes},
         }
-
-    def _relative(self, weights: Path) -> str:
-        return os.path.relpath(weights, self.description.parent)
 
     def _given(self, option: str, value: Any) -> Any:
         if not value:
@@ -178,10 +183,15 @@ class ConvertPolicy(Settings):
         return value
 
 
+def _absolute(path: Path) -> str:
+    # Keep the name of a link, whose suffix says what the file holds.
+    return str(path.parent.resolve() / path.name)
+
+
 def _same(key: str, values: list[float]) -> float:
     if len({*values}) != 1:
         raise InputError(f"{key} is {shown(values)}; give one number, as for all joints")
-    return float(values[0])
+    return values[0]
 
 
 def _known(name: str, terms: dict[str, Any]) -> Any:
@@ -192,15 +202,16 @@ def _known(name: str, terms: dict[str, Any]) -> Any:
 
 def _term(name: str, term: dict[str, Any]) -> dict[str, Any]:
     """Returns a term of a description; its clip comes before its scale in both."""
-    scale = term["scale"]
-    scale = scale[0] if scale and len({*scale}) == 1 else scale
-    values = {"scale": scale, "clip": term["clip"], "period": term["params"].get("period")}
+    period = term["params"].get("period")
+    values = {"scale": term["scale"], "clip": term["clip"], "period": period}
     return {"term": name} | {key: value for key, value in values.items() if value is not None}
 
 
-def _by_joint(joints: Any, values: list[float]) -> dict[str, float]:
-    """Returns values by joint, or by kind of joint if all legs are alike."""
-    named = dict(zip(joints, values, strict=True))
+def _by_joint(joints: Any, config: Any, key: str) -> dict[str, float]:
+    """Returns a key's values by joint, or by kind of joint if all legs are alike."""
+    if len(config[key]) != len(joints):
+        raise InputError(f"{key} has {len(config[key])} numbers for {len(joints)} joints; give all")
+    named = dict(zip(joints, config[key], strict=True))
     kinds = {joint.partition("_")[2]: value for joint, value in named.items()}
     alike = all(kinds[joint.partition("_")[2]] == value for joint, value in named.items())
     return kinds if alike else named

@@ -64,6 +64,8 @@ class ExplainCounterfactual(OnePolicy):
         """Rolls out, scans each observation, and writes the table and the figure."""
         policies, name = self.find()
         gait, robot, controller = policies.gait, policies.robot, policies.controller(name)
+        if controller.policy.remembers:
+            raise InputError(f"--policy {name}: acts on past observations, too; name a student")
         box = load_box(self.box, gait, robot) if self.box else operating_box(gait, robot)
 
         # Roll out up to the step.

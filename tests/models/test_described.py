@@ -124,10 +124,12 @@ def test_it_is_kept_in_a_file_and_sent_to_another_process(describe, generator, t
         ("hip: 0.0, ", "", "default lacks FL_hip; add it"),
         ("hip: 0.0", "knee: 0.0", "'default.knee' names no joint"),
         ("hip: 0.125", "hip: 0", "action_scale is 0"),
-        ("damping: 0.7", "damping: {hip: 1, thigh: 2, calf: -1}", r"gains\[1\] is .*; it must"),
+        ("damping: 0.7", "damping: {hip: 1, thigh: 2, calf: -1}", "gains.damping.calf is -1; it"),
+        ("hip: 0.0", "hip: 1.0e+9", "default.hip is .*; it must"),
+        ("period: 0.5", "period: 1.0e-9", r"observation\[6\].period is .*; it must"),
         ("stiffness: 30.0", "stiffness: {hip: 20}", "stiffness lacks FL_thigh"),
-        ("tiny.onnx", "tiny.pt", r"give an ONNX file, .*jit.load\('tiny.pt'\)"),
-        ("tiny.onnx", "mine.onnx", "no such file"),
+        ("tiny.onnx", "tiny.pt", "tiny.pt: cannot be read, no such file"),
+        ("tiny.onnx", '"a\\0b.onnx"', "null character"),
         ("robot: go2", "robot: go2\nheight: 1", "unknown key 'height'"),
     ],
 )
@@ -149,6 +151,23 @@ def test_bad_descriptions_are_refused_in_one_sentence(describe, old, new, messag
 def test_bad_weights_are_refused(describe, weights, message):
     with pytest.raises(InputError, match=message):
         load_described(describe(weights=weights))
+
+
+def test_networks_act_in_double_precision_and_must_take_one_robot(describe, tmp_path):
+    path, weights, onnx = describe(), tmp_path / "tiny.onnx", pytest.importorskip("onnx")
+    memory = np.ones((2, load_described(path).n_memory))
+    expected, model = load_described(path)(memory), onnx.load(weights)
+    graph, double = model.graph, onnx.TensorProto.DOUBLE
+    for value in (graph.input[0], graph.output[0]):
+        value.type.tensor_type.elem_type = double
+    numbers = onnx.numpy_helper.to_array(graph.initializer[0]).astype(float)
+    graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(numbers, "weights"))
+    onnx.save(model, weights)
+    np.testing.assert_allclose(load_described(path)(memory), expected, atol=1e-6)
+    graph.input[0].type.tensor_type.shape.dim[0].dim_value = 4
+    onnx.save(model, weights)
+    with pytest.raises(InputError, match=r"cannot act .*; give a network from one array"):
+        load_described(path)
 
 
 class Actor(torch.nn.Module):
@@ -193,11 +212,16 @@ def test_checkpoints_of_anything_but_an_actor_of_that_size_are_refused(describe,
     torch.save({"model_state_dict": recurrent}, weights)
     with pytest.raises(InputError, match=r"'memory_a.weight'.*; give an ONNX file"):
         load_described(path)
+    actor = {f"actor.0.{name}": x for name, x in torch.nn.Linear(141, 12).state_dict().items()}
+    normalizer = {f"actor_obs_normalizer.{name}": torch.ones(1, 9) for name in ("_mean", "_std")}
+    torch.save({"model_state_dict": actor | normalizer}, weights)
+    with pytest.raises(InputError, match=r"shapes \(12,141\) \(1,9\).*; give an ONNX file"):
+        load_described(path)
     torch.save({"std": torch.ones(12)}, weights)
     with pytest.raises(InputError, match=r"'std'.*, so it is no actor"):
         load_described(path)
     torch.jit.script(torch.nn.Linear(141, 12)).save(weights)
-    with pytest.raises(InputError, match=r"TorchScript.*dynamo=False"):
+    with pytest.raises(InputError, match=r"TorchScript.*jit.load\('tiny.pt'\).*dynamo=False"):
         load_described(path)
     torch.save({"model_state_dict": torch.nn.Linear(141, 12)}, weights)
     with pytest.raises(InputError, match="is no checkpoint of tensors"):

@@ -117,6 +117,23 @@ def test_a_deploy_yaml_of_unitree_becomes_a_description(converted, refused, tmp_
     assert load_described(tmp_path / "converted.yaml").description == description
 
 
+def test_a_description_finds_its_weights_from_a_new_folder_and_replaces_no_other_file(
+    describe, refused, tmp_path
+):
+    describe(size=135)
+    config, weights = write(tmp_path, "deploy.yaml", UNITREE), str(tmp_path / "tiny.onnx")
+    convert = ["policy", "convert", config, "--robot", "go2", "--weights", weights, "--description"]
+    (tmp_path / "link").symlink_to(tmp_path / "a" / "b")
+    main([*convert, str(tmp_path / "a" / "b" / "mine.yaml")])
+    main([*convert, str(tmp_path / "link" / "other.yaml")])
+    for name in ("mine", "other"):
+        assert load_described(tmp_path / f"link/{name}.yaml").description.weights == (
+            "../../tiny.onnx"
+        )
+    for path in (config, weights):
+        assert "is no description" in refused([*convert, path, "--overwrite"])
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
@@ -129,15 +146,17 @@ def test_a_deploy_yaml_of_unitree_becomes_a_description(converted, refused, tmp_
          "history_length is .*; give one"),
         (UNITREE.replace("last_action", "height_map"), ["--robot", "go2", "--weights", "{tiny}"],
          "unknown observation 'height_map'"),
-        (RL_SAR, ["--period", "0.02", "--joints", *JOINTS], "give an ONNX file, as written by"),
+        (RL_SAR, ["--period", "0.02", "--joints", *JOINTS], "policy.pt: cannot be read, no such"),
+        (RL_SAR.replace("rl_kd: [1, ", "rl_kd: ["), ["--period", "0.02", "--joints", *JOINTS],
+         "rl_kd has 11 numbers for 12 joints"),
         (RL_SAR, ["--weights", "{tiny}"], "does not name the period; give --period"),
         (RL_SAR.replace("go2/", ""), [], "does not name the robot; give --robot"),
         (RL_SAR.replace("[50.0, 50.0", "[50.0, 20.0"), ["--weights", "{tiny}", "--period", "0.02"],
          "clip_actions_upper is .*; give one number"),
         (RL_SAR.replace("gravity_vec", "phase"), [], "unknown observation 'phase'"),
         ("[1, 2]", [], "no config of a quadruped"),
-        (RL_SAR.replace("rl_kp", "kp"), ["--weights", "{tiny}", "--period", "0.02"],
-         "lacks the key 'rl_kp'"),
+        (RL_SAR.replace("rl_kp", "kp"),
+         ["--weights", "{tiny}", "--period", "0.02", "--joints", *JOINTS], "lacks the key 'rl_kp'"),
     ],
 )  # fmt: skip
 def test_what_a_config_leaves_out_is_asked_for(describe, tmp_path, refused, text, options, message):
@@ -181,7 +200,8 @@ def test_a_watched_gait_is_written_and_taken_by_distill(describe, monkeypatch, r
     assert "mine_trot.yaml: exists" in refused(["gait", "--watch", str(path)])
     seen["gait"] = "none"
     main(["gait", "--watch", str(path)])
-    assert f"--gait free --expert {path}" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert f"--gait free --expert {path}" in shown and "no gait is recognized" in shown
 
 
 def test_a_network_is_measured_watched_and_not_explained_term_by_term(
@@ -193,6 +213,7 @@ def test_a_network_is_measured_watched_and_not_explained_term_by_term(
     table = pd.read_csv(tmp_path / "importance" / "importances.csv")
     assert {"command yaw", "clock sine", "last_action calf"} <= {*table["group"]}
     assert "see 'glassgait importance'" in refused(["explain page", *names])
+    assert "name a student" in refused(["explain", "counterfactual", *names])
     main(["view", *names, "--n-steps", "5", "--output", str(tmp_path / "view")])
     shown = capsys.readouterr().out
     assert "m forward" in shown and "rhythm" not in shown
