@@ -158,6 +158,8 @@ class Description(Settings):
     commands: Commands = Commands()
 
     def __post_init__(self) -> None:
+        if find_spec("onnx") is None or find_spec("onnxruntime") is None:
+            raise InputError("ONNX is not installed; run pip install 'glassgait[onnx]'")
         if sorted(self.joints) != sorted(JOINTS):
             raise InputError(
                 f"joints is {shown(self.joints)}; list these, in the network's order: "
@@ -364,8 +366,6 @@ class DescribedPolicy(Policy):
 
     def _check_network(self) -> None:
         """Refuses a network that cannot act, has non-finite weights or the wrong size."""
-        if find_spec("onnx") is None or find_spec("onnxruntime") is None:
-            raise InputError("ONNX is not installed; run pip install 'glassgait[onnx]'")
         import onnx  # noqa: PLC0415
 
         # Read the network.
