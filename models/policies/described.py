@@ -11,7 +11,7 @@ from functools import cached_property
 from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 from annotated_types import Ge, Le, MaxLen, MinLen
@@ -237,10 +237,7 @@ class DescribedPolicy(Policy):
         self._default = description.by_joint("default")
         self._scale = description.by_joint("action_scale")
         # Indices of this project's observation, by quantity.
-        groups: tuple[Group, ...] = (
-            *("commanded velocity", "joint position", "joint velocity", "gravity"),
-            *("angular velocity", "previous action", "base velocity"),
-        )
+        groups = get_args(Group)
         self._entries = {name: [*indices_of(name, self.observation_names)] for name in groups}
         self._check_network()
 
@@ -371,30 +368,30 @@ class DescribedPolicy(Policy):
         # Read the network.
         name, size = self.description.weights, self.description.input_size
         try:
-            graph, session = onnx.load_from_string(self.weights.tobytes()).graph, self._session
+            network, session = onnx.load_from_string(self.weights.tobytes()), self._session
         except Exception as error:
             problem = brief(str(error))
             raise InputError(f"{name} is no ONNX network ({problem}); export it") from error
-        for weight in graph.initializer:
+        for weight in network.graph.initializer:
             values = onnx.numpy_helper.to_array(weight)
             if values.dtype.kind == "f" and not np.isfinite(values).all():
                 raise InputError(f"{name}: {weight.name!r} is not finite; export the network again")
 
-        # Compare its sizes, and let it act once.
-        (given, *others), answers = session.get_inputs(), session.get_outputs()[0].shape
-        wanted = f"give a network from one array (robots, {size}) to actions (robots, {N_JOINTS})"
-        if others or len(given.shape) != 2 or answers[-1:] != [N_JOINTS]:
-            raise InputError(f"{name} maps {shown(given.shape)} to {shown(answers)}; {wanted}")
-        if isinstance(given.shape[1], int) and given.shape[1] != size:
+        # Compare its size, and let it act once.
+        *_, width = [None, *session.get_inputs()[0].shape]
+        if isinstance(width, int) and width != size:
             frames = f"{self.description.history.length} × {self.description.frame_size}"
             raise InputError(
-                f"{name} takes {given.shape[1]} numbers, but history and observation are {frames}; "
-                "correct one of them"
+                f"{name} takes {width} numbers, but history and observation are {frames}; correct "
+                "one of them"
             )
         try:
             answer = self._network(np.zeros((2, size)))
         except Exception as error:
-            raise InputError(f"{name} cannot act ({brief(str(error))}); {wanted}") from error
+            raise InputError(
+                f"{name} cannot act ({brief(str(error))}); give a network from one array "
+                f"(robots, {size}) to actions (robots, {N_JOINTS})"
+            ) from error
         if not np.isfinite(answer).all():
             raise InputError(f"{name} acts by numbers that are not finite; export it again")
 

@@ -1,33 +1,37 @@
 """`glassgait policy check`: let a network of another project walk, and look for mistakes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 import tyro
 from joblib import delayed
 
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.physics import make_physics
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.described import DescribedPolicy, Description, load_described
 from glassgait.models.robots import kinematics
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
 from glassgait.models.settings import Count, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait, shipped_gait
+from glassgait.models.task.reward_machine import BoolArray
 from glassgait.models.task.termination import PHYSICAL_FALL
+from glassgait.models.task.terrain import Terrain
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.episode import PreparedTask, episode
 from glassgait.studies.common.experiment import REPORTED_SEEDS
 from glassgait.studies.common.jobs import Workers, run_parallel
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from glassgait.diagrams.station import StationConfig
-    from glassgait.models.task.reward_machine import BoolArray
+from glassgait.studies.common.tables import print_table
 
 COMMANDS = {
     "forward 0.5 m/s": (0.5, 0.0),
@@ -74,11 +78,6 @@ class CheckPolicy(Settings):
 
     def run(self) -> None:
         """Checks the description, and prints a table for both engines."""
-        import pandas as pd
-
-        from glassgait.diagrams.station import StationConfig
-        from glassgait.studies.common.tables import print_table
-
         policy = load_described(self.description)
         length, size = policy.description.history.length, policy.description.frame_size
         console.print(
@@ -103,10 +102,6 @@ def walked(
 
     Speeds are means over the robots that do not fall, after the first two seconds.
     """
-    import pandas as pd
-
-    from glassgait.models.task.terrain import Terrain
-
     slope = replace(station, terrain=Terrain(slope=10.0))
     stations = [*[station] * (len(COMMANDS) - 1), slope]
     commands = np.repeat(list(COMMANDS.values()), n_robots, axis=0)
@@ -209,11 +204,10 @@ def _curve_error(policy: DescribedPolicy, station: StationConfig) -> float:
 
     A robot that falls counts as standing still.
     """
-    command = np.array(CURVE)
-    commands = np.tile(command, (TRIED_ROBOTS, 1))
+    commands = np.tile(CURVE, (TRIED_ROBOTS, 1))
     fell, velocity, _ = _rolled_out(policy, [station], commands, TRIED_STEPS)
     reached = np.where(fell[:, None], 0.0, velocity[..., [0, 2]].mean(axis=0))
-    return float(np.abs(reached - command).sum(axis=1).mean())
+    return float(np.abs(reached - commands).sum(axis=1).mean())
 
 
 def _rolled_out(
@@ -224,14 +218,6 @@ def _rolled_out(
     Returns which robots fell (n,), and after the first two seconds the trunks' forward speed, speed
     to the left and yaw rate (T, n, 3; m/s, rad/s) and the feet's contacts (T, n, 4).
     """
-    from glassgait.diagrams.batch import BatchSimulator
-    from glassgait.diagrams.commands import FixedCommand
-    from glassgait.diagrams.physics import make_physics
-    from glassgait.diagrams.scenario import Scenario
-    from glassgait.models.policies.controller import Controller
-    from glassgait.models.task.command import Command
-    from glassgait.studies.common.episode import PreparedTask, episode
-
     gait, controller, n = load_gait(policy.gait), Controller(policy), len(commands)
     scenario = Scenario(
         station=stations[0], command=FixedCommand(), sensor_noise=0.0, limits=PHYSICAL_FALL

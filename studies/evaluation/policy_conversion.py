@@ -17,7 +17,6 @@ from glassgait.models.robots.quadruped import LEG_JOINTS
 from glassgait.models.settings import Settings, checked
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import DESCRIPTION_SUFFIXES
-from glassgait.studies.evaluation.policy_check import CheckPolicy
 
 RL_SAR = {
     "lin_vel": ("base_velocity", "lin_vel_scale"),
@@ -97,13 +96,13 @@ class ConvertPolicy(Settings):
             ) from error
         # Refuse a bad network before the file is written, whose folder may not exist yet.
         described(plain, self.config)
-        folder = self.description.parent.resolve()
-        plain["weights"] = os.path.relpath(plain["weights"], folder)
-        write_atomically(
-            self.description, yaml.safe_dump(plain, sort_keys=False, default_flow_style=None)
-        )
+        plain["weights"] = os.path.relpath(plain["weights"], self.description.parent.resolve())
+        text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None)
+        write_atomically(self.description, text)
         console.print(f"description written to {self.description}")
         if self.check:
+            from glassgait.studies.evaluation.policy_check import CheckPolicy
+
             CheckPolicy(self.description).run()
 
     def _rl_sar(self, values: Any) -> dict[str, Any]:

@@ -201,30 +201,36 @@ def test_the_actor_of_a_checkpoint_acts_as_in_rsl_rl(describe, tmp_path, version
     np.testing.assert_allclose(policy._network(seen.numpy()), expected, atol=1e-5)
 
 
-def test_checkpoints_of_anything_but_an_actor_of_that_size_are_refused(describe, tmp_path):
-    path, weights = describe(("tiny.onnx", "tiny.pt")), tmp_path / "tiny.pt"
-    wide, recurrent = torch.nn.Linear(9, 12), {"memory_a.weight": torch.ones(2, 2)}
-    torch.save(
-        {"model_state_dict": {f"actor.0.{k}": x for k, x in wide.state_dict().items()}}, weights
-    )
-    with pytest.raises(InputError, match="takes 9 numbers, but history and observation are 3 × 47"):
+def tensors(*shape):
+    return {f"actor.0.{name}": x for name, x in torch.nn.Linear(*shape).state_dict().items()}
+
+
+NORMALIZER = {f"actor_obs_normalizer.{name}": torch.ones(1, 9) for name in ("_mean", "_std")}
+
+
+@pytest.mark.parametrize(
+    ("saved", "message"),
+    [
+        (tensors(9, 12), "takes 9 numbers, but history and observation are 3 × 47"),
+        (tensors(141, 12) | NORMALIZER, r"shapes \(12,141\) \(1,9\).*; give an ONNX file"),
+        ({"memory_a.weight": torch.ones(2, 2)}, r"'memory_a.weight'.*; give an ONNX file"),
+        ({"std": torch.ones(12)}, r"'std'.*, so it is no actor"),
+        (torch.nn.Linear(141, 12), "is no checkpoint of tensors"),
+    ],
+)
+def test_checkpoints_of_anything_but_an_actor_of_that_size_are_refused(
+    describe, tmp_path, saved, message
+):
+    path = describe(("tiny.onnx", "tiny.pt"))
+    torch.save({"model_state_dict": saved}, tmp_path / "tiny.pt")
+    with pytest.raises(InputError, match=message):
         load_described(path)
-    torch.save({"model_state_dict": recurrent}, weights)
-    with pytest.raises(InputError, match=r"'memory_a.weight'.*; give an ONNX file"):
-        load_described(path)
-    actor = {f"actor.0.{name}": x for name, x in torch.nn.Linear(141, 12).state_dict().items()}
-    normalizer = {f"actor_obs_normalizer.{name}": torch.ones(1, 9) for name in ("_mean", "_std")}
-    torch.save({"model_state_dict": actor | normalizer}, weights)
-    with pytest.raises(InputError, match=r"shapes \(12,141\) \(1,9\).*; give an ONNX file"):
-        load_described(path)
-    torch.save({"std": torch.ones(12)}, weights)
-    with pytest.raises(InputError, match=r"'std'.*, so it is no actor"):
-        load_described(path)
-    torch.jit.script(torch.nn.Linear(141, 12)).save(weights)
+
+
+def test_torchscript_is_refused_with_the_command_that_exports_it(describe, tmp_path):
+    path = describe(("tiny.onnx", "tiny.pt"))
+    torch.jit.script(torch.nn.Linear(141, 12)).save(tmp_path / "tiny.pt")
     with pytest.raises(InputError, match=r"TorchScript.*jit.load\('tiny.pt'\).*dynamo=False"):
-        load_described(path)
-    torch.save({"model_state_dict": torch.nn.Linear(141, 12)}, weights)
-    with pytest.raises(InputError, match="is no checkpoint of tensors"):
         load_described(path)
 
 
