@@ -27,7 +27,7 @@ from glassgait.models.policies.library import naming
 from glassgait.models.policies.policy import ArraySpec, Indices, Policy
 from glassgait.models.robots.library import load_robot
 from glassgait.models.robots.quadruped import JOINTS, N_JOINTS
-from glassgait.models.robots.robot import Angle, JointDamping, JointLaw, JointStiffness, Robot
+from glassgait.models.robots.robot import Angle, JointDamping, JointLaw, JointStiffness
 from glassgait.models.settings import FEW, Positive, Range, Settings, checked
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import FREE, Gait, shipped_gait
@@ -221,16 +221,9 @@ class DescribedPolicy(Policy):
     weights: NDArray[np.uint8]
     """The bytes of the ONNX file."""
 
-    def __init__(
-        self,
-        gait: str,
-        observation_names: Sequence[str],
-        *arrays: NDArray[Any],
-        robot: Robot | None = None,
-        description: Description,
-        **named: NDArray[Any],
-    ) -> None:
-        super().__init__(gait, observation_names, *arrays, robot=robot, **named)
+    def __init__(self, *arguments: Any, description: Description, **named: Any) -> None:
+        """Takes the arguments of a `Policy` and the network's description."""
+        super().__init__(*arguments, **named)
         self.description, self._estimator = description, Odometry()
         self.joint_law = description.joint_law
         self._order = np.array([JOINTS.index(joint) for joint in description.joints])
@@ -253,8 +246,8 @@ class DescribedPolicy(Policy):
     def from_arrays(
         cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> "DescribedPolicy":
-        arguments: dict[str, Any] = names | dict(arrays)
-        return cls(**arguments, description=Description.from_plain(values.get("description")))
+        description = Description.from_plain(values.get("description"), "key 'description'")
+        return super().from_arrays(arrays, values, description=description, **names)
 
     def with_description(self, description: Description) -> "DescribedPolicy":
         """Returns the same network with another description."""
