@@ -63,10 +63,11 @@ ELSEWHERE = {
 
 
 ROOT = Path(cli.__file__).parents[1]
-BLOCKS = re.findall(
-    r"```bash\n(.*?)```",
-    "\n".join(page.read_text("utf-8") for page in sorted(ROOT.glob("**/README.md"))),
-    re.DOTALL,
+PAGES = "\n".join(page.read_text("utf-8") for page in sorted(ROOT.glob("**/README.md")))
+BLOCKS = re.findall(r"```bash\n(.*?)```", PAGES, re.DOTALL)
+FILES = {"mine.yaml": "{}"}
+FILES |= dict(
+    re.findall(r"`(students\.yaml|refine\.yaml)`:\n\n```yaml\n(.*?)```", PAGES, re.DOTALL)
 )
 PAGE_COMMANDS = sorted({*re.findall(r"^glassgait ([^>|&#\n]+)", "\n".join(BLOCKS), re.MULTILINE)})
 
@@ -74,7 +75,8 @@ PAGE_COMMANDS = sorted({*re.findall(r"^glassgait ([^>|&#\n]+)", "\n".join(BLOCKS
 @pytest.mark.parametrize("command", PAGE_COMMANDS)
 def test_a_command_of_a_page_is_valid(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("mine.yaml").write_text("{}")
+    for name, text in FILES.items():
+        Path(name).write_text(text)
     read, ran = cli.command_class, []
 
     def idle(name):
