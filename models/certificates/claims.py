@@ -90,6 +90,10 @@ class Claim(Settings):
             raise InputError("a claim of kind 'effect' needs the key 'most'; add it, or 'limit'")
         if self.limit is not None and self.most is not None:
             raise InputError("most and limit exclude each other; remove one of them")
+        if self.kind != "limits" and self.most is not None and self.most < 0.0:
+            raise InputError(f"most is {self.most:g}; give 0 or more")
+        if self.least is not None and self.most is not None and self.least > self.most:
+            raise InputError("least is above most; give the least, then the greatest")
 
     def refused_as(self) -> str:
         return f"claim {shown(self.name)}"

@@ -39,6 +39,11 @@ class Controller:
     The alternation ratio is 1/period; with period 0 only the student acts."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.period, (int, np.integer)) or self.period < 0:
+            raise InputError(
+                f"the alternation period is {shown(self.period)}; give a whole number of control "
+                "steps: n for the ratio 1/n, 1 for the expert only, 0 for the student only"
+            )
         if self.student is None and self.period != 1:
             raise InputError(f"an alternation of period {self.period} needs a student; give one")
         if self.student is not None:

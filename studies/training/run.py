@@ -278,7 +278,8 @@ def _load_start(
     if start.observation_names != layout.names:
         raise InputError(
             f"{path}: its {len(start.observation_names)} observations differ from the "
-            f"{len(layout.names)} of this run; start from another expert"
+            f"{len(layout.names)} of this run; start from an expert with the same senses, of a "
+            "gait with as many states"
         )
     widths = tuple(len(bias) for bias in start.actor.biases[:-1])
     if widths != config.ppo.actor_layers:

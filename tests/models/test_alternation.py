@@ -30,9 +30,11 @@ def test_the_expert_acts_every_nth_step(trot, make_policy, period, acts):
         np.testing.assert_array_equal(output.action, acting(observation))
 
 
-@pytest.mark.parametrize("period", [2, 0, -1, 0.25])
-def test_an_alternation_without_a_student_is_refused(trot, make_policy, period):
-    with pytest.raises(InputError, match="needs a student"):
+@pytest.mark.parametrize(
+    ("period", "message"), [(2, "needs a student"), (0, "needs a"), (-1, "is -1"), (0.25, "0.25")]
+)
+def test_an_alternation_without_sense_is_refused(trot, make_policy, period, message):
+    with pytest.raises(InputError, match=message):
         Controller(make_policy(trot), None, period)
 
 

@@ -72,6 +72,8 @@ def test_claims_of_noise_go_from_one_end_of_the_sensors_noise_to_the_other():
         ("- 1", "must hold the key 'claims'"),
         ("claims: []", "must hold the key 'claims'"),
         ("claims: [3]", "claim 1: is not a mapping|claim 1: "),
+        ("claims: [{name: a, kind: limits, least: 1, most: -1}]", "least is above most"),
+        ("claims: [{name: a, kind: effect, observations: [t], most: -1}]", "give 0 or more"),
         ("claims: [{name: a, kind: mirrors}]", "kind is 'mirrors'"),
         ("claims: [{name: a, kind: mirror, most: 1.0}]", "has no key 'most'; remove it"),
         ("claims: [{name: a, kind: effect, most: 1.0}]", "needs the key 'observations'"),

@@ -292,9 +292,9 @@ def test_an_actor_begins_as_another_expert_while_its_critic_learns(
     ("path", "settings", "message"),
     [
         ("students/trot/linear_per_state.safetensors", {}, "network of an expert"),
-        ("experts/walk.safetensors", {}, "start from another expert"),
+        ("experts/walk.safetensors", {}, "as many states"),
         ("experts/trot.safetensors", {}, "actor_layers: \\[256, 128, 64\\]"),
-        ("experts/trot.safetensors", {"senses": "odometry"}, "start from another"),
+        ("experts/trot.safetensors", {"senses": "odometry"}, "the same senses"),
         ("experts/gallop.safetensors", {}, "gallop"),
         ("experts/trot.safetensors", {"mirrored": False, "ppo": PpoConfig()}, "--no-mirrored"),
         ("experts/trot.safetensors", {"actor": "local", "ppo": PpoConfig()}, "--actor dense"),
