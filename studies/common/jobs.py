@@ -69,7 +69,8 @@ def run_parallel(calls: Iterable[Any], *, in_order: bool = True) -> Iterator[Any
         yield from Parallel(n_jobs, return_as=return_as)(delayed(_call)(*call) for call in calls)
     except TerminatedWorkerError as error:
         raise InputError(
-            "a worker process was killed, maybe for lack of memory; lower --n-workers and --resume"
+            "a worker process was ended from outside, probably for lack of memory; free memory or "
+            "lower --n-workers, then continue with --resume"
         ) from error
 
 
