@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
+from glassgait.models.errors import InputError, shown
 from glassgait.models.estimation.odometry import Odometry
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
@@ -35,15 +35,21 @@ class FunctionPolicy(Policy):
 
     def act(self, observation: Array) -> Array:
         # The function may write to its argument.
-        action = np.asarray(self._function(observation.copy()), dtype=float)
+        result = self._function(observation.copy())
         shape = (*observation.shape[:-1], quadruped.N_JOINTS)
-        # A single action (12,) applies to all robots.
-        if action.shape not in (shape, shape[-1:]):
-            raise InputError(
-                f"the policy's function returned an array of shape {action.shape} for an "
-                f"observation of shape {observation.shape}; return one of shape {shape}"
-            )
-        return np.broadcast_to(action, shape)
+        try:
+            action = np.asarray(result).astype(float, casting="same_kind", copy=False)
+            # A single action (12,) applies to all robots.
+            if action.shape in (shape, shape[-1:]):
+                return np.broadcast_to(action, shape)
+        except (TypeError, ValueError):
+            pass
+        is_array = isinstance(result, np.ndarray)
+        returned = f"{result.dtype} of shape {result.shape}" if is_array else shown(result)
+        raise InputError(
+            f"the policy's function returned {returned} for an observation of shape "
+            f"{observation.shape}; return an array of shape {shape}"
+        )
 
     def save(self, path: Path) -> None:
         raise InputError(f"{path}: a function cannot be saved; keep the program that defines it")

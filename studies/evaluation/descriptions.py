@@ -68,10 +68,6 @@ def watched_gait(description: Path) -> str:
         console.print(f"{description}: no gait is recognized; students get no phase")
         return FREE
     console.print(f"{description}: {name}, {steps:g} control steps per RM state")
-    if name == "none":
-        console.print(f"{description}: no gait is recognized; students get no phase")
-        return FREE
-    console.print(f"{description}: {name}, {steps:g} control steps a state")
 
     # Write the shipped gait with other transitions.
     gait, half, edges = shipped_gait(name), max(1, round(steps / 2)), []
