@@ -172,9 +172,9 @@ class Policy(ABC):
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
 
     remembers: ClassVar[bool] = False
-    """Whether the policy acts on a memory of observations instead of the latest one."""
+    """Whether the policy acts on a history of observations rather than on the latest one."""
     symmetric: ClassVar[bool] = True
-    """Whether the policy treats left and right alike where its gait does."""
+    """Whether mirrored observations give mirrored actions, if the gait is symmetric."""
 
     joint_law: JointLaw = DEFAULT_LAW
     observes_by: str | None = None  # digest of the expert whose estimator the policy uses, if any
@@ -386,11 +386,14 @@ class Policy(ABC):
         # Compare the reward machine and the observation layout.
         if not isinstance(gait, str):
             self.refuse_other_machine(gait)
-        if self.observation_names != observation_names:
-            raise InputError(
-                f"this policy makes {len(self.observation_names)} observations, which are not the "
-                f"{len(observation_names)} of this layout; distil it again for this layout"
+        names = self.observation_names
+        if names != observation_names:
+            pairs = zip(names, observation_names, strict=False)
+            first = next(
+                (f"{a!r} instead of {b!r}" for a, b in pairs if a != b),
+                f"{len(names)} entries instead of {len(observation_names)}",
             )
+            raise InputError(f"this policy observes {first}; distil it again for this layout")
 
 
 def first_not_finite(values: Array) -> tuple[int, ...] | None:

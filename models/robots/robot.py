@@ -165,9 +165,14 @@ class Robot(Settings):
 
     def limited_action(self, action: Array) -> Array:
         """Clips actions (..., 12) so that their targets are within the joints' ranges."""
-        ends = (self.lower_limits, self.upper_limits)
-        least, greatest = ((angles - self.default_stance) / self.action_scale for angles in ends)
+        least, greatest = self._action_limits
         return clip(action, least, greatest)
+
+    @cached_property
+    def _action_limits(self) -> tuple[Array, Array]:
+        limits = (self.lower_limits, self.upper_limits)
+        least, greatest = ((angles - self.default_stance) / self.action_scale for angles in limits)
+        return _fixed(least), _fixed(greatest)
 
 
 def _fixed(values: Any) -> Array:

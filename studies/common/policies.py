@@ -91,12 +91,13 @@ class Policies:
         # `self.expert` raises an InputError if the expert is missing too.
         options = f"{gait_option(self.gait.name)}{self.expert.robot.option}"
         remedy = f"; make it with 'glassgait distill {options} --students {name}'"
-        kind, known = f"{self.robot.name} {self.gait.name} policy", (EXPERT, *self.files)
-        remedy = (
-            f" ({self.place}){remedy if name in KINDS else ''}; or give a policy's file ending "
+        raise unknown_name(
+            f"{self.robot.name} {self.gait.name} policy",
+            name,
+            (EXPERT, *self.files),
+            f" ({self.place}){remedy if name in KINDS else ''}; or give a policy's file "
+            f"ending in {', '.join(POLICY_SUFFIXES)} or .yaml, or another run with --source",
         )
-        remedy += f"in {', '.join(POLICY_SUFFIXES)} or .yaml, or another run with --source"
-        raise unknown_name(kind, name, known, remedy)
 
     def policy(self, name: str) -> Policy:
         """Loads a policy by its name (see `file`); raises an InputError if the gait differs."""

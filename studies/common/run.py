@@ -19,8 +19,15 @@ CHECKPOINT_NAME = "checkpoint.safetensors"
 CONFIG_NAME = "config.yaml"
 
 PACKAGES = (
-    *("glassgait", "drake", "interpret-core", "numpy", "pyoperon", "rsl-rl-lib", "scikit-learn"),
-    *("scipy", "torch"),
+    "glassgait",
+    "drake",
+    "interpret-core",
+    "numpy",
+    "pyoperon",
+    "rsl-rl-lib",
+    "scikit-learn",
+    "scipy",
+    "torch",
 )
 """The software that results depend on."""
 

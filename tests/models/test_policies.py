@@ -177,6 +177,21 @@ def test_a_header_that_is_not_valid_is_refused(change, imu_expert, tmp_path):
         load_policy(path)
 
 
+@pytest.mark.parametrize("real", [np.float16, np.float32])
+@pytest.mark.parametrize("whole", [np.uint8, np.uint16, np.int64])
+def test_narrow_types_of_numbers_are_taken(real, whole, policy_of, samples, tmp_path):
+    for kind in ("linear", "trees", "additive", "neural"):
+        policy, path = policy_of(kind), tmp_path / "policy.safetensors"
+        policy.save(path)
+        arrays, header = load_arrays(path)
+        narrow = {
+            name: array.astype(real if array.dtype.kind == "f" else whole)
+            for name, array in arrays.items()
+        }
+        save_arrays(path, narrow, header)
+        assert load_policy(path)(samples(5)[0]).dtype == np.float64
+
+
 @pytest.mark.parametrize("kind", ["trees", "rounded_trees", "additive"])
 def test_a_compact_policy_is_smaller_and_acts_as_it_is_saved(kind, policy_of, samples, tmp_path):
     policy, rows, sizes = policy_of(kind), samples(200)[0], []
@@ -351,7 +366,7 @@ def test_another_gait_robot_or_layout_is_refused(linear):
     for change, said in (
         ({"gait": "pace"}, "trot"),
         ({"robot": load_robot("go2")}, "go2"),
-        ({"observation_names": ("Speed", *NAMES[1:])}, "49"),
+        ({"observation_names": ("Speed", *NAMES[1:])}, "Command X"),
         ({"observation_names": (*NAMES, "a", "b")}, r"49.*51"),
     ):
         with pytest.raises(InputError, match=said):
@@ -380,13 +395,19 @@ def test_arrays_that_no_policy_can_have_are_refused(neural, symbolic, small_tree
     eye = {"features": zeros((12, 2, 4), dtype=int), "thresholds": zeros((12, 2, 4))}
     for make, said in (
         (lambda: LinearPolicy("trot", NAMES, zeros((2, N)), zeros(2)), "'weights' is of shape"),
+        (lambda: LinearPolicy("trot", NAMES, zeros((12, N)), zeros((12, 1))), "'intercepts' is of"),
         (lambda: LinearPolicy("trot", NAMES, zeros((12, N), dtype=int), zeros(12)), "type int64"),
         (lambda: LinearPolicy("trot", NAMES, zeros((12, N))), "lacks the array 'intercepts'"),
         (lambda: LinearPolicy("", NAMES, zeros((12, N)), zeros(12)), "the gait is ''"),
+        (lambda: LinearPolicy("trot", NAMES[1:], zeros((12, N)), zeros(12)), "observations"),
         (lambda: LinearPerStatePolicy("trot", NAMES, zeros((3, 12, N)), zeros((3, 12))), "2 state"),
         (lambda: small_trees(features=np.full((12, 2, 3), 300)), "holds 300; .* from 0 to 48"),
+        (lambda: small_trees(leaves=zeros((12, 2, 3))), "'leaves' is of shape"),
+        (lambda: small_trees(thresholds=np.full((12, 2, 3), np.nan)), "holds nan"),
         (lambda: small_trees(**eye, leaves=zeros((12, 2, 5))), "4 inner nodes"),
         (lambda: small_additive(cuts=np.tile([0.0, np.inf, 1.0], (N, 1))), "does not ascend"),
+        (lambda: small_additive(pairs=np.array([[0, N]])), "holds 49"),
+        (lambda: small_additive(deviations=np.full((12, N, 4), -1.0)), "holds -1"),
         (lambda: NeuralPolicy("trot", NAMES, neural.estimator, neural.estimator), "actor.0.w"),
         (lambda: NeuralPolicy("trot", NAMES, neural.actor, neural.actor), "estimator.0.weight"),
         (lambda: NeuralPolicy("trot", NAMES, Network((), ()), neural.estimator), "0 layers"),
