@@ -182,7 +182,7 @@ class Description(Settings):
 
     @property
     def input_size(self) -> int:
-        """Number of entries of what the network observes at once."""
+        """Number of entries of the network's input."""
         return self.history.length * self.frame_size
 
     @property
