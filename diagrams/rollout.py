@@ -110,11 +110,11 @@ def record(
         raise InputError(f"record: n_steps is {shown(n_steps)}; it must be 0 or more")
     diagram, root = simulator.get_system(), simulator.get_mutable_context()
     locomotion = find_locomotion(diagram)
-    context, first = locomotion.GetMyContextFromRoot(root), _control_step(root)
-    if first is None:
-        raise InputError(
-            f"record: the simulator is at {root.get_time():g} s; advance it to a control instant"
-        )
+    context, time = locomotion.GetMyContextFromRoot(root), root.get_time()
+    first = round(time / CONTROL_PERIOD)
+    # After the instant, even by a rounding error, its updates are done.
+    if not 0.0 <= first * CONTROL_PERIOD - time < _INSTANT_TOLERANCE:
+        raise InputError(f"record: the simulator is at {time:g} s; advance it to a control instant")
 
     # Allocate the recording. Not every diagram has every port.
     names = filter(locomotion.HasOutputPort, RECORDED_PORTS)
@@ -140,14 +140,6 @@ def record(
         if stopped() or (stop_on_failure and recorded["failures"][-1].any()):
             break
     return Rollout(np.array(times), {name: np.array(values) for name, values in recorded.items()})
-
-
-def _control_step(context: Context) -> int | None:
-    """Returns the control step whose updates are due now, or None between control instants."""
-    time = context.get_time()
-    step = round(time / CONTROL_PERIOD)
-    # After the instant, even by a rounding error, its updates are done.
-    return step if 0.0 <= step * CONTROL_PERIOD - time < _INSTANT_TOLERANCE else None
 
 
 def find_locomotion(diagram: Diagram) -> Diagram:

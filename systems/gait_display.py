@@ -41,7 +41,8 @@ class GaitDisplay(LeafSystem):
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
         # Paths use the state's number, since its name may contain a slash.
         for i, color in enumerate(state_colors(gait)):
-            meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), _rgba(color))
+            shades = (int(color[start : start + 2], 16) / 255 for start in (1, 3, 5))
+            meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), Rgba(*shades, 1.0))
         for leg in quadruped.LEGS:
             mark = Sphere(1.2 * robot.foot_radius)
             meshcat.SetObject(f"{PATH}/contact/{leg}", mark, Rgba(0.9, 0.6, 0.0, 1.0))
@@ -67,20 +68,14 @@ class GaitDisplay(LeafSystem):
         above = RigidTransform(origin + np.array([0.0, 0.0, 0.16]))
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
         for i in range(self._gait.n_states):
-            self._show(f"{PATH}/state/{i}", bool(rm_state[i] > 0.5), time)
+            shown = bool(rm_state[i] > 0.5)
+            self._meshcat.SetProperty(f"{PATH}/state/{i}", "visible", shown, time)
 
         # Mark the feet in contact.
         angles = state[quadruped.JOINT_POSITION]
         feet = origin + kinematics.foot_positions(self._robot, angles) @ rotation.T
         for leg, foot, touches in zip(quadruped.LEGS, feet, contact, strict=True):
-            self._meshcat.SetTransform(f"{PATH}/contact/{leg}", RigidTransform(foot), time)
-            self._show(f"{PATH}/contact/{leg}", bool(touches > 0.5), time)
+            mark = f"{PATH}/contact/{leg}"
+            self._meshcat.SetTransform(mark, RigidTransform(foot), time)
+            self._meshcat.SetProperty(mark, "visible", bool(touches > 0.5), time)
         return EventStatus.Succeeded()
-
-    def _show(self, path: str, visible: bool, time: float) -> None:
-        self._meshcat.SetProperty(path, "visible", visible, time)
-
-
-def _rgba(color: str) -> Rgba:
-    red, green, blue = (int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    return Rgba(red, green, blue, 1.0)

@@ -141,7 +141,12 @@ def episode(
     """
     robot = scenario.task.robot if isinstance(scenario, PreparedTask) else scenario.robot_of()
     controller = controller_of(controller, gait, robot)
-    make = _simulator_maker(gait, controller, scenario, np.random.default_rng(seed))
+    estimator = estimator_in_loop(controller, true_body_state=scenario.true_body_state)
+    if isinstance(scenario, Scenario):
+        scenario = PreparedTask.of(gait, scenario, controller)
+    task, physics, _ = scenario
+    generator = np.random.default_rng(seed)
+    make = partial(BatchSimulator, task, physics, generator=generator, estimator=estimator)
     simulator, robots = make(n_robots=n_robots), np.arange(n_robots)
     if start is not None:
         simulator.restore(start)
@@ -183,17 +188,3 @@ def episode(
             simulator.reset(np.flatnonzero(outcome.terminated))
             memory = np.where(outcome.terminated[:, None], np.nan, memory)
     return EpisodeEnd(fell, simulator.state)
-
-
-def _simulator_maker(
-    gait: Gait,
-    controller: Controller,
-    scenario: Scenario | PreparedTask,
-    generator: np.random.Generator,
-) -> Callable[..., BatchSimulator]:
-    """Returns a function that makes a simulator of `n_robots` for the controller."""
-    estimator = estimator_in_loop(controller, true_body_state=scenario.true_body_state)
-    if isinstance(scenario, Scenario):
-        scenario = PreparedTask.of(gait, scenario, controller)
-    task, physics, _ = scenario
-    return partial(BatchSimulator, task, physics, generator=generator, estimator=estimator)

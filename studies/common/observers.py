@@ -51,8 +51,9 @@ class Log(Observer):
 
     def observe(self, step: ControlStep) -> None:
         outcome = step.outcome
+        linear, angular = kinematics.base_velocity(step.after.plant)
         log = RolloutLog(
-            velocity=forward_and_yaw(step.after.plant),
+            velocity=np.stack([linear[..., 0], angular[..., 2]], axis=-1),
             command=step.before.command.velocity,
             reward=outcome.reward,
             plain_reward=outcome.plain_reward,
@@ -80,9 +81,3 @@ class Observations(Observer):
     def array(self) -> Array:
         """Observations (T, n, n_obs)."""
         return np.array(self._rows)
-
-
-def forward_and_yaw(plant: Array) -> Array:
-    """Returns forward speed and yaw rate in the trunk's frame (..., 2; m/s, rad/s)."""
-    linear, angular = kinematics.base_velocity(plant)
-    return np.stack([linear[..., 0], angular[..., 2]], axis=-1)

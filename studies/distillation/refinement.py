@@ -54,13 +54,14 @@ class RefinementRun(LearningRun):
         """
         policy.refuse_other_machine(gait)
         self._refinement, self._expert, self._policy, self._name = config, expert, policy, name
+        self._file_name = f"{name}{policy.suffix}"
         law = alone(policy, expert).joint_law
         training = config.training(gait.name, policy.robot.source, law)
         super().__init__(training, gait, folder, resume=resume)
 
     def update(self) -> dict[str, float]:
-        row = super().update()
-        if self._is_candidate(self.n_updates):
+        row, every = super().update(), self._refinement.candidate_updates
+        if self.n_updates % every == 0 or self.n_updates == self.config.updates:
             # A resumed run has the same candidates.
             self.policy().save(self._candidate(self.n_updates))
         return row
@@ -97,13 +98,6 @@ class RefinementRun(LearningRun):
         chosen = simplest_of_the_best(ranked, ranks)
         write_table(ranked.assign(chosen=ranked["candidate"] == chosen), self.folder / "candidates")
         return candidates[chosen]
-
-    @property
-    def _file_name(self) -> str:
-        return f"{self._name}{self._policy.suffix}"
-
-    def _is_candidate(self, update: int) -> bool:
-        return update % self._refinement.candidate_updates == 0 or update == self.config.updates
 
     def _candidate(self, update: int) -> Path:
         return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
