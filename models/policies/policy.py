@@ -394,8 +394,3 @@ class Policy(ABC):
                 f"{len(names)} entries instead of {len(observation_names)}",
             )
             raise InputError(f"this policy observes {first}; distil it again for this layout")
-
-
-def first_not_finite(values: Array) -> tuple[int, ...] | None:
-    indices = np.argwhere(~np.isfinite(values))
-    return tuple(int(index) for index in indices[0]) if len(indices) else None

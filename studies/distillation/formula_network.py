@@ -19,7 +19,6 @@ from glassgait.models.formulas.expression import (
 )
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import Readings, RobotUnits
-from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import REFLECT_JOINTS, indices_of, reflect_observation
@@ -213,14 +212,14 @@ class FormulaNetwork(nn.Module):
         self, name: str, values: torch.Tensor, observations: torch.Tensor
     ) -> None:
         """Raises an InputError if values of joints' formulas (n, 12, ...) are not finite."""
-        invalid = first_not_finite(values.detach().numpy())
-        if invalid is None:
+        invalid = torch.nonzero(~values.isfinite()).tolist()
+        if not invalid:
             return
-        state = ""
+        (row, joint, *_), state = invalid[0], ""
         if self._file.n_states is not None:
-            state = f" in state {int(observations[invalid[0], self._states].argmax())}"
+            state = f" in state {int(observations[row, self._states].argmax())}"
         raise InputError(
-            f"{self._name}: {name} of {quadruped.JOINTS[invalid[1]]}{state} is not finite for a "
+            f"{self._name}: {name} of {quadruped.JOINTS[joint]}{state} is not finite for a "
             "walking robot; change it if it divides by a quantity that may be 0, or name another "
             "policy with --policy"
         )
