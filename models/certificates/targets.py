@@ -4,7 +4,7 @@ Bounds are those of exact arithmetic. The error of double precision is the runni
 Accuracy and Stability of Numerical Algorithms, section 3.3) of each node over the whole box.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -24,15 +24,11 @@ from glassgait.models.errors import InputError
 from glassgait.models.formulas.evaluate import Tape
 from glassgait.models.formulas.expression import Expression, variable
 from glassgait.models.formulas.interval import OPERATORS, Interval
+from glassgait.models.formulas.mirror import observed_images
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import (
-    REFLECT_JOINTS,
-    Reflection,
-    indices_of,
-    reflect_observation,
-)
+from glassgait.models.task.observation import REFLECT_JOINTS, indices_of
 
 UNIT, LIBRARY = 2.0**-53, 16
 """Relative error of one operation, and of a function in units of it.
@@ -89,10 +85,10 @@ class FormulaTargets:
 
     def are_mirrored(self, images: Sequence[int]) -> bool:
         """Returns whether targets are mirror images of one another, given each state's image."""
-        reflection = reflect_observation(self._names, images)
+        observed = dict(enumerate(observed_images(self._names, images)))
         return all(
             self._polynomial(Query("target", state, joint, 1))
-            == self._image(image, int(REFLECT_JOINTS.index[joint]), reflection)
+            == self._image(image, int(REFLECT_JOINTS.index[joint]), observed)
             for state, image in enumerate(images)
             for joint in range(quadruped.N_JOINTS)
         )
@@ -141,14 +137,9 @@ class FormulaTargets:
         is_beyond = box.lower[index] < low or box.upper[index] > high
         return replace(slope, bound=max(0.0, slope.bound)) if is_beyond else slope
 
-    def _image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
+    def _image(self, state: int, joint: int, observed: Mapping[int, Expression]) -> Polynomial:
         """Returns a joint's target for mirrored observations, mirrored and multiplied out."""
-        reflected = map(variable, reflection.index.tolist())
-        images = {
-            index: image if sign > 0.0 else Expression("neg", (image,))
-            for index, (image, sign) in enumerate(zip(reflected, reflection.sign, strict=True))
-        }
-        mirrored = self._formulas[state][joint].replaced(images)
+        mirrored = self._formulas[state][joint].replaced(observed)
         sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
         return combined(self._ring.polynomial(mirrored), factor=sign)
 

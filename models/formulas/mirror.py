@@ -29,7 +29,7 @@ class FormulaMirror:
 
     @classmethod
     def of(cls, vocabulary: Vocabulary, states: Sequence[int]) -> Self:
-        observed, n = _observed(vocabulary.names, states), len(vocabulary.names)
+        observed, n = observed_images(vocabulary.names, states), len(vocabulary.names)
         formulas = [definition.formula for definition in vocabulary.definitions]
         defined = []
         for formula in formulas:
@@ -64,7 +64,7 @@ def completed(
     names: Sequence[str], states: Sequence[int], given: Sequence[Definition]
 ) -> tuple[Definition, ...]:
     """Adds the missing mirror images of definitions of legs, after the definitions of each leg."""
-    images = dict(enumerate(_observed(names, states)))
+    images = dict(enumerate(observed_images(names, states)))
     known = {definition.symbol for definition in given}
     whole: list[Definition] = []
     for leg, group in groupby(given, _leg):
@@ -87,7 +87,8 @@ def without_images(
     return tuple(shortened) if completed(names, states, shortened) == whole else whole
 
 
-def _observed(names: Sequence[str], states: Sequence[int]) -> tuple[Expression, ...]:
+def observed_images(names: Sequence[str], states: Sequence[int]) -> tuple[Expression, ...]:
+    """Returns the mirror image of each observation (n), as a formula."""
     reflection = reflect_observation(names, states)
     images = map(variable, reflection.index.tolist())
     return tuple(
