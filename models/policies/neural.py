@@ -48,11 +48,8 @@ class Network:
         return 0.5 * (plain + reflect_output(image))
 
     def _apply_layers(self, x: Array) -> Array:
-        last = len(self.weights) - 1
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = x @ weight.T + bias
-            if i < last:
-                x = elu(x)
+            x = (elu(x) if i else x) @ weight.T + bias
         return x
 
     def layers(self, prefix: str) -> dict[str, Array]:

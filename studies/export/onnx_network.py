@@ -59,12 +59,10 @@ class _Graph:
         return self.add("Mul", both, self.constant(0.5))
 
     def _layers(self, network: Network, value: str) -> str:
-        last = len(network.weights) - 1
         for place, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            value = self._elu(value) if place else value
             product = self.add("MatMul", value, self.constant(weight.T))
             value = self.add("Add", product, self.constant(bias))
-            if place < last:
-                value = self._elu(value)
         return value
 
     def _elu(self, value: str) -> str:
