@@ -16,15 +16,10 @@ from glassgait.models.export.c_language import (
 from glassgait.models.export.c_policies import Code, Style, policy_code, reflection_arrays
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.grammar import Notation, written_lines
-from glassgait.models.formulas.quantities import Definition, Readings, Vocabulary
+from glassgait.models.formulas.quantities import Definition, Range, Vocabulary
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.observation import (
-    REFLECT_JOINTS,
-    entries_of,
-    reflect_observation,
-    symbols_of,
-)
+from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation, symbols_of
 
 RESERVED = frozenset(
     {"state", "observation", "action", "target", "joints", "feet", "act", "square", "cube"}
@@ -77,7 +72,9 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
     definitions = [item for i, item in enumerate(vocabulary.definitions, start=n) if i in used]
     observed = used.union(*(definition.formula.variables for definition in definitions))
     quantities = _quantities(vocabulary.names, observed)
-    limited = _limited(policy.readings, quantities)
+    ranges = policy.readings.ranges if policy.readings else ()
+    has_range = {kind.partition(".")[0] for kind, _ in ranges}
+    limited = tuple(name for name in quantities if name in has_range)
 
     # Write them as C.
     symbols = _symbols(vocabulary)
@@ -99,7 +96,7 @@ def formula_code(policy: FormulaPolicy, style: Style) -> Code:
             per_state=per_state,
             groups=groups,
             quantities=quantities,
-            ranges=_ranges(policy.readings, limited, real),
+            ranges=_ranges(ranges, limited, real),
             limited=limited,
             states=[pair for pair in zip(style.constants, formulas, strict=False) if pair[1]],
             mirror=mirror,
@@ -124,17 +121,10 @@ def _mirror(
     )
 
 
-def _limited(readings: Readings | None, quantities: Sequence[str]) -> tuple[str, ...]:
-    ranges = readings.ranges if readings else ()
-    has_range = {kind.partition(".")[0] for kind, _ in ranges}
-    return tuple(name for name in quantities if name in has_range)
-
-
-def _ranges(readings: Readings | None, limited: Sequence[str], real: Real) -> tuple[str, ...]:
-    ends = {
-        kind: ", ".join(number(end, real) for end in pair)
-        for kind, pair in (readings.ranges if readings else ())
-    }
+def _ranges(
+    ranges: Sequence[tuple[str, Range]], limited: Sequence[str], real: Real
+) -> tuple[str, ...]:
+    ends = {kind: ", ".join(number(end, real) for end in pair) for kind, pair in ranges}
     lines: list[str] = []
     for name in limited:
         if name in _JOINT_QUANTITIES:
@@ -184,12 +174,8 @@ def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
 
 
 def _quantities(names: Sequence[str], used: frozenset[int]) -> tuple[str, ...]:
-    entries = entries_of(names)
-    return tuple(
-        dict.fromkeys(
-            entries[index].symbol.partition(".")[0] for index in sorted(used) if index < len(names)
-        )
-    )
+    symbols = (symbol for i, symbol in enumerate(symbols_of(names)) if i in used)
+    return tuple(dict.fromkeys(symbol.partition(".")[0] for symbol in symbols))
 
 
 def _groups(
@@ -214,15 +200,9 @@ def _groups(
             note = commented(renamed + definition.note)
             lines += _noted(formula, "," if dot else ";", "" if dot and note in notes else note)
             notes.add(note)
-        groups.append(Group(name, _type_of(members), tuple(members), tuple(lines)))
+        types = (key for key, parts in _TYPES.items() if members and {*members} <= {*parts})
+        groups.append(Group(name, next(types, ""), tuple(members), tuple(lines)))
     return groups
-
-
-def _type_of(members: Sequence[str]) -> str:
-    for name, all_members in _TYPES.items():
-        if members and set(members) <= set(all_members):
-            return name
-    return ""
 
 
 def _noted(lines: Sequence[str], end: str, note: str) -> list[str]:
