@@ -74,16 +74,14 @@ class ImuErrors(Settings):
         return np.repeat([self.gyroscope_bias, velocity, self.attitude_bias], 3)
 
 
-def measure_imu(
-    state: Array, velocity_before: Array, gravity: Array, period: float = CONTROL_PERIOD
-) -> Array:
+def measure_imu(state: Array, velocity_before: Array, gravity: Array) -> Array:
     """Returns the reading (..., 9) without errors, from the plant's state x (..., 37).
 
-    The trunk's linear velocity one period before (..., 3; m/s) and the acceleration by gravity
-    (..., 3; m/s²) are in the world's frame.
+    The trunk's linear velocity one control period before (..., 3; m/s) and the acceleration by
+    gravity (..., 3; m/s²) are in the world's frame.
     """
     to_trunk = kinematics.rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
-    change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - period * gravity
+    change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - CONTROL_PERIOD * gravity
     world = np.empty((*state.shape[:-1], 3, 3))
     world[..., 0, :] = state[..., quadruped.ANGULAR_VELOCITY]
     world[..., 1, :] = change

@@ -44,15 +44,13 @@ def importance_map(importances: Array, names: Sequence[str], title: str) -> Figu
 
 
 @styled
-def tree_figure(
-    policy: BoostedTreesPolicy, joint: int, observations: Array, depth: int = 3
-) -> Figure:
-    """Draws the first `depth` levels of a joint's first tree (paper, Figure 6).
+def tree_figure(policy: BoostedTreesPolicy, joint: int, observations: Array) -> Figure:
+    """Draws the first three levels of a joint's first tree (paper, Figure 6).
 
     Each box shows how many of the samples (m, n) reach the node, and their mean change of target
     (rad).
     """
-    depth = min(depth, policy.depth)
+    depth = min(3, policy.depth)
     added = policy.robot.action_scale * policy.tree_values(observations, joint)[:, 0]
     features, thresholds = policy.features[joint, 0], policy.thresholds[joint, 0]
     units = RobotUnits.of(policy.robot, policy.observation_names)
