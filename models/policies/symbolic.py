@@ -3,6 +3,7 @@
 import copy
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cached_property
@@ -270,15 +271,12 @@ class FormulaPolicy(Policy):
 
 def _factored(term: Expression, state: int | None) -> FactoredTerm:
     # Multiply the constant factors into one weight.
-    weight, quantities = 1.0, []
-    for factor in _factors(term):
-        if factor.operator == "constant":
-            weight *= factor.value
-        else:
-            quantities.append(factor)
+    factors = _factors(term)
+    numbers = (factor.value for factor in factors if factor.operator == "constant")
+    quantities = [factor for factor in factors if factor.operator != "constant"]
     # Variables first: functions of them may be long.
     quantities.sort(key=lambda quantity: quantity.operator != "variable")
-    return FactoredTerm((weight,), tuple(quantities), state)
+    return FactoredTerm((math.prod(numbers, start=1.0),), tuple(quantities), state)
 
 
 def _factors(term: Expression) -> tuple[Expression, ...]:
