@@ -48,10 +48,13 @@ class TrainingSet:
             starts=self.starts[index],
         )
 
+    def repeated(self, mask: NDArray[np.bool_], weight: int) -> "TrainingSet":
+        """Returns the samples, those where the mask (m,) is true repeated `weight` times."""
+        return self.subset(np.repeat(np.arange(len(mask)), np.where(mask, weight, 1)))
+
     def with_overdue(self, weight: int) -> "TrainingSet":
         """Returns the samples, those of robots that wait for a foot repeated `weight` times."""
-        waits = overdue(self.observations, self.observation_names)
-        return self.subset(np.repeat(np.arange(len(waits)), np.where(waits, weight, 1)))
+        return self.repeated(overdue(self.observations, self.observation_names), weight)
 
     def by_state(self) -> list[NDArray[np.bool_]]:
         """Returns masks (m,) of the samples in each RM state."""

@@ -117,7 +117,8 @@ PYSR_FUNCTIONS = ("sin", "tanh", "square", "cube")
 def fit_symbolic(samples: TrainingSet, settings: SymbolicSettings, *, seed: int) -> FormulaPolicy:
     """Fits one formula per joint."""
     variables = FormulaVariables(samples.robot, samples.observation_names)
-    weighted = _weighted(samples, settings)
+    # Samples of an episode's start may count several times.
+    weighted = samples.repeated(samples.starts, settings.start_weights[0])
     places = tuple((joint,) for joint in range(quadruped.N_JOINTS))
     targets = samples.robot.joint_targets(weighted.actions)
     group = FormulaSamples(places, weighted.observations, targets)
@@ -135,17 +136,12 @@ def fit_symbolic_per_state(
 
     # Fit the states in sequence, and the joints of a state in parallel.
     formulas: dict[Place, Expression] = {}
-    for group in samples_by_state(_weighted(samples, settings), variables.vocabulary, mirror):
+    weighted = samples.repeated(samples.starts, settings.start_weights[0])
+    for group in samples_by_state(weighted, variables.vocabulary, mirror):
         fitted = fit_formulas(group, variables, state_gates, settings, seed)
         for place, formula in zip(group.places, fitted, strict=True):
             formulas[place] = settled(formula, names, place[0])
     return formula_policy(samples, variables.vocabulary, formulas, mirror)
-
-
-def _weighted(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:
-    """Repeats the samples of an episode's start by the first of `start_weights`."""
-    counts = np.where(samples.starts, settings.start_weights[0], 1)
-    return samples.subset(np.repeat(np.arange(len(counts)), counts))
 
 
 def fit_formulas(
