@@ -2,8 +2,7 @@
 
 import subprocess
 import tempfile
-import time
-from collections.abc import Callable
+import timeit
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -78,7 +77,7 @@ def action_times(policies: Policies, steps: int = STEPS) -> pd.DataFrame:
         n_observed = len(controller.policy.observation_names)
         observation = np.random.default_rng(0).normal(size=(1, n_observed))
         action = partial(controller.policy, observation)
-        times = [_seconds(action) for _ in range(300)]
+        times = timeit.repeat(action, number=1, repeat=300)
         row: dict[str, Any] = {"policy": kind}
         row["action in Python (µs)"] = round(1e6 * float(np.median(times)), 1)
         if has_compiler():
@@ -130,13 +129,7 @@ def throughput(config: TrainingConfig, n_updates: int, repeats: int) -> pd.DataF
         run = TrainingRun(config, load_gait(config.gait), Path(temporary))
     # The first update warms caches and is not timed.
     run.update()
-    times = [_seconds(lambda: [run.update() for _ in range(n_updates)]) for _ in range(repeats)]
+    times = timeit.repeat(run.update, number=n_updates, repeat=repeats)
     rate = n_updates * config.steps_per_update / float(np.median(times))
     what = f"PPO training, {config.n_robots} robots"
     return pd.DataFrame([{"what": what, "control steps/s": round(rate)}])
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
