@@ -114,10 +114,6 @@ class NeuralPolicy(Policy):
     def act(self, observation: Array) -> Array:
         return self.actor(observation)
 
-    @property
-    def estimator(self) -> Network | Odometry:
-        return self._estimator
-
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         layers: dict[str, NDArray[Any]] = {}
         for name, network in self._networks.items():
