@@ -80,7 +80,7 @@ class Settings:
         prefix = f"{where}: " if where else ""
         try:
             # Validated as JSON: lists become tuples and strings paths, but no string a number.
-            return _adapter(cls).validate_json(json.dumps(values, default=str))
+            return _adapter_of(cls).validate_json(json.dumps(values, default=str))
         except ValidationError as error:
             raise InputError(f"{prefix}{_sentence(error, cls)}") from error
         except InputError as error:
@@ -111,9 +111,7 @@ def checked(kind: S) -> S:
     return made
 
 
-@cache
-def _adapter(kind: type[Settings]) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+_adapter_of = cache(TypeAdapter)  # making one takes longer than a validation
 
 
 def _sentence(error: ValidationError, kind: type[Settings]) -> str:
