@@ -6,13 +6,7 @@ from functools import partial
 
 from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    LeafSystem,
-    State,
-    ValueProducer,
-)
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, State, ValueProducer
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
