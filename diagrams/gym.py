@@ -154,10 +154,9 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         **settings: Any,
     ) -> None:
         """Takes `robot` and `randomization` as `LocomotionVectorEnv` does."""
-        stations = [station or StationConfig()]
         # Only a `TimeLimit` may truncate an episode.
         self._envs = LocomotionVectorEnv(
-            1, gait, stations=stations, max_episode_steps=2**31, **settings
+            1, gait, stations=[station or StationConfig()], max_episode_steps=2**31, **settings
         )
         self.action_space = self._envs.single_action_space
         self.observation_space = self._envs.single_observation_space

@@ -270,8 +270,7 @@ def _add_observation(
             expected = body.GetOutputPort("expected_foot_height")
         case network:
             learned = StateEstimator(network, layout.n_proprioceptive)
-            source = proprioception.get_output_port()
-            body = add("state_estimator", learned, proprioception=source)
+            body = add("state_estimator", learned, proprioception=proprioception.get_output_port())
             height = body.GetOutputPort("previous_foot_height")
     builder.Connect(height, machine.GetInputPort("foot_height"))
     builder.Connect(expected or height, trust.GetInputPort("foot_height"))

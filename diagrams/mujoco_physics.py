@@ -144,8 +144,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
 def _add_ground(spec: "mujoco.MjSpec", terrain: Terrain) -> None:
     collides = {"contype": 0, "conaffinity": 1}
     if terrain.is_plane:
-        plane = mujoco.mjtGeom.mjGEOM_PLANE
-        spec.worldbody.add_geom(type=plane, size=[0.0, 0.0, 1.0], **collides)
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], **collides)
         return
     for i, box in enumerate(terrain.boxes()):
         quaternion = np.zeros(4)

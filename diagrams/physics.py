@@ -102,8 +102,7 @@ class Physics:
         values = np.concatenate([states, held.targets, held.late], axis=1)
         is_finite = np.all(np.isfinite(values), axis=1)
         terrains = tuple(station.terrain for station in engine.stations)
-        groups = _members(len(states), len(terrains))
-        members = [group[is_finite[group]] for group in groups]
+        members = [group[is_finite[group]] for group in _members(len(states), len(terrains))]
 
         # The ground repeats: the engine simulates robots in the middle period.
         ground = _ground(terrains, len(states))

@@ -58,8 +58,7 @@ def commented(text: str) -> str:
 
 
 def comment(text: str) -> str:
-    lines = textwrap.wrap(text, LINE_LENGTH - 6)
-    return "/* " + "\n * ".join(lines) + " */"
+    return "/* " + "\n * ".join(textwrap.wrap(text, LINE_LENGTH - 6)) + " */"
 
 
 @dataclass(frozen=True)

@@ -153,12 +153,11 @@ def negated(formula: Expression) -> Expression:
 
 
 def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Expression:
-    one_minus_square = plus(ONE, negated(Expression("square", (whole,))))
     slopes = {
         "neg": constant(-1.0),
         "sin": Expression("cos", (inner,)),
         "cos": negated(Expression("sin", (inner,))),
-        "tanh": one_minus_square,
+        "tanh": plus(ONE, negated(Expression("square", (whole,)))),
         "exp": whole,
         "log": Expression("div", (ONE, inner)),
         "sqrt": Expression("div", (constant(0.5), whole)),

@@ -154,8 +154,7 @@ def _in_world(positions: Array, points: Array) -> Array:
 
 def world_feet(robot: Robot, positions: Array) -> Array:
     """Locates the foot centres in the world (..., 4, 3; m), from q (..., 19) or x (..., 37)."""
-    feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
-    return _in_world(positions, feet)
+    return _in_world(positions, foot_positions(robot, positions[..., quadruped.JOINT_POSITION]))
 
 
 def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:

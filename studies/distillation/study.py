@@ -264,7 +264,6 @@ class _Distillation:
         return data.training_set(self.gait, self.expert)
 
     def _fit(self, kind: str, settings: StudentSettings, samples: TrainingSet) -> Policy:
-        config = self.config
-        assert config.overdue_weight is not None  # `for_gait` has set it.
-        counted = samples.with_overdue(config.overdue_weight)
-        return FITS[kind](counted, settings, seed=config.seed)
+        weight = self.config.overdue_weight
+        assert weight is not None  # `for_gait` has set it.
+        return FITS[kind](samples.with_overdue(weight), settings, seed=self.config.seed)

@@ -127,7 +127,6 @@ def result(claim: Claim, symbols: tuple[str, ...], plain: Walk, edited: Walk) ->
     difference = pd.Series(mean_angle(claim, edited) - mean_angle(claim, plain)).dropna()
     measured = float(difference.mean()) if len(difference) else float("nan")
     margin = interval(difference)
-    holds = bool(np.sign(claim.effect) * measured > margin)
     return {
         "joint": claim.term.joint,
         "state": "every" if claim.term.state is None else claim.term.state,
@@ -136,7 +135,7 @@ def result(claim: Claim, symbols: tuple[str, ...], plain: Walk, edited: Walk) ->
         "predicted (rad)": claim.effect,
         "measured (rad)": measured,
         "± (rad)": margin,
-        "holds": "yes" if holds else "no",
+        "holds": "yes" if np.sign(claim.effect) * measured > margin else "no",
         "falls": int((~edited.alive[-1]).sum()),
     }
 

@@ -19,7 +19,7 @@ from glassgait.models.settings import Count, Seed, checked
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import REPORTED_SEEDS, OneGait
-from glassgait.studies.common.run import default_folder, open_run
+from glassgait.studies.common.run import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students import default_student
 from glassgait.studies.export.agreement import agreement_table
@@ -61,8 +61,7 @@ class Export(OneGait):
         controller, policy_name = policies.controller(selected), Path(selected).stem
         name = self.name or controller_name(gait.name, policy_name)
         check_name(name)
-        folder = default_folder(self.title, policies.robot.name) / gait.name / policy_name
-        folder = self.output or folder
+        folder = self.output or policies.output(self.title) / policy_name
         inputs = {
             "gait": gait.digest(),
             "expert": controller.expert.digest(),

@@ -38,8 +38,7 @@ def importance_map(importances: Array, names: Sequence[str], title: str) -> Figu
     axes.set_xticks(range(len(names)), names, rotation=90, fontsize=5)
     axes.set_title(title)
     axes.grid(visible=False)
-    bar = figure.colorbar(image, ax=axes, pad=0.01)
-    bar.set_label("share of a joint's importance")
+    figure.colorbar(image, ax=axes, pad=0.01).set_label("share of a joint's importance")
     return figure
 
 

@@ -42,8 +42,7 @@ class EditSession:
     def replace(self, place: Place, text: str) -> None:
         file = self.policy.to_file()
         formula = parse_formula(text, file.vocabulary.symbols)
-        formulas = {**file.written(), place: formula}
-        edited = file.with_written(formulas)
+        edited = file.with_written({**file.written(), place: formula})
         policy = FormulaPolicy.from_file(edited, self.policy.robot)
         if policy.estimator is None:
             policy = policy.with_estimator_of(self._expert)

@@ -110,8 +110,7 @@ class Prove(OnePolicy):
             write_table(table, folder / "claims")
             outcomes = table["outcome"].tolist()
             counts = {word: outcomes.count(word) for word in OUTCOME_WORDS.values()}
-            metrics = {**counts, "seconds": time.time() - started}
-            write_metrics(metrics, folder / "metrics.json")
+            write_metrics({**counts, "seconds": time.time() - started}, folder / "metrics.json")
             text = certificate_text(certificate(prover, verdicts, path))
             write_atomically(folder / CERTIFICATE_NAME, text)
         print_table(f"{gait.name}: claims about {path.name}", table)
@@ -226,6 +225,5 @@ class Check(Settings):
         with progress_bar(len(paths)) as (progress, bar):
             for path in paths:
                 progress.update(bar, text=f"checking {path.name}")
-                result = check_certificate(path, self.policy, self.robot)
-                console.print(f"{path}: {result}")
+                console.print(f"{path}: {check_certificate(path, self.policy, self.robot)}")
                 progress.update(bar, advance=1)
