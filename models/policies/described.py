@@ -6,12 +6,13 @@ of one step. It passes the latest frames to the network and converts its output 
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import asdict
 from functools import cached_property
 from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from annotated_types import Ge, Le, MaxLen, MinLen
@@ -225,6 +226,7 @@ class DescribedPolicy(Policy):
         """Takes the arguments of a `Policy` and the network's description."""
         super().__init__(*arguments, **named)
         self.description, self._estimator = description, Odometry()
+        self._left: float | Array = 0.0
         self.joint_law = description.joint_law
         self._order = np.array([JOINTS.index(joint) for joint in description.joints])
         self._default = description.by_joint("default")
@@ -253,6 +255,15 @@ class DescribedPolicy(Policy):
         """Returns the same network with another description."""
         names = self.observation_names
         return type(self)(self.gait, names, self.weights, robot=self.robot, description=description)
+
+    def commanded_left(self, speed: float | Array) -> Self:
+        """Returns the policy with a commanded speed to the left (m/s), a number or one per robot.
+
+        The speed is clipped to `commands.left`, as commands of the other directions are.
+        """
+        policy = copy(self)
+        policy._left = speed
+        return policy
 
     @property
     def n_memory(self) -> int:
@@ -288,7 +299,8 @@ class DescribedPolicy(Policy):
         observed = {name: observation[..., index] for name, index in self._entries.items()}
         robot, commands = self.robot, self.description.commands
         forward, yaw = np.split(observed["commanded velocity"], 2, axis=-1)
-        command = np.concatenate([forward, np.zeros_like(forward), yaw], axis=-1)
+        left = np.zeros_like(forward) + np.expand_dims(self._left, -1)
+        command = np.concatenate([forward, left, yaw], axis=-1)
         ranges = np.array([commands.forward, commands.left, commands.yaw])
         position = observed["joint position"] + robot.default_stance
         target = robot.joint_targets(observed["previous action"])

@@ -6,12 +6,14 @@ from typing import ClassVar
 
 import yaml
 
-from glassgait.diagrams.commands import DrawnCommands, SliderCommand
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import NOMINAL_SCENARIO, load_scenario, scenario_name
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
+from glassgait.models.policies.controller import Controller
+from glassgait.models.policies.described import DescribedPolicy
 from glassgait.models.robots import kinematics
 from glassgait.models.settings import Seed, checked
 from glassgait.models.task import CONTROL_PERIOD
@@ -23,6 +25,34 @@ from glassgait.studies.common.jobs import Steps
 from glassgait.studies.common.rollouts import CommandOverride, play
 from glassgait.studies.common.run import default_folder, refuse_run, to_plain
 from glassgait.studies.view.live import play_live
+
+
+@checked
+class ViewCommand(CommandOverride):
+    """A command that replaces values of another command.
+
+    Attributes:
+        left: Speed to the left (m/s), only for a network of another project.
+    """
+
+    left: float = 0.0
+
+    def override(self, gait: Gait, command: object = None) -> FixedCommand:
+        return CommandOverride(self.speed, self.yaw_rate, self.dwell).override(gait, command)
+
+    def commanding(self, controller: Controller) -> Controller:
+        """Returns the controller, with `left` as its policy's command."""
+        if self.left == 0.0:
+            return controller
+        if not isinstance(policy := controller.expert, DescribedPolicy):
+            raise InputError("view: only networks of other projects observe --command.left")
+        least, greatest = policy.description.commands.left
+        if not least <= self.left <= greatest:
+            raise InputError(
+                f"--command.left is {self.left:g}; give {least:g} to {greatest:g}, as "
+                "'commands.left' of the description allows"
+            )
+        return Controller(policy.commanded_left(self.left))
 
 
 @checked
@@ -47,7 +77,7 @@ class View(OneGait):
     policy: str = "expert"
     live: bool = False
     scenario: str = NOMINAL_SCENARIO
-    command: CommandOverride = field(default_factory=CommandOverride)
+    command: ViewCommand = field(default_factory=ViewCommand)
     n_steps: Steps | None = None
     seed: Seed = 0
     output: Path | None = None
@@ -59,11 +89,11 @@ class View(OneGait):
     def run(self) -> None:
         # Load the policy and the scenario.
         policies = self.policies()
-        gait, controller = policies.gait, policies.controller(self.policy)
+        gait, controller = policies.gait, self.command.commanding(policies.controller(self.policy))
         scenario = load_scenario(self.scenario)
         if self.live:
             scenario = replace(scenario, command=SliderCommand())
-        elif self.command != CommandOverride() or scenario.command == DrawnCommands():
+        elif self.command != ViewCommand() or scenario.command == DrawnCommands():
             scenario = replace(scenario, command=self.command.override(gait, scenario.command))
 
         # File names contain the policy and the scenario.

@@ -81,6 +81,17 @@ def test_a_history_begins_and_is_ordered_as_described(describe, generator, start
     np.testing.assert_array_equal(memory[:, policy._input_order], expected)
 
 
+def test_robots_are_commanded_to_the_left_within_the_described_range(describe, generator):
+    path = describe(("length: 3", "length: 1"), ("{forward", "{left: [-0.2, 0.2], forward"), size=47)
+    policy = load_described(path)
+    start, (observation, _) = np.full((2, policy.n_memory), np.nan), observe(policy, generator)
+    ahead = policy.remember(start, observation)
+    sideways = policy.commanded_left(np.array([0.1, -0.5])).remember(start, observation)
+    changed = np.zeros_like(ahead)
+    changed[:, [*policy.inputs].index("command left") + 1] = [2.0 * 0.1, 2.0 * -0.2]
+    np.testing.assert_allclose(sideways - ahead, changed, atol=1e-12)
+
+
 def test_a_network_that_repeats_its_action_repeats_the_joints_targets(describe, generator):
     weights = np.zeros((47, 12))
     weights[33:45] = np.eye(12)

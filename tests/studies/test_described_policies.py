@@ -205,14 +205,18 @@ def test_a_watched_gait_is_written_and_taken_by_distill(describe, monkeypatch, r
 def test_a_network_is_measured_watched_and_not_explained_term_by_term(
     describe, refused, tmp_path, capsys
 ):
-    names = ["--gait", "free", "--policy", str(describe())]
+    path = describe(("{forward", "{left: [-0.2, 0.2], forward"))
+    names = ["--gait", "free", "--policy", str(path)]
     measured = ["--n-samples", "20", "--repeats", "1", "--output", str(tmp_path / "importance")]
     main(["importance", *names, *measured])
     table = pd.read_csv(tmp_path / "importance" / "importances.csv")
     assert {"command yaw", "clock sine", "last_action calf"} <= {*table["group"]}
     assert "see 'glassgait importance'" in refused(["explain page", *names])
     assert "name a student" in refused(["explain", "counterfactual", *names])
-    main(["view", *names, "--n-steps", "5", "--output", str(tmp_path / "view")])
+    left = ["--output", str(tmp_path / "view"), "--command.left"]
+    assert "give -0.2 to 0.2" in refused(["view", *names, *left, "0.3"])
+    assert "only networks of other projects" in refused(["view", *left, "0.2"])
+    main(["view", *names, "--n-steps", "5", *left, "0.2"])
     shown = capsys.readouterr().out
     assert "m forward" in shown and "rhythm" not in shown
 
