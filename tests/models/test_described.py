@@ -82,7 +82,9 @@ def test_a_history_begins_and_is_ordered_as_described(describe, generator, start
 
 
 def test_robots_are_commanded_to_the_left_within_the_described_range(describe, generator):
-    path = describe(("length: 3", "length: 1"), ("{forward", "{left: [-0.2, 0.2], forward"), size=47)
+    path = describe(
+        ("length: 3", "length: 1"), ("{forward", "{left: [-0.2, 0.2], forward"), size=47
+    )
     policy = load_described(path)
     start, (observation, _) = np.full((2, policy.n_memory), np.nan), observe(policy, generator)
     ahead = policy.remember(start, observation)
