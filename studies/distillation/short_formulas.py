@@ -16,7 +16,7 @@ from annotated_types import Ge
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.evaluate import Tape
-from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.expression import Expression, plus, scaled, variable
 from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import PHASES, Vocabulary
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -36,7 +36,12 @@ from glassgait.studies.distillation.formulas import (
     settled,
     written_places,
 )
-from glassgait.studies.distillation.gated_sum import PossibleTerms, gated_expression, weight_paths
+from glassgait.studies.distillation.gated_sum import (
+    PENALTY,
+    PossibleTerms,
+    gated_expression,
+    weight_paths,
+)
 from glassgait.studies.distillation.students import StudentSettings
 
 OF_THE_TRUNK = (
@@ -48,11 +53,14 @@ OF_THE_TRUNK = (
 OF_A_LEG = ("q", "dq", "a", "h", "x", "z")
 """Kinds of a leg's quantities that its formulas may use."""
 
-FACTORS = (*PHASES, "cmd.v", "cmd.yaw", "g.x", "v.y", "w.y")
+FACTORS = (*PHASES, "cmd.v", "cmd.yaw", "g.x", "g.y", "v.y", "w.y")
 """Symbols whose products with other quantities are terms, too.
 
-Without the last three, slope and sideways motion, R² of a trot was 0.02 lower.
+Without the last four, slope and sideways motion, R² of a trot was 0.02 lower.
 """
+
+REFLEX = "wait"
+"""Symbol of the term of each formula that moves a joint while the robot waits."""
 
 LOOK_AHEAD = 4
 """Greatest number of terms added in one step: two may help where one does not."""
@@ -67,6 +75,8 @@ class FormulasSettings(StudentSettings):
         longest: Greatest number of terms of a formula, with its constant.
         local: Whether the formulas of a leg use only this leg and the trunk. Otherwise they use all
             legs, and products with foot contacts and with sides of previous targets.
+        reflexes: Whether each formula has the term `wait`, which a refinement can adjust until
+            robots that wait lift their feet. Otherwise few have it, since experts seldom wait.
         mirrored: Whether formulas of one side are mirror images of the other's, if the gait's
             machine has a mirror image.
         alone_episodes: Episodes per round without the expert.
@@ -77,6 +87,7 @@ class FormulasSettings(StudentSettings):
     terms: Annotated[Count, Ge(12)] = 100
     longest: Count = 14
     local: bool = True
+    reflexes: bool = False
     mirrored: bool = True
     alone_episodes: Count = 13  # type: ignore[assignment]
 
@@ -85,11 +96,11 @@ class FormulasSettings(StudentSettings):
         names = ObservationLayout(gait.n_states).names
         mirror = mirrored_states(gait) if self.mirrored else None
         n_formulas = len(written_places(Vocabulary(names), mirror))
-        most = n_formulas * self.longest
-        if not n_formulas <= self.terms <= most:
+        least, most = n_formulas * (1 + self.reflexes), n_formulas * self.longest
+        if not least <= self.terms <= most:
             raise InputError(
                 f"formulas: terms is {self.terms}; the {gait.name} has {n_formulas} formulas "
-                f"of 1 to {self.longest} terms, so set {n_formulas} to {most}"
+                f"of {1 + self.reflexes} to {self.longest} terms, so set {least} to {most}"
             )
 
 
@@ -117,17 +128,24 @@ def fit_short_formulas(
     groups = samples_by_state(samples, vocabulary, mirror)
     grown = [_grow(group, variables, factors, settings) for group in groups]
     errors = [growth.errors for growths in grown for growth in growths]
-    counts = iter(allot(errors, settings.terms))
+    n_reflexes = len(errors) if settings.reflexes else 0
+    counts, reflex = iter(allot(errors, settings.terms - n_reflexes)), vocabulary.symbols.index(REFLEX)
 
     # Write each formula with its number of terms.
     formulas: dict[Place, Expression] = {}
     for group, growths in zip(groups, grown, strict=True):
-        sums = []
-        for growth in growths:
+        values, sums = variables(group.observations), []
+        for growth, target in zip(growths, group.targets.T, strict=True):
             n = next(counts)
             formula = gated_expression(factors, growth.weights[n], growth.intercepts[n])
+            if settings.reflexes and growth.weights[n][0, reflex] == 0.0:
+                # Give it the weight that predicts best what the other terms leave over.
+                waits = values[:, reflex] - values[:, reflex].mean()
+                left = target - Tape([formula], values.shape[1])(values)[:, 0]
+                weight = left @ waits / (waits @ waits + PENALTY * len(waits))
+                formula = plus(formula, scaled(variable(reflex), weight))
             sums.append(settled(formula, vocabulary.names, group.places[0][0]))
-        rounded = readable(sums, variables(group.observations), group.targets)
+        rounded = readable(sums, values, group.targets)
         formulas |= zip(group.places, rounded, strict=True)
     return formula_policy(samples, vocabulary, formulas, mirror)
 
