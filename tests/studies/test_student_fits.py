@@ -192,6 +192,15 @@ def test_formulas_of_a_leg_use_no_other_leg(generator):
         assert legs <= {None, quadruped.LEGS[joint // 3]}
 
 
+def test_each_formula_can_have_a_term_for_robots_that_wait(generator):
+    samples = samples_of(sparse_law, generator, scale=0.3)
+    policy = fit_short_formulas(samples, FormulasSettings(terms=60, reflexes=True), seed=0)
+    wait = policy.vocabulary.symbols.index("wait")
+    for formulas in policy.formulas_by_state:
+        assert all(wait in formula.variables for formula in formulas)
+    assert policy.n_terms() <= 60
+
+
 # Search engines.
 
 
