@@ -129,7 +129,8 @@ def fit_short_formulas(
     grown = [_grow(group, variables, factors, settings) for group in groups]
     errors = [growth.errors for growths in grown for growth in growths]
     n_reflexes = len(errors) if settings.reflexes else 0
-    counts, reflex = iter(allot(errors, settings.terms - n_reflexes)), vocabulary.symbols.index(REFLEX)
+    counts = iter(allot(errors, settings.terms - n_reflexes))
+    reflex = vocabulary.symbols.index(REFLEX)
 
     # Write each formula with its number of terms.
     formulas: dict[Place, Expression] = {}
