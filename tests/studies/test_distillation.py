@@ -34,9 +34,6 @@ def resume(tiny_distillation, expert):
     return again
 
 
-# Rounds and samples.
-
-
 def test_whole_episodes_are_held_out():
     episodes = np.repeat(np.arange(1, 31), 3)
     dataset = Dataset(np.zeros((90, 2)), np.zeros((90, 12)), episodes)
@@ -129,9 +126,6 @@ def test_rounds_follow_the_paper(distilled):
         assert set(values) == {speed}
 
 
-# Students.
-
-
 def test_every_student_is_made_scored_and_saved(distilled, tiny_distillation, expert):
     students = load_students(distilled, expert)
     assert list(students) == list(tiny_distillation.students)
@@ -163,9 +157,6 @@ def test_samples_of_starts_and_of_robots_that_wait_count_more(distilled, expert)
         for given, one in zip((samples, repeated), settings, strict=True)
     ]
     assert found[0] == found[1]
-
-
-# Resuming.
 
 
 @pytest.mark.slow

@@ -67,8 +67,6 @@ def sparse_law(observations, state):
     return actions
 
 
-# Gated sums.
-
 GATES = (Expression("variable", variable=4), Expression("variable", variable=5))
 
 
@@ -95,9 +93,6 @@ def test_weights_of_what_moves_together_do_not_grow_against_one_another(generato
     [formula] = fit_gated_sums(x, y[:, None], gates=(), max_length=10)
     slopes = [formula.derivative(variable).value for variable in (0, 1)]
     assert max(map(abs, slopes)) < 1.1
-
-
-# Formulas.
 
 
 def test_fitted_formulas_have_three_digits_and_no_bias(generator):
@@ -199,9 +194,6 @@ def test_each_formula_can_have_a_term_for_robots_that_wait(generator):
     for formulas in policy.formulas_by_state:
         assert all(wait in formula.variables for formula in formulas)
     assert policy.n_terms() <= 60
-
-
-# Search engines.
 
 
 class PlainVariables:
