@@ -18,7 +18,6 @@ from glassgait.diagrams.rollout import (
 )
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
@@ -48,14 +47,6 @@ def test_stops_at_a_monitors_request(trot, make_policy):
 def trotting(trot, make_policy):
     """The diagram of a robot that moves its legs, with noise."""
     return MakeLocomotion(trot, replace(CALM, sensor_noise=1.0), policy=make_policy(trot))
-
-
-@pytest.fixture
-def falling(trot, make_policy):
-    """The diagram of a robot that falls at once."""
-    small = make_policy(trot)
-    wild = LinearPolicy("trot", small.observation_names, 30.0 * small.weights, np.full(12, 9.0))
-    return MakeLocomotion(trot, CALM, policy=wild)
 
 
 def nested(diagram):

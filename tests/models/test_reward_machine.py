@@ -8,7 +8,6 @@ from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.reward_machine import RewardMachine
 
 FL_RR = np.array([True, False, False, True])
-FR_RL = ~FL_RR
 ALL = np.ones(4, dtype=bool)
 LIFTED = 0.04
 

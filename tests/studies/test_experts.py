@@ -7,7 +7,13 @@ import pytest
 from glassgait.diagrams.scenario import load_scenario
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
+from glassgait.models.policies.library import (
+    EXPERT_DIRECTORY,
+    STUDENT_DIRECTORY,
+    load_expert,
+    load_policy,
+    shipped_experts,
+)
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import REFLECT_JOINTS, reflect_observation
@@ -18,7 +24,8 @@ from glassgait.studies.common.settings_file import read_settings
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.record import trainings
 
-LOCAL = EXPERT_DIRECTORY / "local"
+SHORT = STUDENT_DIRECTORY / "short"
+LOCAL = [*(EXPERT_DIRECTORY / "local").glob("*.safetensors"), *SHORT.glob("*.formulas")]
 
 BUDGET = 12e6
 """Control steps that no gait's training may exceed, with those of what it began as."""
@@ -46,16 +53,17 @@ def test_experts_treat_left_and_right_alike(gait, generator):
     np.testing.assert_allclose(image, expert(observations), atol=1e-9)
 
 
-@pytest.mark.parametrize("path", sorted(LOCAL.glob("*.safetensors")), ids=lambda path: path.stem)
-def test_legs_of_local_experts_ignore_other_legs(path, generator):
-    expert, record = load_expert(path.stem, path), read_yaml(path.with_suffix(".yaml"))
-    assert record["config"]["actor"] == "local"
-    assert record["control_steps"] <= BUDGET
-    legs = [entry.leg for entry in expert.layout.entries]
+@pytest.mark.parametrize("path", LOCAL, ids=lambda path: path.name)
+def test_legs_of_local_policies_ignore_other_legs(path, generator):
+    policy, record = load_policy(path), path.with_suffix(".yaml")
+    if policy.kind == "neural":
+        assert read_yaml(record)["config"]["actor"] == "local"
+        assert read_yaml(record)["control_steps"] <= BUDGET
+    legs = [entry.leg for entry in policy.layout.entries]
     seen, others = generator.normal(size=(2, len(legs)))
     for joint, name in enumerate(quadruped.JOINTS):
         ignored = [leg not in (None, name[:2]) for leg in legs]
-        assert expert(np.where(ignored, others, seen))[joint] == expert(seen)[joint]
+        assert policy(np.where(ignored, others, seen))[joint] == policy(seen)[joint]
 
 
 @pytest.mark.parametrize(
