@@ -49,7 +49,7 @@ class TrainingSet:
         )
 
     def repeated(self, mask: NDArray[np.bool_], weight: int) -> "TrainingSet":
-        """Returns the samples, those where the mask (m,) is true repeated `weight` times."""
+        """Repeats the samples where the mask (m,) is true `weight` times."""
         return self.subset(np.repeat(np.arange(len(mask)), np.where(mask, weight, 1)))
 
     def with_overdue(self, weight: int) -> "TrainingSet":

@@ -102,8 +102,8 @@ def walked(
 ) -> pd.DataFrame:
     """Lets robots follow each command in one engine, and returns one row per command.
 
-    Speeds are means over the robots that do not fall, after the first two seconds. Networks whose
-    `commands.left` is 0 are not commanded to the left.
+    Speeds are means over the robots that do not fall, after the first two seconds. Networks without a
+    range `commands.left` skip that command.
     """
     sideways = any(policy.description.commands.left)
     asked = {title: given for title, given in COMMANDS.items() if sideways or not given[1]}

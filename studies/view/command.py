@@ -29,7 +29,7 @@ from glassgait.studies.view.live import play_live
 
 @checked
 class ViewCommand(CommandOverride):
-    """A command that replaces values of another command.
+    """A command override that can also command a speed to the left.
 
     Attributes:
         left: Speed to the left (m/s), only for a network of another project.
@@ -45,7 +45,7 @@ class ViewCommand(CommandOverride):
         if self.left == 0.0:
             return controller
         if not isinstance(policy := controller.expert, DescribedPolicy):
-            raise InputError("view: only networks of other projects observe --command.left")
+            raise InputError("view: --command.left works only with networks of other projects; leave it out")
         least, greatest = policy.description.commands.left
         if not least <= self.left <= greatest:
             raise InputError(

@@ -215,7 +215,7 @@ def test_a_network_is_measured_watched_and_not_explained_term_by_term(
     assert "name a student" in refused(["explain", "counterfactual", *names])
     left = ["--output", str(tmp_path / "view"), "--command.left"]
     assert "give -0.2 to 0.2" in refused(["view", *names, *left, "0.3"])
-    assert "only networks of other projects" in refused(["view", *left, "0.2"])
+    assert "works only with networks of other" in refused(["view", *left, "0.2"])
     main(["view", *names, "--n-steps", "5", *left, "0.2"])
     shown = capsys.readouterr().out
     assert "m forward" in shown and "rhythm" not in shown
