@@ -77,6 +77,7 @@ def test_a_command_of_a_page_is_valid(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, text in FILES.items():
         Path(name).write_text(text)
+    Path("models").symlink_to(ROOT / "models")
     read, ran = cli.command_class, []
 
     def idle(name):
