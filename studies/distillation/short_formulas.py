@@ -96,11 +96,17 @@ class FormulasSettings(StudentSettings):
         names = ObservationLayout(gait.n_states).names
         mirror = mirrored_states(gait) if self.mirrored else None
         n_formulas = len(written_places(Vocabulary(names), mirror))
-        least, most = n_formulas * (1 + self.reflexes), n_formulas * self.longest
+        if self.reflexes and not gait.transitions:
+            raise InputError(
+                f"formulas: reflexes is true, but in the gait {gait.name} no robot waits; set it to "
+                "false"
+            )
+        longest = max(self.longest, 1 + self.reflexes)
+        least, most = n_formulas * (1 + self.reflexes), n_formulas * longest
         if not least <= self.terms <= most:
             raise InputError(
                 f"formulas: terms is {self.terms}; the {gait.name} has {n_formulas} formulas "
-                f"of {1 + self.reflexes} to {self.longest} terms, so set {least} to {most}"
+                f"of {1 + self.reflexes} to {longest} terms, so set {least} to {most}"
             )
 
 
@@ -196,7 +202,8 @@ def _grow(
         used = variables_of(leg, variables.vocabulary)
         terms = PossibleTerms(values[:, used], gates)
         targets = group.targets[:, len(grown) : len(grown) + len([*places])]
-        paths, mean = weight_paths(terms, targets, settings.longest - 1), terms.moments[0]
+        most = max(0, settings.longest - 1 - settings.reflexes)
+        paths, mean = weight_paths(terms, targets, most), terms.moments[0]
         biases = [
             target.mean() - path @ mean for target, path in zip(targets.T, paths, strict=True)
         ]

@@ -102,11 +102,15 @@ def walked(
 ) -> pd.DataFrame:
     """Lets robots follow each command in one engine, and returns one row per command.
 
-    Speeds are means over the robots that do not fall, after the first two seconds. Networks without a
-    range `commands.left` skip that command.
+    Speeds are means over the robots that do not fall, after the first two seconds. A command to the
+    left beyond `commands.left` is left out.
     """
-    sideways = any(policy.description.commands.left)
-    asked = {title: given for title, given in COMMANDS.items() if sideways or not given[1]}
+    least, greatest = policy.description.commands.left
+    asked = {
+        title: given
+        for title, given in COMMANDS.items()
+        if given[1] == 0.0 or least <= given[1] <= greatest
+    }
     slope = replace(station, terrain=Terrain(slope=10.0))
     stations = [*[station] * (len(asked) - 1), slope]
     commands = np.repeat(list(asked.values()), n_robots, axis=0)

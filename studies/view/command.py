@@ -32,7 +32,7 @@ class ViewCommand(CommandOverride):
     """A command override that can also command a speed to the left.
 
     Attributes:
-        left: Speed to the left (m/s), only for a network of another project.
+        left: Speed to the left (m/s), also with --live; only for a network of another project.
     """
 
     left: float = 0.0
@@ -44,8 +44,11 @@ class ViewCommand(CommandOverride):
         """Returns the controller, with `left` as its policy's command."""
         if self.left == 0.0:
             return controller
-        if not isinstance(policy := controller.expert, DescribedPolicy):
-            raise InputError("view: --command.left works only with networks of other projects; leave it out")
+        policy = controller.student or controller.expert
+        if not isinstance(policy, DescribedPolicy):
+            raise InputError(
+                "view: --command.left works only with networks of other projects; leave it out"
+            )
         least, greatest = policy.description.commands.left
         if not least <= self.left <= greatest:
             raise InputError(
