@@ -98,8 +98,7 @@ class FormulasSettings(StudentSettings):
         n_formulas = len(written_places(Vocabulary(names), mirror))
         if self.reflexes and not gait.transitions:
             raise InputError(
-                f"formulas: reflexes is true, but in the gait {gait.name} no robot waits; set it to "
-                "false"
+                f"formulas: reflexes is true, but robots never wait in gait {gait.name}; set false"
             )
         longest = max(self.longest, 1 + self.reflexes)
         least, most = n_formulas * (1 + self.reflexes), n_formulas * longest
