@@ -54,7 +54,7 @@ LEAST_THREES = 0.5  # smallest share of a walk's control steps on exactly three 
 STEPS = 500  # control steps of each robot
 SETTLED = 100  # control steps after which speeds are measured
 TRIED_ROBOTS, TRIED_STEPS = 8, 250  # size of the rollouts that try mistakes
-CURVE = (0.5, 0.0, 0.5)  # command by which mistakes are tried (m/s, m/s, rad/s)
+CURVE = (0.5, 0.0, 0.5)  # command, as in `COMMANDS`, with which variants are compared
 BETTER = 0.1  # smallest difference of errors that counts (m/s and rad/s, added)
 
 
@@ -64,9 +64,8 @@ class CheckPolicy(Settings):
 
     Prints a row per engine and command: commanded → measured speeds, physical falls (trunk or thigh
     on the ground, or a lean over 60°), the share of time that each foot is on the ground, the gait,
-    and the mean duration of its RM states. Then tries variants of the
-    description, each with one frequent mistake undone, and prints those that walk better, the best
-    one first.
+    and the mean duration of its RM states. Then tries variants of the description, each with one
+    frequent mistake undone, and prints those that walk better, the best one first.
 
     Attributes:
         description: YAML file that describes the network; see models/policies/README.md.
@@ -221,7 +220,7 @@ def _curve_error(policy: DescribedPolicy, station: StationConfig) -> float:
 def _rolled_out(
     policy: DescribedPolicy, stations: list[StationConfig], commands: Array, n_steps: int
 ) -> tuple[BoolArray, Array, BoolArray]:
-    """Rolls out robots with constant commands (n, 3), split evenly among stations.
+    """Rolls out robots with constant commands (n, 3; see `COMMANDS`), split evenly among stations.
 
     Returns which robots fell (n,), and after the first two seconds the trunks' forward speed, speed
     to the left and yaw rate (T, n, 3; m/s, rad/s) and the feet's contacts (T, n, 4).

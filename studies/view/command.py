@@ -44,7 +44,7 @@ class ViewCommand(CommandOverride):
         """Returns the controller, with `left` as its policy's command."""
         if self.left == 0.0:
             return controller
-        policy = controller.student or controller.expert
+        policy = controller.policy
         if not isinstance(policy, DescribedPolicy):
             raise InputError(
                 "view: --command.left works only with networks of other projects; leave it out"

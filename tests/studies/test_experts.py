@@ -25,7 +25,7 @@ from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.record import trainings
 
 SHORT = STUDENT_DIRECTORY / "short"
-LOCAL = [*(EXPERT_DIRECTORY / "local").glob("*.safetensors"), *SHORT.glob("*.formulas")]
+LOCAL = sorted([*(EXPERT_DIRECTORY / "local").glob("*.safetensors"), *SHORT.glob("*.formulas")])
 
 BUDGET = 12e6
 """Control steps that no gait's training may exceed, with those of what it began as."""
@@ -56,6 +56,7 @@ def test_experts_treat_left_and_right_alike(gait, generator):
 @pytest.mark.parametrize("path", LOCAL, ids=lambda path: path.name)
 def test_legs_of_local_policies_ignore_other_legs(path, generator):
     policy, record = load_policy(path), path.with_suffix(".yaml")
+    assert policy.gait == path.stem
     if policy.kind == "neural":
         assert read_yaml(record)["config"]["actor"] == "local"
         assert read_yaml(record)["control_steps"] <= BUDGET
