@@ -66,10 +66,10 @@ class Distill(SettingsFile):
 
         # Refuse invalid settings before any job begins.
         gaits = [load_gait(name) for name in expand_gaits(self.gait)]
-        for gait in gaits:
-            self.config.for_gait(gait)
         source = self.expert or self.source
         experts = [find_expert(gait, source, self.robot) for gait in gaits]
+        for gait, expert in zip(gaits, experts, strict=True):
+            self.config.for_gait(gait, symmetric=expert.symmetric)
         root = default_folder(self.title, experts[0].robot.name)
         seeds = range(self.config.seed, self.config.seed + self.n_seeds)
         jobs = jobs_of(self.gait, seeds, root, self.output)

@@ -108,11 +108,13 @@ class DistillationConfig(Settings):
                     f"distillation: {n_episodes} episodes of {kind} are too few to hold one out"
                 )
 
-    def for_gait(self, gait: Gait) -> "DistillationConfig":
-        """Returns the settings, with the gait's defaults for those that are not set."""
-        # Refuse settings that do not suit the gait.
+    def for_gait(self, gait: Gait, *, symmetric: bool = True) -> "DistillationConfig":
+        """Returns the settings, with the gait's defaults for those that are not set.
+
+        `symmetric` is the expert's property. Raises an InputError for settings that do not suit.
+        """
         for kind in dict.fromkeys((*self.students, *map(self.collector_of, self.students))):
-            self.settings.of(kind).refuse_for(gait)
+            self.settings.of(kind).refuse_for(gait, symmetric)
 
         # Robots wait more often if the machine has more than two states.
         episodes, weight = (16, 1) if gait.n_states <= 2 else (48, 4)

@@ -91,10 +91,10 @@ class FormulasSettings(StudentSettings):
     mirrored: bool = True
     alone_episodes: Count = 13  # type: ignore[assignment]
 
-    def refuse_for(self, gait: Gait) -> None:
+    def refuse_for(self, gait: Gait, symmetric: bool) -> None:
         """Raises an InputError if `terms` is too small or too great for the gait's formulas."""
         names = ObservationLayout(gait.n_states).names
-        mirror = mirrored_states(gait) if self.mirrored else None
+        mirror = mirrored_states(gait) if self.mirrored and symmetric else None
         n_formulas = len(written_places(Vocabulary(names), mirror))
         if self.reflexes and not gait.transitions:
             raise InputError(

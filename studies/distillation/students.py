@@ -87,7 +87,7 @@ class StudentSettings(Settings):
     # Full-length episodes per round without the expert; None uses the distillation's setting.
     alone_episodes: ClassVar[int | None] = None
 
-    def refuse_for(self, gait: Gait) -> None:
+    def refuse_for(self, gait: Gait, symmetric: bool) -> None:
         """Raises an InputError if the gait cannot be fitted, before samples are collected."""
 
     def for_rounds(self) -> Self:

@@ -91,7 +91,7 @@ def distill(
     has the same result as one that was never interrupted.
     """
     # The settings and inputs.
-    config = config.for_gait(gait)
+    config = config.for_gait(gait, symmetric=expert.symmetric)
     inputs = {"gait": gait.digest(), "expert": expert.digest()}
     worlds: DomainRandomization | Scenario = config.worlds
     if config.scenario is not None:

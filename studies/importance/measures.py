@@ -93,7 +93,7 @@ def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, li
 
 
 def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str) -> pd.DataFrame:
-    """Lists the three most important observations beside the paper's.
+    """Lists the three most important observations beside the paper's, if the gait is in it.
 
     An asterisk marks a name that the paper lists at the same rank.
     """
@@ -104,6 +104,7 @@ def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str
         paper_ranks = paper.get(kind, [[]] * N_TOP)
         for title, rank, listed in zip(("1st", "2nd", "3rd"), ranks, paper_ranks, strict=True):
             row[title] = ", ".join(name + ("*" if name in listed else "") for name in rank)
-            row[f"{title} (paper)"] = ", ".join(sorted(listed)) or np.nan
+            if paper:
+                row[f"{title} (paper)"] = ", ".join(sorted(listed)) or np.nan
         rows.append(row)
     return pd.DataFrame(rows)

@@ -126,9 +126,6 @@ def policy_of(request, random_trees, random_additive):
     return make
 
 
-# ---- Files -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_gives_back_the_same_policy(kind, policy_of, samples, tmp_path):
     policy = policy_of(kind).with_joint_law(JointLaw((40.0, 1.0), limited=True))
@@ -225,9 +222,6 @@ def test_cuts_divide_doubles_as_rounding_to_single_precision_does(threshold, ulp
         assert (value <= cut) == (float(np.float32(value)) <= threshold)
 
 
-# ---- Actions ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_batches_agree_with_single_rows(kind, policy_of, samples):
     policy, rows = policy_of(kind), samples(12, seed=6)[0]
@@ -303,9 +297,6 @@ def test_additive_equals_interpret_also_outside_the_training_range(additive_mode
     np.testing.assert_allclose(policy(rows), expected, rtol=0, atol=1e-12)
 
 
-# ---- Explanations ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kind", SUMS)
 def test_contributions_add_up_to_the_target(kind, policy_of, samples):
     policy, rows = policy_of(kind), samples(5, seed=7)[0]
@@ -356,9 +347,6 @@ def test_derivatives_are_the_slopes_of_the_actions(kind, policy_of, samples):
         nudge = step * np.eye(N)[variable]
         slope = (policy(rows + nudge) - policy(rows - nudge)) / (2 * step)
         np.testing.assert_allclose(derivatives[..., variable], slope, atol=1e-6)
-
-
-# ---- Refusals --------------------------------------------------------------------------------
 
 
 def test_another_gait_robot_or_layout_is_refused(linear):

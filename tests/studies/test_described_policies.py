@@ -211,6 +211,7 @@ def test_a_network_is_measured_watched_and_not_explained_term_by_term(
     main(["importance", *names, *measured])
     table = pd.read_csv(tmp_path / "importance" / "importances.csv")
     assert {"command yaw", "clock sine", "last_action calf"} <= {*table["group"]}
+    assert "1st (paper)" not in pd.read_csv(tmp_path / "importance" / "top_observations.csv")
     assert "see 'glassgait importance'" in refused(["explain page", *names])
     assert "name a student" in refused(["explain", "counterfactual", *names])
     left = ["--output", str(tmp_path / "view"), "--command.left"]

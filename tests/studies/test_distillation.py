@@ -99,6 +99,10 @@ def test_machines_of_more_states_ask_for_more_episodes_alone():
     assert alone("walk", DistillationConfig(alone_episodes=5)) == 5
 
 
+def test_default_formulas_suit_an_expert_that_is_not_symmetric():
+    DistillationConfig(students=("formulas",)).for_gait(load_gait("free"), symmetric=False)
+
+
 def test_a_student_may_learn_from_the_samples_of_another(expert, tmp_path):
     assert DistillationConfig().collector_of("gbm") == "histogram_gbm"
     assert DistillationConfig(collector="itself").collector_of("gbm") == "gbm"

@@ -115,9 +115,6 @@ def test_bad_arguments_are_refused_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-# ---- ONNX ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("kind", ["odometry", "estimator", "mirrored"])
 def test_a_graph_acts_as_its_network(kind, real, trot, learned_expert):
