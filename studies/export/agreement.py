@@ -121,7 +121,8 @@ def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[
 def _random_moments(
     robot: Robot, gait: Gait, count: int, generator: np.random.Generator
 ) -> Iterator[Moment]:
-    tables = np.array([transition.when.table for transition in gait.transitions])
+    # Without transitions, feet touch at random.
+    tables = np.array([edge.when.table for edge in gait.transitions] or [np.ones(len(STANCES))])
     for step in range(count):
         if step % COMMAND_STEPS == 0:
             drawn = sample_commands(gait, 1, generator)

@@ -153,13 +153,14 @@ def test_targets_stay_within_the_joints_ranges_if_the_policy_has_them_so(
             for name in gait_names()
         ),
         "odd",
+        "free",
     ],
 )
 def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
     gait = parse_gait(ODD, name="odd gait") if name == "odd" else load_gait(name)
     found = agree(gait, make_policy(gait), small_expert(gait), n_steps=4000)
     assert found.machine == 0
-    assert found.changes > 3
+    assert found.changes > 3 or not gait.transitions
     assert found.target < 1e-12
 
 

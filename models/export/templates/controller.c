@@ -178,6 +178,9 @@ typedef struct {
 /* Returns the next state, or STAY. */
 static int next_state(int state, const Propositions *now)
 {
+{% if not cases %}
+    (void)now;    /* no transitions */
+{% endif %}
     switch (state) {
 {% for case in cases %}
     case {{ case.state }}:
