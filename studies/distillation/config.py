@@ -111,7 +111,8 @@ class DistillationConfig(Settings):
     def for_gait(self, gait: Gait, *, symmetric: bool = True) -> "DistillationConfig":
         """Returns the settings, with the gait's defaults for those that are not set.
 
-        `symmetric` is the expert's property. Raises an InputError for settings that do not suit.
+        `symmetric` says whether the expert is. Raises an InputError for settings that do not suit
+        the gait.
         """
         for kind in dict.fromkeys((*self.students, *map(self.collector_of, self.students))):
             self.settings.of(kind).refuse_for(gait, symmetric)

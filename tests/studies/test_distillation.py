@@ -100,7 +100,10 @@ def test_machines_of_more_states_ask_for_more_episodes_alone():
 
 
 def test_default_formulas_suit_an_expert_that_is_not_symmetric():
-    DistillationConfig(students=("formulas",)).for_gait(load_gait("free"), symmetric=False)
+    config, free = DistillationConfig(students=("formulas",)), load_gait("free")
+    assert config.for_gait(free, symmetric=False).settings.formulas.terms == 100
+    with pytest.raises(InputError, match="set 6 to 84"):
+        config.for_gait(free)
 
 
 def test_a_student_may_learn_from_the_samples_of_another(expert, tmp_path):
